@@ -1,0 +1,1 @@
+//! Node estimate and motion to cable velocities.

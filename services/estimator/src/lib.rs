@@ -1,0 +1,1 @@
+//! Motor state to node estimate.

@@ -1,0 +1,3 @@
+//! proptest.
+
+fn main() {}

@@ -1,0 +1,1 @@
+//! The clock of the robot and the only process that moves it.

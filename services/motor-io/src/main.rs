@@ -1,0 +1,3 @@
+//! tempfile.
+
+fn main() {}

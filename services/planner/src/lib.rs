@@ -1,0 +1,1 @@
+//! Missions and requests to checked motion segments.

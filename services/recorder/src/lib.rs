@@ -1,0 +1,1 @@
+//! Every channel, known or not, to one run file.

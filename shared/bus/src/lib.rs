@@ -1,0 +1,1 @@
+//! Typed ports, untyped tap, waking and requests over shared memory.

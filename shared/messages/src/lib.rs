@@ -1,0 +1,40 @@
+//! The fixed-size samples that the processes exchange, their ROS 2 schemas, and the channel table.
+//!
+//! Invariants:
+//! * A sample is `#[repr(C)]`, has no hidden padding (`bytemuck` proves it when this crate compiles) and every number stands at a
+//!   multiple of its own size. It is therefore, byte for byte, a little-endian CDR body: the recorder writes it as it lies in memory.
+//! * A sample begins with a [`Header`].
+//! * No `bool`, no Rust `enum`, no `Option` in a sample: another process may have written any byte. Choices are `u8` constants.
+//! * The type name that peers compare ends in a hash of the schema text, so two builds that disagree refuse to connect.
+//! * This crate does no I/O and knows nothing else of this project.
+//!
+//! ```
+//! use messages::{Message, MotorState};
+//! assert!(MotorState::type_name().starts_with("nims_msgs/MotorState/"));
+//! assert!(MotorState::schema().starts_with("nims_msgs/Header header\n"));
+//! ```
+
+mod channels;
+mod message;
+mod motion;
+mod motor;
+mod node;
+mod system;
+mod text;
+
+pub use channels::{CHANNELS, Channel, Quality, channel_of, quality_of};
+pub use message::{Field, Header, Message, hash_of, schema_name};
+pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
+pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorState};
+pub use node::{ControlStatus, NodeEstimate, Reading, Sample, TruthNode};
+pub use system::{Heartbeat, LogEvent, OperatorRequest, ProcessState, RecorderStatus};
+pub use text::{put_text, text_of};
+
+/// Cables of one robot at most; every per-cable array has this length.
+pub const CABLES: usize = 8;
+/// Drive units of one robot at most (a unit drives one or two cables).
+pub const UNITS: usize = 8;
+/// Slots per role (controller, estimator): a and b.
+pub const SLOTS: usize = 2;
+/// Their names, as they stand in channel names.
+pub const SLOT_NAMES: [&str; SLOTS] = ["a", "b"];

@@ -1,0 +1,164 @@
+//! What makes a struct a sample: the schema text made from its fields, and the name that ends in its hash.
+
+use bytemuck::Pod;
+
+/// Something that can stand in a sample: a number, a fixed array, or another such struct.
+pub trait Field: Pod {
+    /// The type of one element; its constants have this type.
+    type Element;
+    /// The ROS 2 name of one element, e.g. `float64` or `nims_msgs/Header`.
+    const ROS: &'static str;
+    /// Array length; `None` for a single value.
+    const LENGTH: Option<usize> = None;
+    /// Adds the definitions of nested types, each once, in order of first use.
+    fn dependencies(_into: &mut Vec<(&'static str, String)>) {}
+}
+
+macro_rules! number {
+    ($($rust:ty => $ros:literal),*) => { $(impl Field for $rust {
+        type Element = $rust;
+        const ROS: &'static str = $ros;
+    })* };
+}
+number!(u8 => "uint8", i8 => "int8", u16 => "uint16", i16 => "int16", u32 => "uint32", i32 => "int32", u64 => "uint64",
+        i64 => "int64", f32 => "float32", f64 => "float64");
+
+impl<T: Field, const N: usize> Field for [T; N] {
+    type Element = T::Element;
+    const ROS: &'static str = T::ROS;
+    const LENGTH: Option<usize> = Some(N);
+    fn dependencies(into: &mut Vec<(&'static str, String)>) {
+        T::dependencies(into);
+    }
+}
+
+/// A sample that travels on a channel.
+pub trait Message: Field + Send + Sync {
+    /// The struct's name, e.g. `MotorState`.
+    const NAME: &'static str;
+    /// The complete ROS 2 definition, nested types included.
+    fn schema() -> &'static str;
+    /// `nims_msgs/NAME/hash`: what peers compare before they connect.
+    fn type_name() -> &'static str;
+    /// The header every sample begins with.
+    fn header(&self) -> &Header;
+    /// The header, to be filled in before publishing.
+    fn header_mut(&mut self) -> &mut Header;
+}
+
+/// 32-bit FNV-1a of a schema text, as eight hexadecimal digits in type names.
+#[must_use]
+pub fn hash_of(schema: &str) -> u32 {
+    schema.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
+}
+
+/// `pkg/msg/Type`, the name of the schema in a run file, for a type name `pkg/Type/hash` (or `pkg/Type`).
+///
+/// `None` if the name has not this form.
+#[must_use]
+pub fn schema_name(type_name: &str) -> Option<String> {
+    let mut parts = type_name.split('/');
+    let (package, name) = (parts.next()?, parts.next()?);
+    (!package.is_empty() && !name.is_empty() && parts.count() <= 1).then(|| format!("{package}/msg/{name}"))
+}
+
+/// Appends one line of a definition.
+pub(crate) fn line<T: Field>(text: &mut String, field: &str, constants: &[(&str, u64)]) {
+    for (name, value) in constants {
+        text.push_str(&format!("{} {name}={value}\n", T::ROS));
+    }
+    match T::LENGTH {
+        Some(length) => text.push_str(&format!("{}[{length}] {field}\n", T::ROS)),
+        None => text.push_str(&format!("{} {field}\n", T::ROS)),
+    }
+}
+
+/// The complete text: own lines, then every nested definition behind the separator of 80 `=`.
+pub(crate) fn complete(own: &str, dependencies: &[(&'static str, String)]) -> String {
+    let mut text = own.to_owned();
+    for (name, lines) in dependencies {
+        text.push_str(&format!("{}\nMSG: {name}\n{lines}", "=".repeat(80)));
+    }
+    text
+}
+
+/// Declares a struct that can stand in a sample: layout, schema lines and constants from one text.
+///
+/// Constants stand behind the field they belong to: `mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1 }`.
+macro_rules! layout {
+    ($(#[$outer:meta])* pub struct $name:ident { $( $(#[$inner:meta])* $field:ident : $type:ty $({ $($(#[$cdoc:meta])* $constant:ident = $value:literal),* $(,)? })? ),* $(,)? }) => {
+        $(#[$outer])*
+        #[repr(C)]
+        #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+        #[allow(missing_docs)] // the name and its unit suffix say it; a comment stands where they do not
+        pub struct $name { $( $(#[$inner])* pub $field: $type ),* }
+
+        #[allow(missing_docs)] // choices of a field: the names say it
+        impl $name {
+            $( $( $( $(#[$cdoc])* pub const $constant: <$type as crate::message::Field>::Element = $value; )* )? )*
+
+            fn own_lines() -> String {
+                let mut text = String::new();
+                $( crate::message::line::<$type>(&mut text, stringify!($field), &[$( $( (stringify!($constant), u64::from(Self::$constant)) ),* )?]); )*
+                text
+            }
+        }
+
+        impl Default for $name {
+            fn default() -> Self { bytemuck::Zeroable::zeroed() }
+        }
+
+        impl crate::message::Field for $name {
+            type Element = Self;
+            const ROS: &'static str = concat!("nims_msgs/", stringify!($name));
+            fn dependencies(into: &mut Vec<(&'static str, String)>) {
+                if into.iter().all(|(name, _)| *name != Self::ROS) {
+                    into.push((Self::ROS, Self::own_lines()));
+                    $( <$type as crate::message::Field>::dependencies(into); )*
+                }
+            }
+        }
+    };
+}
+
+/// Declares a sample: a [`layout!`] whose first field is `header: Header`.
+macro_rules! message {
+    ($(#[$outer:meta])* pub struct $name:ident { $($body:tt)* }) => {
+        crate::message::layout! { $(#[$outer])* pub struct $name { $($body)* } }
+
+        impl crate::message::Message for $name {
+            const NAME: &'static str = stringify!($name);
+            fn schema() -> &'static str {
+                static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+                TEXT.get_or_init(|| {
+                    let mut dependencies = Vec::new();
+                    <Self as crate::message::Field>::dependencies(&mut dependencies);
+                    dependencies.remove(0);
+                    crate::message::complete(&Self::own_lines(), &dependencies)
+                })
+            }
+            fn type_name() -> &'static str {
+                static NAME: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+                NAME.get_or_init(|| format!("nims_msgs/{}/{:08x}", stringify!($name), crate::message::hash_of(Self::schema())))
+            }
+            fn header(&self) -> &crate::message::Header { &self.header }
+            fn header_mut(&mut self) -> &mut crate::message::Header { &mut self.header }
+        }
+    };
+}
+
+pub(crate) use {layout, message};
+
+layout! {
+    /// Begins every sample.
+    pub struct Header {
+        /// The control cycle the sample belongs to; 0 outside the cycle.
+        cycle: u64,
+        /// Counts up by one with every sample of one publisher; a step of more than one is a loss.
+        seq: u64,
+        /// When the content was true, CLOCK_MONOTONIC, ns.
+        stamp_ns: u64,
+        /// The oldest measurement that the content rests on, CLOCK_MONOTONIC, ns.
+        oldest_input_ns: u64,
+    }
+}

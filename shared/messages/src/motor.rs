@@ -1,0 +1,175 @@
+//! The samples of the control cycle.
+
+use crate::message::{Header, message};
+use crate::{CABLES, SLOTS, UNITS};
+
+message! {
+    /// `motor/state`, each cycle: what the drives and encoders say. Cable velocities are dL/dt: positive pays line out.
+    pub struct MotorState {
+        header: Header,
+        /// When each encoder was read, CLOCK_MONOTONIC, ns.
+        sampled_ns: [u64; CABLES],
+        /// Encoder counts since start, 64 bit.
+        counts: [i64; CABLES],
+        /// Unstretched line paid out beyond the routed part, m.
+        length_m: [f64; CABLES],
+        /// Measured cable velocity, m/s.
+        velocity_m_s: [f64; CABLES],
+        /// Motor current, A.
+        current_a: [f64; CABLES],
+        /// Drive output, -1 to 1.
+        duty: [f64; CABLES],
+        /// Cable velocity sent in this cycle, m/s.
+        command_m_s: [f64; CABLES],
+        /// Supply voltage per unit, V.
+        supply_v: [f64; UNITS],
+        /// Status bits per unit, as the drive gave them.
+        status: [u32; UNITS],
+        /// 1: this cable's reading is from this cycle.
+        fresh: [u8; CABLES],
+        /// 1: this unit answered in this cycle.
+        unit_ok: [u8; UNITS],
+        cable_count: u8,
+        unit_count: u8,
+        /// How far the position can be trusted.
+        position_known: u8 { POSITION_UNKNOWN = 0, POSITION_FROM_BEFORE_THE_CUT = 1, POSITION_KNOWN = 2 },
+        pad0: [u8; 5],
+    }
+}
+
+message! {
+    /// `motor/command/a` and `/b`: a controller's answer to one cycle, one row per estimate slot.
+    pub struct MotorCommand {
+        header: Header,
+        /// The motor/state cycle this answers.
+        based_on_cycle: u64,
+        /// Cable velocity, m/s; row 0 from node/estimate/a, row 1 from /b.
+        velocity_m_s: [f64; 16],
+        /// The epoch of motor/authority that this was computed in.
+        epoch: u32,
+        /// Non-zero random number of this process's life.
+        incarnation: u32,
+        /// Segment of plan/motion being followed; 0: none.
+        segment: u32,
+        /// Cycles for which the command may be used.
+        ttl_cycles: u32,
+        /// 1: the row is a valid answer.
+        valid: [u8; SLOTS],
+        pad0: [u8; 6],
+    }
+}
+
+message! {
+    /// `motor/authority`, each cycle: who may move the robot, why it does not, and how well the cycle keeps time.
+    pub struct MotorAuthority {
+        header: Header,
+        /// Time on the plan clock, s; advances by rate x period with every applied cycle.
+        plan_time_s: f64,
+        /// Present rate of the plan clock, 0 to 1.
+        plan_rate: f64,
+        /// The rate it ramps to.
+        plan_rate_target: f64,
+        period_s: f64,
+        /// Factor by which the commanded velocities were scaled to keep the limits; 1: not at all.
+        scale: f64,
+        /// Following, and no valid command for the cycle when it had to be sent.
+        missed: u64,
+        /// Ticks more than half a period late: the machine stood still.
+        late: u64,
+        /// Cycles lost to bus resynchronisation.
+        skipped: u64,
+        /// Time the bus exchange took, ns.
+        bus_ns: u64,
+        /// Tick to wake-up, ns.
+        wake_ns: u64,
+        /// From the oldest encoder reading that the applied command rests on to its sending, ns.
+        command_age_ns: u64,
+        /// Why the robot is faulted or was stopped; latched until reset.
+        faults: u32 {
+            FAULT_LOST_UNIT = 1, FAULT_UNIT_REBOOT = 2, FAULT_STALL = 4, FAULT_SLACK = 8, FAULT_OVER_TENSION = 16,
+            FAULT_OVER_CURRENT = 32, FAULT_RUNAWAY = 64, FAULT_ENCODER_JUMP = 128, FAULT_DRIVE_ERROR = 256,
+            FAULT_COMMAND_LOST = 512, FAULT_LENGTH_LIMIT = 1024, FAULT_ESTIMATE_LOST = 2048, FAULT_SUPPLY = 4096,
+            FAULT_LONG_GAP = 8192, FAULT_EMERGENCY_INPUT = 16384, FAULT_SUPERVISOR_LOST = 32768, FAULT_PLANNER_LOST = 65536,
+            FAULT_COMMAND_REFUSED = 131072,
+        },
+        /// Bumped on arm, stop, fault, reset and zero; older commands are refused.
+        epoch: u32,
+        /// Segment being followed; 0: none.
+        segment: u32,
+        /// Motion (plan/motion) being followed; 0: none.
+        motion: u32,
+        mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1, MODE_JOGGING = 2, MODE_FOLLOWING = 3, MODE_STOPPING = 4, MODE_FAULTED = 5, MODE_EMERGENCY_STOP = 6 },
+        active_controller: u8,
+        active_estimator: u8,
+        /// Last verdict on each controller slot's command.
+        verdict: [u8; SLOTS] {
+            VERDICT_NONE = 0, VERDICT_ACCEPTED = 1, VERDICT_STALE = 2, VERDICT_EPOCH = 3, VERDICT_INCARNATION = 4, VERDICT_NOT_FINITE = 5,
+            VERDICT_OUT_OF_LIMITS = 6, VERDICT_NO_ESTIMATE = 7, VERDICT_ABSENT = 8,
+        },
+        /// As in motor/state.
+        position_known: u8,
+        /// 1 for each cable that a fault names.
+        fault_cable: [u8; CABLES],
+        /// 1 for each unit that a fault names.
+        fault_unit: [u8; UNITS],
+        cable_count: u8,
+        pad0: [u8; 1],
+    }
+}
+
+message! {
+    /// `motor/input`, each cycle: everything the step of motor-io saw, so that it can be run again bit for bit.
+    pub struct MotorInput {
+        header: Header,
+        /// When this cycle was due, and when it began, ns.
+        tick_ns: u64,
+        begin_ns: u64,
+        /// When the bus exchange ended, ns.
+        end_ns: u64,
+        /// Last beat seen of the supervisor and of the planner.
+        supervisor_beat: u64,
+        planner_beat: u64,
+        /// Requests that arrived; verb 0: none.
+        request_id: [u64; 4],
+        request_args: [f64; 32],
+        /// From plan/motion.
+        motion_start_s: f64,
+        motion_end_s: f64,
+        /// Replies of the drives.
+        sampled_ns: [u64; CABLES],
+        counts: [i64; CABLES],
+        current_a: [f64; CABLES],
+        duty: [f64; CABLES],
+        supply_v: [f64; UNITS],
+        status: [u32; UNITS],
+        motion: u32,
+        motion_epoch: u32,
+        /// Commands that arrived for this cycle.
+        command: [MotorCommand; SLOTS],
+        /// Per node/estimate slot: the cycle of the last estimate.
+        estimate_cycle: [u64; SLOTS],
+        estimate_valid: [u8; SLOTS],
+        command_arrived: [u8; SLOTS],
+        request_verb: [u8; 4],
+        /// Per unit, what the exchange gave.
+        unit: [u8; UNITS] { UNIT_ABSENT = 0, UNIT_OK = 1, UNIT_RESYNC = 2, UNIT_LOST = 3, UNIT_REBOOTED = 4 },
+        /// 1: current, duty and supply are fresh.
+        slow_fresh: [u8; UNITS],
+        cable_count: u8,
+        unit_count: u8,
+        pad0: [u8; 6],
+    }
+}
+
+message! {
+    /// `energy`: electrical power and I²R loss per cable, and their integrals since start.
+    pub struct Energy {
+        header: Header,
+        power_w: [f64; CABLES],
+        loss_w: [f64; CABLES],
+        energy_j: [f64; CABLES],
+        loss_j: [f64; CABLES],
+        cable_count: u8,
+        pad0: [u8; 7],
+    }
+}

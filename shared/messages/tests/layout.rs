@@ -1,0 +1,102 @@
+//! Every sample is its own CDR body: an independent walk over the schema text gives the struct's size, without a gap.
+
+use messages::*;
+
+/// Size and alignment by CDR rules (each primitive at a multiple of its size) from the schema text alone, constants skipped.
+fn cdr_size(own: &str, all: &str, start: usize) -> usize {
+    let mut offset = start;
+    for line in own.lines().filter(|line| !line.contains('=')) {
+        let (kind, _) = line.split_once(' ').unwrap();
+        let (base, count) = match kind.split_once('[') {
+            Some((base, rest)) => (base, rest.trim_end_matches(']').parse::<usize>().unwrap()),
+            None => (kind, 1),
+        };
+        let size = match base {
+            "uint8" | "int8" => 1,
+            "uint16" | "int16" => 2,
+            "uint32" | "int32" | "float32" => 4,
+            "uint64" | "int64" | "float64" => 8,
+            nested => {
+                let body = all
+                    .split(&"=".repeat(80))
+                    .find_map(|part| part.trim_start().strip_prefix(&format!("MSG: {nested}\n")))
+                    .unwrap();
+                for _ in 0..count {
+                    offset = cdr_size(body, all, offset);
+                }
+                continue;
+            }
+        };
+        assert_eq!(offset % size, 0, "`{line}` stands at {offset}: hidden padding");
+        offset += size * count;
+    }
+    offset
+}
+
+fn check<T: Message>() {
+    let text = T::schema();
+    let own = text.split(&"=".repeat(80)).next().unwrap();
+    assert_eq!(cdr_size(own, text, 0), size_of::<T>(), "{}", T::NAME);
+    assert_eq!(size_of::<T>() % 8, 0, "{}: an array of it must not need padding", T::NAME);
+    assert!(text.len() <= 1750, "{}: schema text of {} bytes does not fit a channel's attributes", T::NAME, text.len());
+    assert!(text.is_ascii());
+    for line in text.lines().filter(|line| !line.contains('=') && !line.starts_with("MSG: ")) {
+        let field = line.split(' ').nth(1).unwrap();
+        assert!(
+            field.starts_with(|c: char| c.is_ascii_lowercase()) && !field.ends_with('_') && !field.contains("__"),
+            "{field}"
+        );
+        assert!(
+            !["class", "lambda", "from", "import", "global", "pass", "is", "in", "as", "def"].contains(&field),
+            "{field}: a Python keyword"
+        );
+    }
+    assert_eq!(T::type_name(), format!("nims_msgs/{}/{:08x}", T::NAME, hash_of(text)));
+    assert_eq!(schema_name(T::type_name()).unwrap(), format!("nims_msgs/msg/{}", T::NAME));
+}
+
+#[test]
+fn every_sample_is_its_own_cdr_body() {
+    check::<MotorState>();
+    check::<MotorCommand>();
+    check::<MotorAuthority>();
+    check::<MotorInput>();
+    check::<Energy>();
+    check::<PlanMotion>();
+    check::<PlanStatus>();
+    check::<NodeEstimate>();
+    check::<ControlStatus>();
+    check::<TruthNode>();
+    check::<Reading>();
+    check::<Sample>();
+    check::<OperatorRequest>();
+    check::<Heartbeat>();
+    check::<LogEvent>();
+    check::<ProcessState>();
+    check::<RecorderStatus>();
+}
+
+#[test]
+fn the_channel_table_has_one_row_per_name() {
+    for name in ["motor/state", "motor/command/a", "system/heartbeat/motor-io", "sensor/wind", "truth/node"] {
+        let row = channel_of(name).unwrap();
+        assert_eq!(CHANNELS.iter().filter(|other| other.pattern == row.pattern).count(), 1);
+        assert_eq!(quality_of(name), row.quality);
+    }
+    assert!(channel_of("sensor/").is_none());
+    assert!(channel_of("motor/unknown").is_none());
+    for row in CHANNELS.iter().filter(|row| row.pattern.starts_with("motor/")) {
+        assert!(row.quality.buffer as f64 >= 2.5 * 200.0, "{}", row.pattern);
+        assert_eq!(row.quality.publishers, 1, "{}: one publisher is the lease", row.pattern);
+    }
+}
+
+#[test]
+fn texts_are_cut_at_a_character_and_read_back() {
+    let mut field = [1_u8; 8];
+    put_text(&mut field, "höhenmeß");
+    assert_eq!(text_of(&field), "höhenme");
+    put_text(&mut field, "");
+    assert_eq!(text_of(&field), "");
+    assert_eq!(text_of(&[0xff, b'a', 0, b'b']), "\u{fffd}a");
+}
