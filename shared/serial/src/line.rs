@@ -1,0 +1,134 @@
+//! A port that heals itself.
+
+use std::sync::Arc;
+
+use crate::transport::{Transport, monotonic_ns, sleep_until};
+use crate::{Error, Latency, Port};
+
+/// Pause between two attempts to open a lost device: short beside the second or so that USB needs to enumerate a device that was
+/// plugged in, long beside the cost of asking.
+pub const REOPEN_EVERY_NS: u64 = 200_000_000;
+
+/// Whether a [`Line`] has its device.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum LineState {
+    /// The device is open.
+    Connected,
+    /// The device is not there; it is looked for again every [`REOPEN_EVERY_NS`].
+    Lost(Error),
+}
+
+/// A serial device by its name, whether or not it is there at the moment.
+///
+/// Nothing waits for a lost device: every operation on it fails at once with the reason. [`Transport::connection`] looks for it.
+/// Name it by a link that stays (`/dev/serial/by-path/..`): the kernel gives a device that is plugged in again another number.
+#[derive(Debug)]
+pub struct Line {
+    name: Arc<str>,
+    baud: u32,
+    port: Option<Port>,
+    lost: Error,
+    next_try_ns: u64,
+    connections: u32,
+}
+
+impl Line {
+    /// A line to the device `name` at `baud` bits per second. Nothing is opened yet.
+    #[must_use]
+    pub fn new(name: &str, baud: u32) -> Line {
+        let name: Arc<str> = name.into();
+        Line {
+            lost: Error::Missing { port: Arc::clone(&name) },
+            name,
+            baud,
+            port: None,
+            next_try_ns: 0,
+            connections: 0,
+        }
+    }
+
+    /// Whether the device is there, as far as the last operation showed.
+    #[must_use]
+    pub fn state(&self) -> LineState {
+        match self.port {
+            Some(_) => LineState::Connected,
+            None => LineState::Lost(self.lost.clone()),
+        }
+    }
+
+    /// The open port's latency, where there is one.
+    #[must_use]
+    pub fn latency(&self) -> Option<Latency> {
+        self.port.as_ref().map(Port::latency)
+    }
+
+    /// When the device will be looked for again, on the monotonic clock, ns; `None` while it is there.
+    #[must_use]
+    pub fn next_try_ns(&self) -> Option<u64> {
+        self.port.is_none().then_some(self.next_try_ns)
+    }
+
+    fn with_port<R>(&mut self, work: impl FnOnce(&mut Port) -> Result<R, Error>) -> Result<R, Error> {
+        let Some(port) = self.port.as_mut() else { return Err(self.lost.clone()) };
+        let result = work(port);
+        if let Err(error) = &result
+            && error.is_lost()
+        {
+            self.lost = error.clone();
+            self.port = None;
+            self.next_try_ns = monotonic_ns() + REOPEN_EVERY_NS;
+        }
+        result
+    }
+}
+
+impl Transport for Line {
+    fn name(&self) -> &Arc<str> {
+        &self.name
+    }
+
+    fn now_ns(&self) -> u64 {
+        monotonic_ns()
+    }
+
+    fn wait_until(&mut self, until_ns: u64) {
+        sleep_until(until_ns);
+    }
+
+    fn connection(&mut self) -> Result<u32, Error> {
+        if self.port.is_none() {
+            let now_ns = monotonic_ns();
+            if now_ns < self.next_try_ns {
+                return Err(self.lost.clone());
+            }
+            match Port::open(&self.name, self.baud) {
+                Ok(port) => {
+                    self.port = Some(port);
+                    self.connections += 1;
+                }
+                Err(error) => {
+                    self.lost = error.clone();
+                    self.next_try_ns = now_ns + REOPEN_EVERY_NS;
+                    return Err(error);
+                }
+            }
+        }
+        Ok(self.connections)
+    }
+
+    fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), Error> {
+        self.with_port(|port| port.write_all(bytes, deadline_ns))
+    }
+
+    fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
+        self.with_port(|port| port.read(buffer, deadline_ns))
+    }
+
+    fn pending(&mut self) -> Result<usize, Error> {
+        self.with_port(Port::pending)
+    }
+
+    fn clear(&mut self) -> Result<(), Error> {
+        self.with_port(Port::clear)
+    }
+}

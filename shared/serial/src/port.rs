@@ -1,0 +1,151 @@
+//! One serial device of this machine, held by this program alone.
+
+use std::fs;
+use std::io::{Read, Write};
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use serialport::{ClearBuffer, SerialPort, TTYPort};
+
+use crate::Error;
+use crate::error::only_a_pause;
+use crate::transport::{Transport, monotonic_ns, sleep_until};
+
+/// How long the adapter may sit on received bytes before it passes them on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Latency {
+    /// The adapter has no such timer (native UART, USB-CDC, pseudo-terminal).
+    Immediate,
+    /// The adapter's timer was set to, or already was, its shortest: 1 ms.
+    Short,
+    /// The adapter waits this many milliseconds, and this user may not change it.
+    Long(u32),
+}
+
+/// An open serial port, 8 data bits, no parity, 1 stop bit, no flow control.
+#[derive(Debug)]
+pub struct Port {
+    name: Arc<str>,
+    tty: TTYPort,
+    latency: Latency,
+}
+
+impl Port {
+    /// Open the device for this program alone, ask its adapter for low latency, and throw away what an earlier program left unread.
+    ///
+    /// A protocol on top should still let the line be quiet for a while and ask something harmless first: the far side may be in
+    /// the middle of an answer.
+    pub fn open(name: &Arc<str>, baud: u32) -> Result<Port, Error> {
+        let tty = serialport::new(&**name, baud)
+            .timeout(Duration::ZERO)
+            .exclusive(true)
+            .open_native()
+            .map_err(|error| Error::from_open(name, baud, &error))?;
+        let mut port = Port { name: Arc::clone(name), tty, latency: lower_latency(Path::new(&**name)) };
+        port.clear()?;
+        Ok(port)
+    }
+
+    /// How long this port's adapter may hold back received bytes.
+    #[must_use]
+    pub fn latency(&self) -> Latency {
+        self.latency
+    }
+
+    fn gone(&self, doing: &'static str) -> Error {
+        Error::Gone { port: Arc::clone(&self.name), doing }
+    }
+
+    fn allow_until(&mut self, deadline_ns: u64) {
+        let left = deadline_ns.saturating_sub(monotonic_ns());
+        // serialport cannot fail here: it only stores the value.
+        let _ = self.tty.set_timeout(Duration::from_nanos(left));
+    }
+}
+
+impl Transport for Port {
+    fn name(&self) -> &Arc<str> {
+        &self.name
+    }
+
+    fn now_ns(&self) -> u64 {
+        monotonic_ns()
+    }
+
+    fn wait_until(&mut self, until_ns: u64) {
+        sleep_until(until_ns);
+    }
+
+    fn connection(&mut self) -> Result<u32, Error> {
+        Ok(1)
+    }
+
+    fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), Error> {
+        let mut rest = bytes;
+        while !rest.is_empty() {
+            self.allow_until(deadline_ns);
+            match self.tty.write(rest) {
+                Ok(0) => return Err(self.gone("writing")),
+                Ok(n) => rest = rest.get(n..).unwrap_or_default(),
+                Err(error) if only_a_pause(error.kind()) => {
+                    if monotonic_ns() >= deadline_ns {
+                        return Err(Error::Stuck { port: Arc::clone(&self.name) });
+                    }
+                }
+                Err(_) => return Err(self.gone("writing")),
+            }
+        }
+        Ok(())
+    }
+
+    fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
+        if buffer.is_empty() {
+            return Ok(0);
+        }
+        loop {
+            self.allow_until(deadline_ns);
+            match self.tty.read(buffer) {
+                // A terminal that has data never gives none of it: this is how some adapters say that they were pulled out.
+                Ok(0) => return Err(self.gone("reading")),
+                Ok(n) => return Ok(n),
+                Err(error) if only_a_pause(error.kind()) => {
+                    if monotonic_ns() >= deadline_ns {
+                        return Ok(0);
+                    }
+                }
+                Err(_) => return Err(self.gone("reading")),
+            }
+        }
+    }
+
+    fn pending(&mut self) -> Result<usize, Error> {
+        self.tty.bytes_to_read().map(|n| n as usize).map_err(|_| self.gone("asking for received bytes"))
+    }
+
+    fn clear(&mut self) -> Result<(), Error> {
+        self.tty.clear(ClearBuffer::All).map_err(|_| self.gone("clearing the line"))
+    }
+}
+
+/// FTDI adapters hold short answers back for 16 ms by default; their timer is a file that the device's owner may write.
+fn lower_latency(path: &Path) -> Latency {
+    let Some(timer) = fs::canonicalize(path)
+        .ok()
+        .and_then(|device| Some(Path::new("/sys/class/tty").join(device.file_name()?).join("device/latency_timer")))
+    else {
+        return Latency::Immediate;
+    };
+    let read = || fs::read_to_string(&timer).ok()?.trim().parse::<u32>().ok();
+    match read() {
+        None => Latency::Immediate,
+        Some(0 | 1) => Latency::Short,
+        Some(before) => {
+            let _ = fs::write(&timer, "1");
+            match read() {
+                Some(0 | 1) => Latency::Short,
+                after => Latency::Long(after.unwrap_or(before)),
+            }
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! The one interface between a protocol and the wire.
+
+use std::sync::Arc;
+
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::Timespec;
+
+use crate::Error;
+
+const NS_PER_S: u64 = 1_000_000_000;
+
+/// Nanoseconds of the machine's monotonic clock (`CLOCK_MONOTONIC`), the same in every process.
+#[must_use]
+pub fn monotonic_ns() -> u64 {
+    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
+    // Both parts are non-negative by the clock's definition.
+    now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
+}
+
+/// Sleep until the monotonic clock shows `until_ns`; returns at once where that is over.
+pub fn sleep_until(until_ns: u64) {
+    let until = Timespec { tv_sec: (until_ns / NS_PER_S) as i64, tv_nsec: (until_ns % NS_PER_S) as i64 };
+    // Only a signal ends the sleep early; the time asked for is absolute, so it can simply be asked for again.
+    while let Err(rustix::io::Errno::INTR) = clock_nanosleep_absolute(ClockId::Monotonic, &until) {}
+}
+
+/// A byte stream with a clock. Every wait has an absolute deadline on that clock; a deadline that is over means "only what is there".
+pub trait Transport: Send {
+    /// The name the operator knows it by.
+    fn name(&self) -> &Arc<str>;
+
+    /// This transport's clock, ns. For devices of this machine it is [`monotonic_ns`].
+    fn now_ns(&self) -> u64;
+
+    /// Let time pass until this transport's clock shows `until_ns`.
+    fn wait_until(&mut self, until_ns: u64);
+
+    /// Which connection this is: 1 for the first, one more each time the line came back. May try to connect, without waiting.
+    /// When the number has changed, the far side may have lost everything it was told.
+    fn connection(&mut self) -> Result<u32, Error>;
+
+    /// Hand all bytes to the device. They may still be on their way when this returns.
+    fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), Error>;
+
+    /// Wait for at least one byte and take what fits into `buffer`; 0 where the deadline came first.
+    fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error>;
+
+    /// Bytes received and not yet read.
+    fn pending(&mut self) -> Result<usize, Error>;
+
+    /// Throw away what was received and not read, and what was written and not sent.
+    fn clear(&mut self) -> Result<(), Error>;
+
+    /// Read until `buffer` is full or the deadline has come; returns how many bytes were read.
+    fn fill(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
+        let mut filled = 0;
+        while let Some(rest) = buffer.get_mut(filled..).filter(|rest| !rest.is_empty()) {
+            match self.read(rest, deadline_ns)? {
+                0 => break,
+                n => filled += n,
+            }
+        }
+        Ok(filled)
+    }
+}
+
+impl<T: Transport + ?Sized> Transport for Box<T> {
+    fn name(&self) -> &Arc<str> {
+        (**self).name()
+    }
+    fn now_ns(&self) -> u64 {
+        (**self).now_ns()
+    }
+    fn wait_until(&mut self, until_ns: u64) {
+        (**self).wait_until(until_ns);
+    }
+    fn connection(&mut self) -> Result<u32, Error> {
+        (**self).connection()
+    }
+    fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), Error> {
+        (**self).write_all(bytes, deadline_ns)
+    }
+    fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
+        (**self).read(buffer, deadline_ns)
+    }
+    fn pending(&mut self) -> Result<usize, Error> {
+        (**self).pending()
+    }
+    fn clear(&mut self) -> Result<(), Error> {
+        (**self).clear()
+    }
+}
