@@ -19,6 +19,7 @@ mod message;
 mod motion;
 mod motor;
 mod node;
+pub mod schema;
 mod system;
 mod text;
 

@@ -1,5 +1,7 @@
 //! Every sample is its own CDR body: an independent walk over the schema text gives the struct's size, without a gap.
 
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
 use messages::*;
 
 /// Size and alignment by CDR rules (each primitive at a multiple of its size) from the schema text alone, constants skipped.

@@ -1,0 +1,558 @@
+//! Reading a ROS 2 definition back: which number stands where in a sample of a type this build was not compiled with.
+//!
+//! The parser is strict. It accepts the subset that every reader of run files decodes alike, and it refuses what would make one of
+//! them fail or, worse, read the wrong bytes without a word:
+//! * numbers (`bool`, `int8` ... `uint64`, `float32`, `float64`), fixed arrays of them, and nested types by their two-part name;
+//! * integer constants, decimal, in upper case; they name the values of the next field if it has the same type;
+//! * every number at a multiple of its own size, so that the struct in memory and its CDR body are the same bytes. Hidden padding
+//!   cannot be seen in a text, but it makes the text's size differ from the sample's: compare [`Schema::size`] with the payload.
+//!
+//! ```
+//! use messages::{Message, TruthNode};
+//! let schema = messages::schema::Schema::parse(TruthNode::schema())?;
+//! assert_eq!(schema.size(), size_of::<TruthNode>());
+//! assert_eq!(schema.field("position_m").map(|field| field.offset), Some(32));
+//! # Ok::<(), messages::schema::SchemaError>(())
+//! ```
+
+use std::collections::HashMap;
+use std::fmt;
+
+/// Fields of one sample at most, after nested types are laid out; more than any sample has, little enough to be kept in memory.
+const FIELDS: usize = 65_536;
+/// Bytes of one sample at most.
+const BYTES: usize = 1 << 30;
+/// Types within types at most.
+const DEPTH: usize = 16;
+/// Between the definitions.
+const SEPARATOR_LENGTH: usize = 80;
+
+/// What a definition breaks, and in which line.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("schema line {line}: {what}")]
+pub struct SchemaError {
+    /// From 1.
+    pub line: usize,
+    /// One sentence.
+    pub what: String,
+}
+
+/// A kind of number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[allow(missing_docs)] // the names say it
+pub enum Primitive {
+    Bool,
+    Int8,
+    Uint8,
+    Int16,
+    Uint16,
+    Int32,
+    Uint32,
+    Int64,
+    Uint64,
+    Float32,
+    Float64,
+}
+
+impl Primitive {
+    const ALL: [Self; 11] = [
+        Self::Bool,
+        Self::Int8,
+        Self::Uint8,
+        Self::Int16,
+        Self::Uint16,
+        Self::Int32,
+        Self::Uint32,
+        Self::Int64,
+        Self::Uint64,
+        Self::Float32,
+        Self::Float64,
+    ];
+
+    /// Its name in a definition.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Bool => "bool",
+            Self::Int8 => "int8",
+            Self::Uint8 => "uint8",
+            Self::Int16 => "int16",
+            Self::Uint16 => "uint16",
+            Self::Int32 => "int32",
+            Self::Uint32 => "uint32",
+            Self::Int64 => "int64",
+            Self::Uint64 => "uint64",
+            Self::Float32 => "float32",
+            Self::Float64 => "float64",
+        }
+    }
+
+    /// Bytes; also its alignment.
+    #[must_use]
+    pub const fn size(self) -> usize {
+        match self {
+            Self::Bool | Self::Int8 | Self::Uint8 => 1,
+            Self::Int16 | Self::Uint16 => 2,
+            Self::Int32 | Self::Uint32 | Self::Float32 => 4,
+            Self::Int64 | Self::Uint64 | Self::Float64 => 8,
+        }
+    }
+
+    fn of(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// Least and greatest value of an integer type.
+    const fn range(self) -> Option<(i128, i128)> {
+        match self {
+            Self::Int8 => Some((i8::MIN as i128, i8::MAX as i128)),
+            Self::Uint8 => Some((0, u8::MAX as i128)),
+            Self::Int16 => Some((i16::MIN as i128, i16::MAX as i128)),
+            Self::Uint16 => Some((0, u16::MAX as i128)),
+            Self::Int32 => Some((i32::MIN as i128, i32::MAX as i128)),
+            Self::Uint32 => Some((0, u32::MAX as i128)),
+            Self::Int64 => Some((i64::MIN as i128, i64::MAX as i128)),
+            Self::Uint64 => Some((0, u64::MAX as i128)),
+            Self::Bool | Self::Float32 | Self::Float64 => None,
+        }
+    }
+}
+
+/// One number, or one array of numbers, of a sample.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SchemaField {
+    /// e.g. `header.seq` or `command[1].epoch`.
+    pub path: String,
+    /// Kind of number.
+    pub primitive: Primitive,
+    /// Bytes from the beginning of the sample.
+    pub offset: usize,
+    /// Array length; `None` for a single number.
+    pub count: Option<usize>,
+    /// Names of values, in the order of the text.
+    pub constants: Vec<(String, i128)>,
+}
+
+impl SchemaField {
+    /// Bytes it takes.
+    #[must_use]
+    pub fn size(&self) -> usize {
+        self.primitive.size() * self.count.unwrap_or(1)
+    }
+
+    /// The name of a value, if the definition gives it one.
+    #[must_use]
+    pub fn name_of(&self, value: Number) -> Option<&str> {
+        let value = match value {
+            Number::Unsigned(value) => i128::from(value),
+            Number::Signed(value) => i128::from(value),
+            Number::Float32(_) | Number::Float64(_) => return None,
+        };
+        self.constants.iter().find(|(_, constant)| *constant == value).map(|(name, _)| name.as_str())
+    }
+}
+
+/// A parsed definition: the fields in the order of their bytes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Schema {
+    fields: Vec<SchemaField>,
+    size: usize,
+}
+
+impl Schema {
+    /// Parses a complete definition, nested types included.
+    ///
+    /// # Errors
+    /// The first line that is outside the subset, with the reason.
+    pub fn parse(text: &str) -> Result<Self, SchemaError> {
+        let definitions = definitions(text)?;
+        let mut layout = Layout { definitions: &definitions, fields: Vec::new(), offset: 0 };
+        layout.place(0, "", 0)?;
+        Ok(Self { size: layout.offset, fields: layout.fields })
+    }
+
+    /// Bytes of a sample.
+    #[must_use]
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    /// Every field.
+    #[must_use]
+    pub fn fields(&self) -> &[SchemaField] {
+        &self.fields
+    }
+
+    /// The field of this path.
+    #[must_use]
+    pub fn field(&self, path: &str) -> Option<&SchemaField> {
+        self.fields.iter().find(|field| field.path == path)
+    }
+
+    /// Whether a sample begins with [`crate::Header`], so that its number and its time can be read.
+    #[must_use]
+    pub fn has_header(&self) -> bool {
+        ["header.cycle", "header.seq", "header.stamp_ns", "header.oldest_input_ns"].iter().enumerate().all(
+            |(at, path)| {
+                self.fields.get(at).is_some_and(|field| {
+                    field.path == *path && field.primitive == Primitive::Uint64 && field.count.is_none()
+                })
+            },
+        )
+    }
+
+    /// Every field with its value, in the order of the bytes; bytes that are missing at the end leave their fields out.
+    pub fn decode<'a>(&'a self, sample: &'a [u8]) -> impl Iterator<Item = (&'a SchemaField, Value<'a>)> {
+        self.fields.iter().filter_map(|field| Some((field, Value::of(field, sample)?)))
+    }
+}
+
+/// The value of one field: one number, or an array of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Value<'a> {
+    primitive: Primitive,
+    array: bool,
+    bytes: &'a [u8],
+}
+
+impl<'a> Value<'a> {
+    /// The value of `field` in a sample; `None` if the sample ends before it.
+    #[must_use]
+    pub fn of(field: &SchemaField, sample: &'a [u8]) -> Option<Self> {
+        let bytes = sample.get(field.offset..field.offset + field.size())?;
+        Some(Self { primitive: field.primitive, array: field.count.is_some(), bytes })
+    }
+
+    /// Whether the field is an array.
+    #[must_use]
+    pub fn is_array(&self) -> bool {
+        self.array
+    }
+
+    /// Its numbers: one, or those of the array.
+    pub fn numbers(&self) -> impl Iterator<Item = Number> + use<'a> {
+        let primitive = self.primitive;
+        self.bytes.chunks_exact(primitive.size()).map(move |bytes| Number::read(primitive, bytes))
+    }
+
+    /// The first number, for fields that are not arrays.
+    #[must_use]
+    pub fn number(&self) -> Option<Number> {
+        self.numbers().next()
+    }
+
+    /// The bytes of a `uint8` array as a text, if it is one: printable, filled up with zeros, at least one character.
+    #[must_use]
+    pub fn text(&self) -> Option<String> {
+        if !self.array || self.primitive != Primitive::Uint8 {
+            return None;
+        }
+        let end = self.bytes.iter().position(|byte| *byte == 0).unwrap_or(self.bytes.len());
+        let (text, rest) = self.bytes.split_at(end);
+        let text = std::str::from_utf8(text).ok()?;
+        let printable = !text.is_empty() && text.chars().all(|c| !c.is_control() || c == '\n' || c == '\t');
+        (printable && rest.iter().all(|byte| *byte == 0)).then(|| text.to_owned())
+    }
+}
+
+impl fmt::Display for Value<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if !self.array {
+            return self.number().map_or(Ok(()), |number| number.fmt(f));
+        }
+        f.write_str("[")?;
+        for (at, number) in self.numbers().enumerate() {
+            if at > 0 {
+                f.write_str(", ")?;
+            }
+            number.fmt(f)?;
+        }
+        f.write_str("]")
+    }
+}
+
+/// A number of any kind, as wide as it needs to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(missing_docs)] // the names say it
+pub enum Number {
+    Unsigned(u64),
+    Signed(i64),
+    Float32(f32),
+    Float64(f64),
+}
+
+impl Number {
+    fn read(primitive: Primitive, bytes: &[u8]) -> Self {
+        let mut wide = [0_u8; 8];
+        let size = primitive.size();
+        wide[..size].copy_from_slice(&bytes[..size]);
+        let raw = u64::from_le_bytes(wide);
+        let sign_extended = ((raw << (64 - 8 * size)) as i64) >> (64 - 8 * size);
+        match primitive {
+            Primitive::Bool | Primitive::Uint8 | Primitive::Uint16 | Primitive::Uint32 | Primitive::Uint64 => {
+                Self::Unsigned(raw)
+            }
+            Primitive::Int8 | Primitive::Int16 | Primitive::Int32 | Primitive::Int64 => Self::Signed(sign_extended),
+            Primitive::Float32 => Self::Float32(f32::from_bits(raw as u32)),
+            Primitive::Float64 => Self::Float64(f64::from_bits(raw)),
+        }
+    }
+
+    /// The nearest `f64`; exact but for integers beyond 2^53.
+    #[must_use]
+    pub fn as_f64(self) -> f64 {
+        match self {
+            Self::Unsigned(value) => value as f64,
+            Self::Signed(value) => value as f64,
+            Self::Float32(value) => f64::from(value),
+            Self::Float64(value) => value,
+        }
+    }
+}
+
+impl fmt::Display for Number {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Unsigned(value) => value.fmt(f),
+            Self::Signed(value) => value.fmt(f),
+            Self::Float32(value) => value.fmt(f),
+            Self::Float64(value) => value.fmt(f),
+        }
+    }
+}
+
+/// The names and the own lines of the definitions in a complete text; the first has the name `""`.
+///
+/// This splits only; it is for whoever has to compare or rename nested types.
+#[must_use]
+pub fn split(text: &str) -> Vec<(&str, &str)> {
+    let separator = "=".repeat(SEPARATOR_LENGTH);
+    let mut parts = text.split(separator.as_str());
+    let mut found = vec![("", parts.next().unwrap_or_default())];
+    found.extend(parts.map(|part| {
+        let part = part.strip_prefix('\n').unwrap_or(part);
+        let (head, lines) = part.split_once('\n').unwrap_or((part, ""));
+        (head.strip_prefix("MSG: ").unwrap_or(head).trim(), lines)
+    }));
+    found
+}
+
+/// Whether `name` is a two-part type name that every reader accepts: `lower_snake/CamelCase`.
+#[must_use]
+pub fn is_type_name(name: &str) -> bool {
+    let Some((package, kind)) = name.split_once('/') else { return false };
+    is_snake(package)
+        && kind.starts_with(|c: char| c.is_ascii_uppercase())
+        && kind.chars().all(|c| c.is_ascii_alphanumeric())
+}
+
+fn is_snake(name: &str) -> bool {
+    name.starts_with(|c: char| c.is_ascii_lowercase())
+        && name.chars().all(|c| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '_')
+        && !name.contains("__")
+        && !name.ends_with('_')
+}
+
+/// As field names these stop the readers that make Python attributes of them.
+const PYTHON_KEYWORDS: [&str; 32] = [
+    "and", "as", "assert", "async", "await", "break", "class", "continue", "def", "del", "elif", "else", "except",
+    "finally", "for", "from", "global", "if", "import", "in", "is", "lambda", "nonlocal", "not", "or", "pass", "raise",
+    "return", "try", "while", "with", "yield",
+];
+
+enum Kind<'a> {
+    Number(Primitive),
+    Nested(&'a str),
+}
+
+struct Member<'a> {
+    line: usize,
+    name: &'a str,
+    kind: Kind<'a>,
+    count: Option<usize>,
+    constants: Vec<(String, i128)>,
+}
+
+struct Definition<'a> {
+    line: usize,
+    name: &'a str,
+    members: Vec<Member<'a>>,
+}
+
+fn refuse<T>(line: usize, what: impl Into<String>) -> Result<T, SchemaError> {
+    Err(SchemaError { line, what: what.into() })
+}
+
+fn definitions(text: &str) -> Result<Vec<Definition<'_>>, SchemaError> {
+    let mut found = vec![Definition { line: 1, name: "", members: Vec::new() }];
+    let mut names: HashMap<&str, usize> = HashMap::new();
+    let mut constants: Vec<(Primitive, String, i128)> = Vec::new();
+    let mut expect_name = false;
+    for (at, raw) in text.split('\n').enumerate() {
+        let number = at + 1;
+        if raw.contains('\r') {
+            return refuse(number, "the line ends in CR LF; end lines in LF alone");
+        }
+        if expect_name {
+            let name = raw.strip_prefix("MSG: ").map(str::trim_end).filter(|name| is_type_name(name));
+            let Some(name) = name else {
+                return refuse(number, format!("`{raw}` stands behind the separator; expected `MSG: package/Type`"));
+            };
+            if names.insert(name, found.len()).is_some() {
+                return refuse(number, format!("`{name}` is defined twice"));
+            }
+            found.push(Definition { line: number, name, members: Vec::new() });
+            expect_name = false;
+            continue;
+        }
+        let line = raw.split('#').next().unwrap_or_default().trim();
+        if line.is_empty() {
+            continue;
+        }
+        if line.starts_with("==") {
+            if line.len() != SEPARATOR_LENGTH || line.bytes().any(|byte| byte != b'=') {
+                return refuse(number, format!("the separator of definitions is exactly {SEPARATOR_LENGTH} `=`"));
+            }
+            constants.clear();
+            expect_name = true;
+            continue;
+        }
+        let Some((kind, rest)) = line.split_once(char::is_whitespace) else {
+            return refuse(number, format!("`{line}` is not `type name` or `type NAME=value`"));
+        };
+        if let Some((name, value)) = rest.split_once('=') {
+            constants.push(constant(number, kind, name.trim(), value.trim())?);
+            continue;
+        }
+        let Some(definition) = found.last_mut() else { continue };
+        let member = member(number, kind, rest.trim(), &mut constants)?;
+        if definition.members.iter().any(|other| other.name == member.name) {
+            return refuse(number, format!("field `{}` stands twice", member.name));
+        }
+        definition.members.push(member);
+    }
+    if expect_name {
+        return refuse(text.lines().count(), "the text ends behind a separator");
+    }
+    if let Some(empty) = found.iter().find(|definition| definition.members.is_empty()) {
+        return refuse(empty.line, "a type without a field has one byte in some readers and none in others");
+    }
+    Ok(found)
+}
+
+fn constant(line: usize, kind: &str, name: &str, value: &str) -> Result<(Primitive, String, i128), SchemaError> {
+    let Some((primitive, (least, greatest))) = Primitive::of(kind).and_then(|kind| Some((kind, kind.range()?))) else {
+        return refuse(line, format!("constant `{name}` has the type `{kind}`; only integers can be constants"));
+    };
+    let upper = name.starts_with(|c: char| c.is_ascii_uppercase())
+        && name.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_');
+    if !upper {
+        return refuse(line, format!("constant `{name}` is not in UPPER_CASE"));
+    }
+    let decimal = value.strip_prefix('-').unwrap_or(value);
+    let parsed = value.parse::<i128>().ok().filter(|_| decimal.bytes().all(|byte| byte.is_ascii_digit()));
+    match parsed.filter(|value| (least..=greatest).contains(value)) {
+        Some(value) => Ok((primitive, name.to_owned(), value)),
+        None => refuse(line, format!("`{value}` is not a decimal {kind} for constant `{name}`")),
+    }
+}
+
+fn member<'a>(
+    line: usize,
+    kind: &'a str,
+    name: &'a str,
+    constants: &mut Vec<(Primitive, String, i128)>,
+) -> Result<Member<'a>, SchemaError> {
+    if !is_snake(name) || PYTHON_KEYWORDS.contains(&name) {
+        return refuse(
+            line,
+            format!(
+                "`{name}` is not a field name: lower case, digits and single `_`, no `_` at an end, no Python keyword"
+            ),
+        );
+    }
+    let (base, count) = match kind.split_once('[') {
+        None => (kind, None),
+        Some((base, rest)) => {
+            let length = rest.strip_suffix(']').filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()));
+            match length.and_then(|digits| digits.parse::<usize>().ok()).filter(|length| *length > 0) {
+                Some(length) => (base, Some(length)),
+                None => {
+                    return refuse(line, format!("`{kind}`: only arrays of one dimension and fixed length, e.g. [8]"));
+                }
+            }
+        }
+    };
+    let primitive = Primitive::of(base);
+    let kind = match primitive {
+        Some(primitive) => Kind::Number(primitive),
+        None if is_type_name(base) => Kind::Nested(base),
+        None => {
+            return refuse(
+                line,
+                format!("`{base}` is neither a number type nor `package/Type`; strings, char and byte are not used"),
+            );
+        }
+    };
+    // constants belong to the field that follows them directly and has their type
+    let named = constants.drain(..).filter(|(of, _, _)| Some(*of) == primitive).map(|(_, n, v)| (n, v)).collect();
+    Ok(Member { line, name, kind, count, constants: named })
+}
+
+struct Layout<'a> {
+    definitions: &'a [Definition<'a>],
+    fields: Vec<SchemaField>,
+    offset: usize,
+}
+
+impl Layout<'_> {
+    fn place(&mut self, definition: usize, prefix: &str, depth: usize) -> Result<(), SchemaError> {
+        let definitions = self.definitions;
+        let definition = &definitions[definition];
+        if depth > DEPTH {
+            return refuse(definition.line, format!("types are nested more than {DEPTH} deep, or in themselves"));
+        }
+        for member in &definition.members {
+            let path = if prefix.is_empty() { member.name.to_owned() } else { format!("{prefix}.{}", member.name) };
+            match member.kind {
+                Kind::Number(primitive) => self.number(member, primitive, path)?,
+                Kind::Nested(name) => {
+                    let Some(nested) = definitions.iter().position(|other| other.name == name) else {
+                        return refuse(member.line, format!("type `{name}` is not defined in this text"));
+                    };
+                    match member.count {
+                        None => self.place(nested, &path, depth + 1)?,
+                        Some(count) => {
+                            for at in 0..count {
+                                self.place(nested, &format!("{path}[{at}]"), depth + 1)?;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    fn number(&mut self, member: &Member<'_>, primitive: Primitive, path: String) -> Result<(), SchemaError> {
+        if !self.offset.is_multiple_of(primitive.size()) {
+            return refuse(
+                member.line,
+                format!("`{path}` would stand at byte {}: put explicit padding before it", self.offset),
+            );
+        }
+        let end = member
+            .count
+            .unwrap_or(1)
+            .checked_mul(primitive.size())
+            .and_then(|size| size.checked_add(self.offset))
+            .filter(|end| *end <= BYTES && self.fields.len() < FIELDS);
+        let Some(end) = end else {
+            return refuse(member.line, format!("more than {BYTES} bytes or {FIELDS} fields in one sample"));
+        };
+        let (count, constants) = (member.count, member.constants.clone());
+        self.fields.push(SchemaField { path, primitive, offset: self.offset, count, constants });
+        self.offset = end;
+        Ok(())
+    }
+}
