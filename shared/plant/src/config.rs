@@ -1,0 +1,120 @@
+//! Everything the plant is built from, with a default and a reason for every number.
+
+use crate::drive::DriveConfig;
+use crate::drum::DrumConfig;
+use crate::error::{PlantError, check};
+use crate::line::{IdlerConfig, LineConfig};
+use crate::motor::MotorConfig;
+use crate::node::NodeConfig;
+use crate::{MAX_CABLES, STANDARD_GRAVITY};
+
+/// The plant: geometry, parts and the state it starts in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PlantConfig {
+    /// Where each line leaves its last pulley, m, z up; 1 to 8 of them.
+    pub anchors_m: Vec<[f64; 3]>,
+    /// Line between drum and anchor, m, one per cable; it stretches too.
+    pub routed_length_m: Vec<f64>,
+    /// The node.
+    pub node: NodeConfig,
+    /// The lines.
+    pub line: LineConfig,
+    /// The idlers and their encoders.
+    pub idler: IdlerConfig,
+    /// The drums.
+    pub drum: DrumConfig,
+    /// Motors with their gears.
+    pub motor: MotorConfig,
+    /// The drives' speed loops.
+    pub drive: DriveConfig,
+    /// Open-circuit voltage of the supply, V.
+    pub supply_v: f64,
+    /// Inner resistance of the supply and its wiring, ohm; all motors share it.
+    pub supply_resistance_ohm: f64,
+    /// Acceleration of gravity, m/s².
+    pub gravity_m_s2: f64,
+    /// Where the node hangs at rest at time zero, m.
+    pub start_m: [f64; 3],
+    /// Tensions at the start, N, one per cable; `None`: the least-norm ones inside `start_limits_n`.
+    pub start_tensions_n: Option<Vec<f64>>,
+    /// Smallest and largest tension at the start, N.
+    pub start_limits_n: [f64; 2],
+    /// Largest integration step, s. The fastest mode of a usual plant (a rigid line of 3 m on a node of 1 kg) is near
+    /// 250 rad/s and the speed loop runs at 300 Hz; a quarter of a millisecond resolves both.
+    pub substep_s: f64,
+    /// Chooses the irregularities of the lay on the drums.
+    pub seed: u64,
+}
+
+impl PlantConfig {
+    /// A plant over `anchors_m` with the node at rest at `start_m` and defaults for all else (6 m routed per line).
+    pub fn new(anchors_m: Vec<[f64; 3]>, start_m: [f64; 3]) -> Self {
+        Self {
+            routed_length_m: vec![6.0; anchors_m.len()],
+            anchors_m,
+            node: NodeConfig::default(),
+            line: LineConfig::default(),
+            idler: IdlerConfig::default(),
+            drum: DrumConfig::default(),
+            motor: MotorConfig::default(),
+            drive: DriveConfig::default(),
+            supply_v: 24.0,
+            supply_resistance_ohm: 0.05,
+            gravity_m_s2: STANDARD_GRAVITY,
+            start_m,
+            start_tensions_n: None,
+            start_limits_n: [0.5, 1000.0],
+            substep_s: 0.000_25,
+            seed: 1,
+        }
+    }
+
+    /// Number of cables.
+    pub fn cable_count(&self) -> usize {
+        self.anchors_m.len()
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// The first field that is wrong, with what it should be.
+    pub fn validate(&self) -> Result<(), PlantError> {
+        let n = self.cable_count();
+        if !(1..=MAX_CABLES).contains(&n) {
+            return Err(PlantError::Anchors(n));
+        }
+        if self.routed_length_m.len() != n {
+            return Err(PlantError::Count { key: "routed_length_m", found: self.routed_length_m.len(), expected: n });
+        }
+        if let Some(tensions) = &self.start_tensions_n {
+            if tensions.len() != n {
+                return Err(PlantError::Count { key: "start_tensions_n", found: tensions.len(), expected: n });
+            }
+            for &tension in tensions {
+                check("start_tensions_n", tension, "zero or more newtons", |t| t >= 0.0)?;
+            }
+        }
+        for &coordinate in self.anchors_m.iter().flatten() {
+            check("anchors_m", coordinate, "within 1000 m of the origin", |x| x.abs() <= 1000.0)?;
+        }
+        for &coordinate in &self.start_m {
+            check("start_m", coordinate, "within 1000 m of the origin", |x| x.abs() <= 1000.0)?;
+        }
+        for &routed in &self.routed_length_m {
+            check("routed_length_m", routed, "zero to 1000 m", |x| (0.0..=1000.0).contains(&x))?;
+        }
+        check("start_limits_n", self.start_limits_n[0], "zero or more newtons", |x| x >= 0.0)?;
+        let low = self.start_limits_n[0];
+        check("start_limits_n", self.start_limits_n[1], "more than the lower limit", |x| x > low)?;
+        check("supply_v", self.supply_v, "zero to 100 V", |x| (0.0..=100.0).contains(&x))?;
+        check("supply_resistance_ohm", self.supply_resistance_ohm, "zero or more ohms", |x| x >= 0.0)?;
+        check("gravity_m_s2", self.gravity_m_s2, "zero to 100 m/s²", |x| (0.0..=100.0).contains(&x))?;
+        check("substep_s", self.substep_s, "1 µs to 1 ms", |x| (1e-6..=1e-3).contains(&x))?;
+        self.node.validate()?;
+        self.line.validate()?;
+        self.idler.validate()?;
+        self.drum.validate()?;
+        self.motor.validate()?;
+        self.drive.validate()
+    }
+}

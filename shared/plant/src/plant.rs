@@ -1,0 +1,420 @@
+//! All parts together, stepped in time.
+
+use nalgebra::Vector3;
+
+use crate::config::PlantConfig;
+use crate::drive::{Drive, MotorInput, SpeedGains};
+use crate::drum::Drum;
+use crate::error::{PlantError, check};
+use crate::line::Idler;
+use crate::motor::{Bridge, Motor};
+use crate::statics::hanging_tensions_n;
+
+/// Time constant of the current measurement of a drive, s; a drive averages over several bridge periods.
+const CURRENT_FILTER_S: f64 = 0.005;
+
+/// A line shorter than this has no direction, m.
+const SHORTEST_M: f64 = 1e-6;
+
+/// Something that goes wrong, or is put right again. Cables are numbered from 0.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fault {
+    /// The motor jams (`on`) or turns again.
+    Stall {
+        /// Which cable.
+        cable: usize,
+        /// Jammed, or free again.
+        on: bool,
+    },
+    /// A share of the line's motion slips over the idler unseen; 0 grips again.
+    IdlerSlip {
+        /// Which cable.
+        cable: usize,
+        /// Share lost, 0 to 1.
+        share: f64,
+    },
+    /// The encoder's count jumps.
+    EncoderJump {
+        /// Which cable.
+        cable: usize,
+        /// By how many counts.
+        counts: i64,
+    },
+    /// The encoder stops counting (`on`), or counts again.
+    EncoderDead {
+        /// Which cable.
+        cable: usize,
+        /// Dead, or alive again.
+        on: bool,
+    },
+    /// The line breaks (`on`), or is tied again with the length that is out.
+    BrokenLine {
+        /// Which cable.
+        cable: usize,
+        /// Broken, or mended.
+        on: bool,
+    },
+    /// The supply changes to this open-circuit voltage, V.
+    Supply {
+        /// Volts.
+        voltage_v: f64,
+    },
+}
+
+/// One winch with its line.
+#[derive(Debug, Clone, PartialEq)]
+struct Cable {
+    anchor_m: Vector3<f64>,
+    routed_m: f64,
+    drive: Drive,
+    motor: Motor,
+    drum: Drum,
+    idler: Idler,
+    /// Unstretched line off the drum, m.
+    paid_out_m: f64,
+    /// Rate of that, m/s.
+    paid_out_m_s: f64,
+    tension_n: f64,
+    filtered_current_a: f64,
+    broken: bool,
+}
+
+/// A robot's motors, drums, lines and node.
+///
+/// Made by [`Plant::new`], advanced by [`Plant::step`]; every other method either reads the state or breaks something
+/// on purpose. Cloning gives an independent plant in the same state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plant {
+    config: PlantConfig,
+    cables: Vec<Cable>,
+    position_m: Vector3<f64>,
+    velocity_m_s: Vector3<f64>,
+    supply_v: f64,
+    supply_current_a: f64,
+    time_ns: u64,
+}
+
+impl Plant {
+    /// Builds the plant with the node hanging at rest at the configured start and the motors released.
+    ///
+    /// # Errors
+    /// What is wrong with the configuration, or that the node cannot hang there.
+    pub fn new(config: PlantConfig) -> Result<Self, PlantError> {
+        config.validate()?;
+        let position_m = Vector3::from(config.start_m);
+        let pulls: Vec<Vector3<f64>> = config
+            .anchors_m
+            .iter()
+            .map(|anchor| {
+                let leg = Vector3::from(*anchor) - position_m;
+                leg / leg.norm().max(SHORTEST_M)
+            })
+            .collect();
+        let wrench_n = -config.node.force_n(position_m, Vector3::zeros(), config.gravity_m_s2);
+        let no_equilibrium = PlantError::NoEquilibrium { position_m: config.start_m, limits_n: config.start_limits_n };
+        let tensions: Vec<f64> = match &config.start_tensions_n {
+            Some(given) => {
+                let held: Vector3<f64> = pulls.iter().zip(given).map(|(pull, &tension)| pull * tension).sum();
+                let residual_n = (held - wrench_n).norm();
+                if residual_n > 0.01 * (1.0 + wrench_n.norm()) {
+                    return Err(PlantError::Unbalanced { residual_n });
+                }
+                given.clone()
+            }
+            None => hanging_tensions_n(&pulls, wrench_n, config.start_limits_n).ok_or(no_equilibrium)?.to_vec(),
+        };
+        let full_speed_m_s = config.supply_v.max(1.0) / config.motor.force_constant_n_a;
+        let gains = config.drive.gains.unwrap_or(SpeedGains {
+            p: 1.0,
+            i: 0.25,
+            d: 0.0,
+            full_speed_counts_s: full_speed_m_s * config.idler.counts_per_m,
+        });
+        let cables = (0..config.cable_count())
+            .map(|i| {
+                let anchor_m = Vector3::from(config.anchors_m[i]);
+                let routed_m = config.routed_length_m[i];
+                let stretched_m = (position_m - anchor_m).norm().max(SHORTEST_M) + routed_m;
+                let paid_out_m = config.line.unstretched_m(stretched_m, tensions[i]);
+                Cable {
+                    anchor_m,
+                    routed_m,
+                    drive: Drive::new(config.drive, gains),
+                    motor: Motor::new(config.motor),
+                    drum: Drum::new(config.drum, config.seed.wrapping_mul(31).wrapping_add(i as u64)),
+                    idler: Idler::new(config.idler, paid_out_m),
+                    paid_out_m,
+                    paid_out_m_s: 0.0,
+                    tension_n: tensions[i],
+                    filtered_current_a: 0.0,
+                    broken: false,
+                }
+            })
+            .collect();
+        let supply_v = config.supply_v;
+        Ok(Self {
+            config,
+            cables,
+            position_m,
+            velocity_m_s: Vector3::zeros(),
+            supply_v,
+            supply_current_a: 0.0,
+            time_ns: 0,
+        })
+    }
+
+    /// Gives each drive its command and advances by `dt_s`, in equal steps no longer than the configured one.
+    ///
+    /// `dt_s` is taken to the nearest nanosecond. A command that equals the last one changes nothing, so calling with
+    /// small or large steps is the same but for the rounding of the integration.
+    ///
+    /// # Errors
+    /// A wrong number of inputs, an input that is not finite, or a time that is not between 0 and 3600 s.
+    pub fn step(&mut self, dt_s: f64, inputs: &[MotorInput]) -> Result<(), PlantError> {
+        if inputs.len() != self.cables.len() {
+            return Err(PlantError::Count { key: "inputs", found: inputs.len(), expected: self.cables.len() });
+        }
+        check("dt_s", dt_s, "zero to 3600 s", |x| (0.0..=3600.0).contains(&x))?;
+        for input in inputs {
+            let (MotorInput::Speed(value) | MotorInput::Duty(value)) = input;
+            check("inputs", *value, "a finite speed or duty", |_| true)?;
+        }
+        for (cable, &input) in self.cables.iter_mut().zip(inputs) {
+            cable.drive.command(self.time_ns, input);
+        }
+        let dt_ns = (dt_s * 1e9).round() as u64;
+        let steps = dt_ns.div_ceil((self.config.substep_s * 1e9) as u64).max(1);
+        let start_ns = self.time_ns;
+        let h = dt_ns as f64 * 1e-9 / steps as f64;
+        if dt_ns == 0 {
+            return Ok(());
+        }
+        let smoothing = self.cables[0].drive.smoothing(h);
+        for k in 1..=steps {
+            self.time_ns = start_ns + dt_ns * k / steps;
+            self.substep(h, smoothing);
+        }
+        Ok(())
+    }
+
+    /// Semi-implicit: forces from where things are, then speeds, then positions from the new speeds.
+    fn substep(&mut self, h: f64, smoothing: f64) {
+        let voltage_v = self.voltage_v();
+        let mut force = self.config.node.force_n(self.position_m, self.velocity_m_s, self.config.gravity_m_s2);
+        let mut drawn_a = 0.0;
+        for cable in &mut self.cables {
+            let leg = self.position_m - cable.anchor_m;
+            let length_m = leg.norm().max(SHORTEST_M);
+            let direction = leg / length_m;
+            let stretched_m = length_m + cable.routed_m;
+            cable.tension_n = if cable.broken {
+                0.0
+            } else {
+                let stretched_m_s = direction.dot(&self.velocity_m_s);
+                self.config.line.tension_n(stretched_m, cable.paid_out_m, stretched_m_s, cable.paid_out_m_s)
+            };
+            force -= direction * cable.tension_n;
+
+            cable.idler.follow(cable.paid_out_m, if cable.broken { 0.0 } else { stretched_m });
+            cable.drive.advance(self.time_ns, smoothing, cable.idler.counts());
+            let bridge =
+                if cable.drive.released() { Bridge::Shorted } else { Bridge::Voltage(-cable.drive.duty() * voltage_v) };
+            let ratio = cable.drum.radius_ratio(cable.paid_out_m);
+            cable.motor.step(h, bridge, cable.tension_n * ratio);
+            cable.paid_out_m_s = -cable.motor.reel_in_m_s() * ratio;
+            // A drum that has given all its line off winds it on again the other way round; a few centimetres are kept.
+            cable.paid_out_m = (cable.paid_out_m + h * cable.paid_out_m_s).max(0.05);
+            let current_a = cable.motor.current_a();
+            cable.filtered_current_a += (current_a - cable.filtered_current_a) * (h / (h + CURRENT_FILTER_S));
+            // What the bridge takes from the supply: it steps the voltage down and the current up.
+            drawn_a += (-cable.drive.duty() * current_a).max(0.0);
+        }
+        self.supply_current_a = drawn_a;
+        self.velocity_m_s += force * (h / self.config.node.mass_kg);
+        self.position_m += self.velocity_m_s * h;
+    }
+
+    /// Makes something break, or puts it right.
+    ///
+    /// # Errors
+    /// A cable that does not exist, or a value out of range.
+    pub fn apply(&mut self, fault: Fault) -> Result<(), PlantError> {
+        match fault {
+            Fault::Stall { cable, on } => self.cable_mut(cable)?.motor.jammed = on,
+            Fault::IdlerSlip { cable, share } => {
+                check("share", share, "zero to one", |x| (0.0..=1.0).contains(&x))?;
+                self.cable_mut(cable)?.idler.slip = share;
+            }
+            Fault::EncoderJump { cable, counts } => self.cable_mut(cable)?.idler.jump(counts),
+            Fault::EncoderDead { cable, on } => self.cable_mut(cable)?.idler.dead = on,
+            Fault::BrokenLine { cable, on } => self.cable_mut(cable)?.broken = on,
+            Fault::Supply { voltage_v } => {
+                check("voltage_v", voltage_v, "zero to 100 V", |x| (0.0..=100.0).contains(&x))?;
+                self.supply_v = voltage_v;
+            }
+        }
+        Ok(())
+    }
+
+    /// Gives the encoder of `cable` another count, as a drive's preset command does; the speed loop takes no notice.
+    ///
+    /// # Errors
+    /// A cable that does not exist.
+    pub fn preset_counts(&mut self, cable: usize, counts: i64) -> Result<(), PlantError> {
+        let cable = self.cable_mut(cable)?;
+        let before = cable.idler.counts();
+        cable.idler.jump(counts - before);
+        cable.drive.follow_preset(counts);
+        Ok(())
+    }
+
+    /// Changes the gains of one drive's speed loop.
+    ///
+    /// # Errors
+    /// A cable that does not exist, or a gain out of range.
+    pub fn set_gains(&mut self, cable: usize, gains: SpeedGains) -> Result<(), PlantError> {
+        gains.validate()?;
+        self.cable_mut(cable)?.drive.set_gains(gains);
+        Ok(())
+    }
+
+    /// Limits the current of one motor, A.
+    ///
+    /// # Errors
+    /// A cable that does not exist, or a limit that is not positive.
+    pub fn set_current_limit(&mut self, cable: usize, limit_a: f64) -> Result<(), PlantError> {
+        check("limit_a", limit_a, "more than zero", |x| x > 0.0)?;
+        let most_a = self.config.motor.current_limit_a;
+        self.cable_mut(cable)?.motor.set_current_limit(limit_a.min(most_a));
+        Ok(())
+    }
+
+    /// Puts the node elsewhere with a given velocity, lines and motors untouched: a push, a gust, a hand.
+    pub fn push_node(&mut self, position_m: [f64; 3], velocity_m_s: [f64; 3]) {
+        self.position_m = Vector3::from(position_m);
+        self.velocity_m_s = Vector3::from(velocity_m_s);
+    }
+
+    fn cable_mut(&mut self, cable: usize) -> Result<&mut Cable, PlantError> {
+        let count = self.cables.len();
+        self.cables.get_mut(cable).ok_or(PlantError::NoSuchCable { cable, count })
+    }
+
+    /// The speed command that pays out `speed_m_s`.
+    pub fn speed_input(&self, speed_m_s: f64) -> MotorInput {
+        MotorInput::Speed(speed_m_s * self.config.idler.counts_per_m)
+    }
+
+    /// What the plant was built from.
+    pub fn config(&self) -> &PlantConfig {
+        &self.config
+    }
+
+    /// Number of cables.
+    pub fn cable_count(&self) -> usize {
+        self.cables.len()
+    }
+
+    /// Time since the start, ns.
+    pub fn time_ns(&self) -> u64 {
+        self.time_ns
+    }
+
+    /// True position of the node, m.
+    pub fn position_m(&self) -> [f64; 3] {
+        self.position_m.into()
+    }
+
+    /// True velocity of the node, m/s.
+    pub fn velocity_m_s(&self) -> [f64; 3] {
+        self.velocity_m_s.into()
+    }
+
+    /// True line tensions, N.
+    pub fn tensions_n(&self) -> Vec<f64> {
+        self.cables.iter().map(|cable| cable.tension_n).collect()
+    }
+
+    /// True unstretched lengths beyond the routed part, m: what a perfect encoder would say.
+    pub fn lengths_m(&self) -> Vec<f64> {
+        self.cables.iter().map(|cable| cable.paid_out_m - cable.routed_m).collect()
+    }
+
+    /// Distances from anchor to node, m.
+    pub fn distances_m(&self) -> Vec<f64> {
+        self.cables.iter().map(|cable| (self.position_m - cable.anchor_m).norm()).collect()
+    }
+
+    /// Rate at which unstretched line leaves each drum, m/s.
+    pub fn line_speeds_m_s(&self) -> Vec<f64> {
+        self.cables.iter().map(|cable| cable.paid_out_m_s).collect()
+    }
+
+    /// Armature currents at this instant, A; positive pulls on the line.
+    pub fn currents_a(&self) -> Vec<f64> {
+        self.cables.iter().map(|cable| cable.motor.current_a()).collect()
+    }
+
+    /// Tension of `cable`, N.
+    pub fn tension_n(&self, cable: usize) -> f64 {
+        self.cables[cable].tension_n
+    }
+
+    /// Whether each line is slack (or broken).
+    pub fn slack(&self) -> Vec<bool> {
+        self.cables.iter().map(|cable| cable.tension_n <= 0.0).collect()
+    }
+
+    /// Encoder count of `cable`; it grows as line is paid out.
+    pub fn counts(&self, cable: usize) -> i64 {
+        self.cables[cable].idler.counts()
+    }
+
+    /// Speed of `cable` as its drive measured it over the last 1/300 s, counts per second.
+    pub fn speed_counts_s(&self, cable: usize) -> f64 {
+        self.cables[cable].drive.measured_counts_s()
+    }
+
+    /// Current of `cable` as its drive measures it (averaged over some milliseconds), A; positive pulls on the line.
+    pub fn measured_current_a(&self, cable: usize) -> f64 {
+        self.cables[cable].filtered_current_a
+    }
+
+    /// Duty on the motor of `cable`, -1 to 1; positive pays out.
+    pub fn duty(&self, cable: usize) -> f64 {
+        self.cables[cable].drive.duty()
+    }
+
+    /// Where the speed loop of `cable` aims, after delay and lag, counts per second.
+    pub fn reference_counts_s(&self, cable: usize) -> f64 {
+        self.cables[cable].drive.reference_counts_s()
+    }
+
+    /// Gains of the speed loop of `cable`.
+    pub fn gains(&self, cable: usize) -> SpeedGains {
+        self.cables[cable].drive.gains()
+    }
+
+    /// Voltage at the drives, V: the supply less what its inner resistance takes.
+    pub fn voltage_v(&self) -> f64 {
+        (self.supply_v - self.config.supply_resistance_ohm * self.supply_current_a).max(0.0)
+    }
+
+    /// Mechanical energy of node and lines, J: motion, height above zero and stretch.
+    pub fn energy_j(&self) -> f64 {
+        let node = &self.config.node;
+        let weight_n = node.net_weight_n.unwrap_or(node.mass_kg * self.config.gravity_m_s2);
+        let motion = 0.5 * node.mass_kg * self.velocity_m_s.norm_squared();
+        let stretch: f64 = self
+            .cables
+            .iter()
+            .filter(|cable| !cable.broken)
+            .map(|cable| {
+                let stretched_m = (self.position_m - cable.anchor_m).norm() + cable.routed_m;
+                let extension_m = (stretched_m - cable.paid_out_m).max(0.0);
+                0.5 * self.config.line.stiffness_n / cable.paid_out_m * extension_m * extension_m
+            })
+            .sum();
+        motion + weight_n * self.position_m.z + stretch
+    }
+}
