@@ -13,7 +13,7 @@ message! {
         counts: [i64; CABLES],
         /// Unstretched line paid out beyond the routed part, m.
         length_m: [f64; CABLES],
-        /// Measured cable velocity, m/s.
+        /// Measured cable velocity, m/s; over the last 50 ms, because one encoder step in one cycle is a large velocity.
         velocity_m_s: [f64; CABLES],
         /// Motor current, A.
         current_a: [f64; CABLES],
@@ -132,9 +132,15 @@ message! {
         /// Requests that arrived; verb 0: none.
         request_id: [u64; 4],
         request_args: [f64; 32],
-        /// From plan/motion.
+        /// From plan/motion: start of its current segment, end of everything planned, end of the segments it carries.
         motion_start_s: f64,
         motion_end_s: f64,
+        motion_known_s: f64,
+        /// In the first cycle, if `restored` is 1: lengths and counts of the last life of this process.
+        restored_m: [f64; CABLES],
+        restored_counts: [i64; CABLES],
+        /// Tensions of the last estimate, row 0 from node/estimate/a, row 1 from /b.
+        estimate_tension_n: [f64; 16],
         /// Replies of the drives.
         sampled_ns: [u64; CABLES],
         counts: [i64; CABLES],
@@ -144,6 +150,9 @@ message! {
         status: [u32; UNITS],
         motion: u32,
         motion_epoch: u32,
+        motion_segment: u32,
+        /// In the first cycle: the epoch to begin with, so that no life of this process takes up another's motion.
+        first_epoch: u32,
         /// Commands that arrived for this cycle.
         command: [MotorCommand; SLOTS],
         /// Per node/estimate slot: the cycle of the last estimate.
@@ -157,7 +166,8 @@ message! {
         slow_fresh: [u8; UNITS],
         cable_count: u8,
         unit_count: u8,
-        pad0: [u8; 6],
+        restored: u8,
+        pad0: [u8; 5],
     }
 }
 
