@@ -10,7 +10,7 @@ fn main() -> Result<(), PlantError> {
     let begin = Instant::now();
     for cycle in 0..6000 {
         let speed = if cycle / 100 % 2 == 0 { 0.02 } else { -0.02 };
-        let inputs: [MotorInput; 4] = [plant.speed_input(speed); 4];
+        let inputs: [MotorInput; 4] = [plant.speed_input(0, speed); 4];
         plant.step(0.01, &inputs)?;
     }
     let elapsed_s = begin.elapsed().as_secs_f64();

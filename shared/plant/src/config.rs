@@ -19,8 +19,8 @@ pub struct PlantConfig {
     pub node: NodeConfig,
     /// The lines.
     pub line: LineConfig,
-    /// The idlers and their encoders.
-    pub idler: IdlerConfig,
+    /// The idlers and their encoders, one per cable.
+    pub idlers: Vec<IdlerConfig>,
     /// The drums.
     pub drum: DrumConfig,
     /// Motors with their gears.
@@ -51,10 +51,10 @@ impl PlantConfig {
     pub fn new(anchors_m: Vec<[f64; 3]>, start_m: [f64; 3]) -> Self {
         Self {
             routed_length_m: vec![6.0; anchors_m.len()],
+            idlers: vec![IdlerConfig::default(); anchors_m.len()],
             anchors_m,
             node: NodeConfig::default(),
             line: LineConfig::default(),
-            idler: IdlerConfig::default(),
             drum: DrumConfig::default(),
             motor: MotorConfig::default(),
             drive: DriveConfig::default(),
@@ -86,6 +86,9 @@ impl PlantConfig {
         if self.routed_length_m.len() != n {
             return Err(PlantError::Count { key: "routed_length_m", found: self.routed_length_m.len(), expected: n });
         }
+        if self.idlers.len() != n {
+            return Err(PlantError::Count { key: "idlers", found: self.idlers.len(), expected: n });
+        }
         if let Some(tensions) = &self.start_tensions_n {
             if tensions.len() != n {
                 return Err(PlantError::Count { key: "start_tensions_n", found: tensions.len(), expected: n });
@@ -112,7 +115,9 @@ impl PlantConfig {
         check("substep_s", self.substep_s, "1 µs to 1 ms", |x| (1e-6..=1e-3).contains(&x))?;
         self.node.validate()?;
         self.line.validate()?;
-        self.idler.validate()?;
+        for idler in &self.idlers {
+            idler.validate()?;
+        }
         self.drum.validate()?;
         self.motor.validate()?;
         self.drive.validate()

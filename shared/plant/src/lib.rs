@@ -28,7 +28,7 @@
 //!
 //! let anchors = vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 //! let mut plant = Plant::new(PlantConfig::new(anchors, [4.8, 2.9, 1.0]))?;
-//! let pay_out = plant.speed_input(0.05);
+//! let pay_out = plant.speed_input(0, 0.05);
 //! for _ in 0..100 {
 //!     plant.step(0.01, &[pay_out, pay_out, pay_out])?;
 //! }

@@ -124,17 +124,17 @@ impl Plant {
             None => hanging_tensions_n(&pulls, wrench_n, config.start_limits_n).ok_or(no_equilibrium)?.to_vec(),
         };
         let full_speed_m_s = config.supply_v.max(1.0) / config.motor.force_constant_n_a;
-        let gains = config.drive.gains.unwrap_or(SpeedGains {
-            p: 1.0,
-            i: 0.25,
-            d: 0.0,
-            full_speed_counts_s: full_speed_m_s * config.idler.counts_per_m,
-        });
         let cables = (0..config.cable_count())
             .map(|i| {
                 let anchor_m = Vector3::from(config.anchors_m[i]);
                 let routed_m = config.routed_length_m[i];
                 let stretched_m = (position_m - anchor_m).norm().max(SHORTEST_M) + routed_m;
+                let gains = config.drive.gains.unwrap_or(SpeedGains {
+                    p: 1.0,
+                    i: 0.25,
+                    d: 0.0,
+                    full_speed_counts_s: full_speed_m_s * config.idlers[i].counts_per_m,
+                });
                 let paid_out_m = config.line.unstretched_m(stretched_m, tensions[i]);
                 Cable {
                     anchor_m,
@@ -142,7 +142,7 @@ impl Plant {
                     drive: Drive::new(config.drive, gains),
                     motor: Motor::new(config.motor),
                     drum: Drum::new(config.drum, config.seed.wrapping_mul(31).wrapping_add(i as u64)),
-                    idler: Idler::new(config.idler, paid_out_m),
+                    idler: Idler::new(config.idlers[i], paid_out_m),
                     paid_out_m,
                     paid_out_m_s: 0.0,
                     tension_n: tensions[i],
@@ -300,9 +300,9 @@ impl Plant {
         self.cables.get_mut(cable).ok_or(PlantError::NoSuchCable { cable, count })
     }
 
-    /// The speed command that pays out `speed_m_s`.
-    pub fn speed_input(&self, speed_m_s: f64) -> MotorInput {
-        MotorInput::Speed(speed_m_s * self.config.idler.counts_per_m)
+    /// The speed command with which `cable` pays out `speed_m_s`.
+    pub fn speed_input(&self, cable: usize, speed_m_s: f64) -> MotorInput {
+        MotorInput::Speed(speed_m_s * self.config.idlers[cable].counts_per_m)
     }
 
     /// What the plant was built from.

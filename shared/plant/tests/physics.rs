@@ -24,7 +24,7 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 
 /// Steps of 10 ms with the same speed on every cable.
 fn run(plant: &mut Plant, seconds: f64, speeds_m_s: &[f64]) {
-    let inputs: Vec<MotorInput> = speeds_m_s.iter().map(|&v| plant.speed_input(v)).collect();
+    let inputs: Vec<MotorInput> = speeds_m_s.iter().enumerate().map(|(i, &v)| plant.speed_input(i, v)).collect();
     for _ in 0..(seconds / 0.01).round() as usize {
         plant.step(0.01, &inputs).unwrap();
     }
@@ -185,7 +185,7 @@ fn a_commanded_speed_comes_after_delay_and_lag() {
         let mut plant = Plant::new(config).unwrap();
         run(&mut plant, 1.0, &[0.0; 3]);
         let start = plant.lengths_m();
-        let input = plant.speed_input(0.05);
+        let input = plant.speed_input(0, 0.05);
         // Moved length of a delayed first-order response: v (t - delay - lag) long after the step.
         for _ in 0..100 {
             plant.step(0.01, &[input; 3]).unwrap();
@@ -206,7 +206,7 @@ fn nothing_moves_before_the_delay_is_over() {
     config.drive = DriveConfig { delay_s: 0.060, lag_s: 0.0, gains: None };
     let mut plant = Plant::new(config).unwrap();
     run(&mut plant, 1.0, &[0.0; 3]);
-    let input = plant.speed_input(0.2);
+    let input = plant.speed_input(0, 0.2);
     for _ in 0..59 {
         plant.step(0.001, &[input; 3]).unwrap();
         assert_eq!(plant.reference_counts_s(0), 0.0);
@@ -220,10 +220,10 @@ fn the_encoder_counts_unstretched_line_and_the_current_follows_the_law() {
     let mut plant = three();
     run(&mut plant, 0.5, &[0.0; 3]);
     let (counts, lengths) = (plant.counts(1), plant.lengths_m()[1]);
-    let counts_per_m = plant.config().idler.counts_per_m;
+    let counts_per_m = plant.config().idlers[1].counts_per_m;
     // Wind all three slowly: the node rises, currents are those of reeling in.
     let law = MotorConfig::default();
-    let input = plant.speed_input(-0.05);
+    let input = plant.speed_input(0, -0.05);
     let mut worst: f64 = 0.0;
     for k in 0..150 {
         plant.step(0.01, &[input; 3]).unwrap();
@@ -249,7 +249,7 @@ fn a_line_too_long_among_four_hangs_loose_and_its_idler_stops() {
     let before = plant.counts(0);
     run(&mut plant, 2.0, &[0.3, 0.0, 0.0, 0.0]);
     assert!(plant.slack()[0]);
-    let turned_m = (plant.counts(0) - before) as f64 / plant.config().idler.counts_per_m;
+    let turned_m = (plant.counts(0) - before) as f64 / plant.config().idlers[1].counts_per_m;
     let paid_out_m = plant.lengths_m()[0] - plant.distances_m()[0];
     assert!(turned_m < 0.3 && paid_out_m > 0.3, "turned {turned_m}, loose {paid_out_m}");
 }
@@ -323,7 +323,7 @@ fn the_same_inputs_give_the_same_bits() {
         for k in 0..400u32 {
             let t = f64::from(k) * 0.01;
             let inputs: Vec<MotorInput> =
-                (0..4).map(|i| plant.speed_input(0.1 * (t * (1.0 + 0.3 * f64::from(i))).sin())).collect();
+                (0..4).map(|i| plant.speed_input(i, 0.1 * (t * (1.0 + 0.3 * i as f64)).sin())).collect();
             plant.step(0.01, &inputs).unwrap();
         }
         plant
@@ -341,7 +341,7 @@ fn the_size_of_a_step_hardly_matters() {
     let fly = |dt: f64| {
         let mut plant = three();
         for _ in 0..(2.0f64 / dt).round() as usize {
-            plant.step(dt, &[plant.speed_input(-0.05); 3]).unwrap();
+            plant.step(dt, &[plant.speed_input(0, -0.05); 3]).unwrap();
         }
         plant.position_m()
     };
