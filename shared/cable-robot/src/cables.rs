@@ -1,0 +1,144 @@
+//! One number per cable, without allocation.
+
+use std::ops::{Deref, DerefMut};
+
+use thiserror::Error;
+
+/// The most cables a robot may have. Messages carry arrays of this length.
+pub const MAX_CABLES: usize = 8;
+
+/// More values than a robot can have cables.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[error("{given} values for cables were given, and a robot has at most {MAX_CABLES} cables")]
+pub struct TooManyCables {
+    /// How many values were given.
+    pub given: usize,
+}
+
+/// One `f64` per cable: lengths, velocities, tensions. A slice in use, an array in storage.
+///
+/// ```
+/// use cable_robot::CableVec;
+/// let lengths = CableVec::from_slice(&[5.1, 4.9, 6.0])?;
+/// assert_eq!(lengths.len(), 3);
+/// assert_eq!(lengths.to_array8()[3], 0.0);
+/// # Ok::<(), cable_robot::cables::TooManyCables>(())
+/// ```
+#[derive(Clone, Copy, PartialEq)]
+pub struct CableVec {
+    values: [f64; MAX_CABLES],
+    len: usize,
+}
+
+impl CableVec {
+    /// `n` zeros; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    pub const fn zeros(n: usize) -> Self {
+        let len = if n > MAX_CABLES { MAX_CABLES } else { n };
+        Self { values: [0.0; MAX_CABLES], len }
+    }
+
+    /// The same value for each of `n` cables; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    pub fn repeat(n: usize, value: f64) -> Self {
+        Self::from_fn(n, |_| value)
+    }
+
+    /// Copies a slice of at most [`MAX_CABLES`] values.
+    pub fn from_slice(values: &[f64]) -> Result<Self, TooManyCables> {
+        if values.len() > MAX_CABLES {
+            return Err(TooManyCables { given: values.len() });
+        }
+        Ok(Self::from_fn(values.len(), |i| values[i]))
+    }
+
+    /// The first `n` values of a message's array; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    pub fn from_array8(values: &[f64; MAX_CABLES], n: usize) -> Self {
+        Self::from_fn(n, |i| values[i])
+    }
+
+    /// The value of each of `n` cables by its index; `n` above [`MAX_CABLES`] counts as [`MAX_CABLES`].
+    pub fn from_fn(n: usize, mut value: impl FnMut(usize) -> f64) -> Self {
+        let mut result = Self::zeros(n);
+        for i in 0..result.len {
+            result.values[i] = value(i);
+        }
+        result
+    }
+
+    /// The values, then zeros, as messages carry them.
+    pub const fn to_array8(&self) -> [f64; MAX_CABLES] {
+        self.values
+    }
+
+    /// A function of every value.
+    pub fn map(&self, mut f: impl FnMut(f64) -> f64) -> Self {
+        Self::from_fn(self.len, |i| f(self.values[i]))
+    }
+
+    /// A function of every value and its partner; as long as the shorter of the two.
+    pub fn zip_map(&self, other: &[f64], mut f: impl FnMut(f64, f64) -> f64) -> Self {
+        Self::from_fn(self.len.min(other.len()), |i| f(self.values[i], other[i]))
+    }
+
+    /// The sum of the values.
+    pub fn sum(&self) -> f64 {
+        self.iter().sum()
+    }
+
+    /// The sum of the squares.
+    pub fn norm_squared(&self) -> f64 {
+        self.iter().map(|v| v * v).sum()
+    }
+
+    /// The largest magnitude; NaN if any value is NaN.
+    pub fn max_abs(&self) -> f64 {
+        self.iter().fold(0.0, |m: f64, v| if v.is_nan() || m.is_nan() { f64::NAN } else { m.max(v.abs()) })
+    }
+
+    /// True if every value is finite.
+    pub fn is_finite(&self) -> bool {
+        self.iter().all(|v| v.is_finite())
+    }
+}
+
+impl Deref for CableVec {
+    type Target = [f64];
+    fn deref(&self) -> &[f64] {
+        &self.values[..self.len]
+    }
+}
+
+impl DerefMut for CableVec {
+    fn deref_mut(&mut self) -> &mut [f64] {
+        &mut self.values[..self.len]
+    }
+}
+
+impl std::fmt::Debug for CableVec {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_list().entries(self.iter()).finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nine_values_are_refused_with_a_sentence() {
+        let error = CableVec::from_slice(&[0.0; 9]).unwrap_err();
+        assert_eq!(error.to_string(), "9 values for cables were given, and a robot has at most 8 cables");
+    }
+
+    #[test]
+    fn unused_places_stay_zero() {
+        let mut v = CableVec::repeat(3, 2.0);
+        v[2] = 5.0;
+        assert_eq!(v.to_array8(), [2.0, 2.0, 5.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        assert_eq!(CableVec::zeros(99).len(), MAX_CABLES);
+    }
+
+    #[test]
+    fn a_nan_is_not_hidden_by_the_largest_magnitude() {
+        assert!(CableVec::from_slice(&[1.0, f64::NAN, 2.0]).unwrap().max_abs().is_nan());
+    }
+}

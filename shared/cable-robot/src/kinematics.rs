@@ -1,0 +1,559 @@
+//! Lengths, positions and velocities: (6)-(14).
+
+use std::ops::Deref;
+
+use nalgebra::{Matrix3, Vector3};
+use thiserror::Error;
+
+use crate::{Anchors, CableVec, MAX_CABLES, linalg};
+
+/// Lengths may miss each other by this share of the squared length and still count as touching spheres: rounding of
+/// lengths measured with the node in the plane of the anchors.
+const TOUCH_TOLERANCE: f64 = 1e-9;
+
+/// Anchors whose triangle has less than this share of its squared longest side as area count as collinear.
+const COLLINEAR_TOLERANCE: f64 = 1e-9;
+
+/// Bound of the least-squares iteration; it needs about five.
+const MAX_ITERATIONS: usize = 50;
+
+/// What kinematics cannot answer.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum KinematicsError {
+    /// An argument has the wrong shape or is not a number.
+    #[error("{what} of cable {cable} is {value}; give one finite value per cable")]
+    InvalidArgument {
+        /// The quantity.
+        what: &'static str,
+        /// The cable, counted from 1.
+        cable: usize,
+        /// What was given.
+        value: f64,
+    },
+    /// Not as many values as cables.
+    #[error("{given} values were given for {cables} cables; give one per cable")]
+    WrongCount {
+        /// How many values were given.
+        given: usize,
+        /// How many cables there are.
+        cables: usize,
+    },
+    /// The anchors do not span a plane.
+    #[error("the anchors lie on one line, so lengths do not determine a position; move an anchor sideways")]
+    DegenerateGeometry,
+    /// The spheres do not meet.
+    #[error("no position has these lengths: the lines are {shortfall_m:.4} m too short to meet")]
+    Unreachable {
+        /// How far from meeting, m.
+        shortfall_m: f64,
+    },
+    /// Two mirror positions at the same height and no hint.
+    #[error("two positions at the same height have these lengths; give a position near the right one")]
+    Ambiguous,
+    /// Rank lost: in the plane of the anchors, or at an anchor.
+    #[error("the position ({x:.3}, {y:.3}, {z:.3}) m is singular: it lies in the plane of the anchors or at an anchor")]
+    Singular {
+        /// x of the position, m.
+        x: f64,
+        /// y of the position, m.
+        y: f64,
+        /// z of the position, m.
+        z: f64,
+    },
+}
+
+impl KinematicsError {
+    /// The kind as a short word for other programs: `invalid_argument`, `degenerate_geometry`, `unreachable`,
+    /// `ambiguous` or `singular`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::InvalidArgument { .. } | Self::WrongCount { .. } => "invalid_argument",
+            Self::DegenerateGeometry => "degenerate_geometry",
+            Self::Unreachable { .. } => "unreachable",
+            Self::Ambiguous => "ambiguous",
+            Self::Singular { .. } => "singular",
+        }
+    }
+
+    pub(crate) fn singular(p: &Vector3<f64>) -> Self {
+        Self::Singular { x: p.x, y: p.y, z: p.z }
+    }
+}
+
+/// Straight-line lengths from the anchors to a position, m (6).
+pub fn inverse_kinematics(anchors: &Anchors, position: &Vector3<f64>) -> CableVec {
+    CableVec::from_fn(anchors.len(), |i| (position - anchors[i]).norm())
+}
+
+/// A position found from lengths.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Forward {
+    /// The position, m.
+    pub position: Vector3<f64>,
+    /// The other intersection of the spheres, for three cables.
+    pub mirror: Option<Vector3<f64>>,
+    /// Root mean square of (length at the position - length given), m; 0 for three cables.
+    pub residual_rms_m: f64,
+}
+
+/// The position with these straight-line lengths: closed form for three cables, least squares in length for more.
+///
+/// Of two mirror solutions it is the nearer to `near` if given, otherwise the lower one.
+///
+/// ```
+/// use cable_robot::{Anchors, Vector3, kinematics::*};
+/// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.1], [8.0, 8.0, 3.2], [0.0, 9.0, 3.3]])?;
+/// let p = Vector3::new(4.0, 4.5, 1.0);
+/// let found = forward_kinematics(&anchors, &inverse_kinematics(&anchors, &p), None)?;
+/// assert!((found.position - p).norm() < 1e-9 && found.residual_rms_m < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn forward_kinematics(
+    anchors: &Anchors,
+    lengths_m: &[f64],
+    near: Option<&Vector3<f64>>,
+) -> Result<Forward, KinematicsError> {
+    if lengths_m.len() != anchors.len() {
+        return Err(KinematicsError::WrongCount { given: lengths_m.len(), cables: anchors.len() });
+    }
+    if let Some(i) = lengths_m.iter().position(|l| !(l.is_finite() && *l >= 0.0)) {
+        return Err(KinematicsError::InvalidArgument { what: "length", cable: i + 1, value: lengths_m[i] });
+    }
+    if anchors.len() == 3 {
+        let pair = trilaterate([anchors[0], anchors[1], anchors[2]], [lengths_m[0], lengths_m[1], lengths_m[2]])?;
+        let tolerance = TOUCH_TOLERANCE * lengths_m.iter().fold(0.0, |m: f64, l| m.max(l * l));
+        if pair.height_squared < -tolerance {
+            return Err(KinematicsError::Unreachable { shortfall_m: (-pair.height_squared).sqrt() });
+        }
+        let (position, mirror) = choose(pair.points, near)?;
+        return Ok(Forward { position, mirror: Some(mirror), residual_rms_m: 0.0 });
+    }
+    least_squares(anchors, lengths_m, near)
+}
+
+struct Pair {
+    /// Both points; the same point twice where the spheres do not meet.
+    points: [Vector3<f64>; 2],
+    /// Squared distance from the plane of the anchors; negative where the spheres do not meet.
+    height_squared: f64,
+}
+
+/// Intersection of three spheres in the frame of their plane: solves (7)-(9) without (10)-(12)'s division by the
+/// horizontal distance of the anchors, which fails for anchors one above the other.
+fn trilaterate(a: [Vector3<f64>; 3], l: [f64; 3]) -> Result<Pair, KinematicsError> {
+    let (p, q) = (a[1] - a[0], a[2] - a[0]);
+    let normal = p.cross(&q);
+    let longest = p.norm_squared().max(q.norm_squared()).max((q - p).norm_squared());
+    if normal.norm() < COLLINEAR_TOLERANCE * longest {
+        return Err(KinematicsError::DegenerateGeometry);
+    }
+    let d = p.norm();
+    let ex = p / d;
+    let ez = normal / normal.norm();
+    let ey = ez.cross(&ex);
+    let (qx, qy) = (q.dot(&ex), q.dot(&ey));
+    let x = ((l[0] - l[1]) * (l[0] + l[1]) + d * d) / (2.0 * d);
+    let y = ((l[0] - l[2]) * (l[0] + l[2]) + qx * qx + qy * qy - 2.0 * qx * x) / (2.0 * qy);
+    let height_squared = (l[0] - x) * (l[0] + x) - y * y;
+    let foot = a[0] + ex * x + ey * y;
+    let h = height_squared.max(0.0).sqrt();
+    Ok(Pair { points: [foot - ez * h, foot + ez * h], height_squared })
+}
+
+/// The chosen one of two mirror points, and the other.
+fn choose(
+    points: [Vector3<f64>; 2],
+    near: Option<&Vector3<f64>>,
+) -> Result<(Vector3<f64>, Vector3<f64>), KinematicsError> {
+    let [a, b] = points;
+    let first = match near {
+        Some(hint) => (a - hint).norm_squared() <= (b - hint).norm_squared(),
+        None => {
+            let apart = (a - b).norm();
+            // Below this the height difference is rounding.
+            if apart > 1e-9 && (a.z - b.z).abs() < 1e-9 * apart.max(1.0) {
+                return Err(KinematicsError::Ambiguous);
+            }
+            a.z <= b.z
+        }
+    };
+    Ok(if first { (a, b) } else { (b, a) })
+}
+
+fn residuals(anchors: &Anchors, lengths: &[f64], x: &Vector3<f64>) -> f64 {
+    anchors.iter().zip(lengths).map(|(a, l)| ((x - a).norm() - l) * ((x - a).norm() - l)).sum()
+}
+
+/// Least squares in length from the best triple and from its mirror.
+fn least_squares(anchors: &Anchors, l: &[f64], near: Option<&Vector3<f64>>) -> Result<Forward, KinematicsError> {
+    let n = anchors.len();
+    let mut best: Option<(f64, [Vector3<f64>; 2])> = None;
+    for i in 0..n {
+        for j in i + 1..n {
+            for k in j + 1..n {
+                let Ok(pair) = trilaterate([anchors[i], anchors[j], anchors[k]], [l[i], l[j], l[k]]) else { continue };
+                let costs = pair.points.map(|p| residuals(anchors, l, &p));
+                let cost = costs[0].min(costs[1]);
+                if best.as_ref().is_none_or(|(c, _)| cost < *c) {
+                    best = Some((cost, pair.points));
+                }
+            }
+        }
+    }
+    let Some((_, starts)) = best else { return Err(KinematicsError::DegenerateGeometry) };
+    let found = starts.map(|start| descend(anchors, l, start));
+    let costs = found.map(|p| residuals(anchors, l, &p));
+    // Coplanar anchors fit both mirror images equally well, up to rounding. Otherwise the better fit is the answer.
+    let scale: f64 = l.iter().map(|v| v * v).sum();
+    let alike = (costs[0] - costs[1]).abs() <= 1e-9 * (costs[0] + costs[1]) + 1e-20 * scale;
+    let position = if alike {
+        choose(found, near)?.0
+    } else if costs[0] < costs[1] {
+        found[0]
+    } else {
+        found[1]
+    };
+    let residual_rms_m = (residuals(anchors, l, &position) / n as f64).sqrt();
+    Ok(Forward { position, mirror: None, residual_rms_m })
+}
+
+/// Levenberg-Marquardt on sum (|x - a_i| - L_i)² in three unknowns.
+fn descend(anchors: &Anchors, lengths: &[f64], start: Vector3<f64>) -> Vector3<f64> {
+    let mut x = start;
+    let mut cost = residuals(anchors, lengths, &x);
+    let mut damping = 1e-12;
+    for _ in 0..MAX_ITERATIONS {
+        let mut normal = Matrix3::zeros();
+        let mut gradient = Vector3::zeros();
+        for (a, l) in anchors.iter().zip(lengths) {
+            let d = x - a;
+            let length = d.norm();
+            if length > 0.0 {
+                let u = d / length;
+                normal += linalg::outer(&u, &u);
+                gradient += u * (length - l);
+            }
+        }
+        let damped = normal + Matrix3::identity() * damping;
+        let Some(step) = linalg::solve_spd(&damped, &gradient) else {
+            damping = (damping * 10.0).max(1e-9);
+            continue;
+        };
+        let next = x - step;
+        let next_cost = residuals(anchors, lengths, &next);
+        // Close to the end the cost drowns in its own rounding; an undamped step is then trusted.
+        let close = damping <= 1e-9 && step.norm() <= 1e-7 * (1.0 + x.norm());
+        if next_cost <= cost || close {
+            let done = step.norm() <= 1e-14 * (1.0 + x.norm());
+            (x, cost) = (next, next_cost);
+            damping = (damping * 0.1).max(1e-12);
+            if done {
+                break;
+            }
+        } else {
+            if step.norm() <= 1e-12 * (1.0 + x.norm()) {
+                break;
+            }
+            damping = (damping * 10.0).max(1e-6);
+        }
+    }
+    x
+}
+
+/// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector from an anchor to the node. dL/dt = J dX/dt.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Jacobian {
+    rows: [Vector3<f64>; MAX_CABLES],
+    len: usize,
+}
+
+impl Jacobian {
+    /// J at a position. Fails at an anchor, where a line has no direction.
+    pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
+        let mut rows = [Vector3::zeros(); MAX_CABLES];
+        for (row, anchor) in rows.iter_mut().zip(anchors.iter()) {
+            let d = position - anchor;
+            let length = d.norm();
+            // Also false for NaN.
+            if !(length >= 1e-9) {
+                return Err(KinematicsError::singular(position));
+            }
+            *row = d / length;
+        }
+        Ok(Self { rows, len: anchors.len() })
+    }
+
+    /// Cable velocities dL/dt of a node velocity, m/s.
+    pub fn cable_velocity(&self, node_velocity_m_s: &Vector3<f64>) -> CableVec {
+        CableVec::from_fn(self.len, |i| self.rows[i].dot(node_velocity_m_s))
+    }
+
+    /// B, the inverse for three cables and the pseudo-inverse for more; None where the rank is below three.
+    pub fn node_jacobian(&self) -> Option<NodeJacobian> {
+        linalg::pseudo_inverse(self).map(|columns| NodeJacobian { columns, len: self.len })
+    }
+
+    /// The structure matrix Λ = -Jᵀ of (15).
+    pub fn structure_matrix(&self) -> StructureMatrix {
+        let mut columns = self.rows;
+        for c in &mut columns {
+            *c = -*c;
+        }
+        StructureMatrix { columns, len: self.len }
+    }
+}
+
+/// The rows.
+impl Deref for Jacobian {
+    type Target = [Vector3<f64>];
+    fn deref(&self) -> &[Vector3<f64>] {
+        &self.rows[..self.len]
+    }
+}
+
+/// The node Jacobian B = J⁻¹ of section IV-B, or the pseudo-inverse: 3 x N. Also any other matrix that takes small
+/// changes of the lengths to small changes of the position.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NodeJacobian {
+    pub(crate) columns: [Vector3<f64>; MAX_CABLES],
+    pub(crate) len: usize,
+}
+
+impl NodeJacobian {
+    /// B at a position. Fails in the plane of three anchors and at an anchor.
+    pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
+        Jacobian::at(anchors, position)?.node_jacobian().ok_or_else(|| KinematicsError::singular(position))
+    }
+
+    /// From its columns, one per cable, at most [`MAX_CABLES`]; further ones are dropped.
+    pub fn from_columns(given: &[Vector3<f64>]) -> Self {
+        let len = given.len().min(MAX_CABLES);
+        let mut columns = [Vector3::zeros(); MAX_CABLES];
+        columns[..len].copy_from_slice(&given[..len]);
+        Self { columns, len }
+    }
+
+    /// Node velocity of cable velocities dL/dt, m/s. For more than three cables: of their least-squares fit.
+    pub fn node_velocity(&self, cable_velocity_m_s: &[f64]) -> Vector3<f64> {
+        self.iter().zip(cable_velocity_m_s).fold(Vector3::zeros(), |sum, (c, v)| sum + c * *v)
+    }
+
+    /// Covariance of the position, m², for independent length errors of these standard deviations, m.
+    pub fn covariance(&self, sigma_length_m: &[f64]) -> Matrix3<f64> {
+        self.iter().zip(sigma_length_m).fold(Matrix3::zeros(), |sum, (c, s)| sum + linalg::outer(c, c) * (s * s))
+    }
+}
+
+/// The columns.
+impl Deref for NodeJacobian {
+    type Target = [Vector3<f64>];
+    fn deref(&self) -> &[Vector3<f64>] {
+        &self.columns[..self.len]
+    }
+}
+
+/// The structure matrix Λ of (15): 3 x N, takes tensions to the force on the node.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct StructureMatrix {
+    columns: [Vector3<f64>; MAX_CABLES],
+    len: usize,
+}
+
+impl StructureMatrix {
+    /// From its columns, one per cable, at most [`MAX_CABLES`]; further ones are dropped.
+    pub fn from_columns(given: &[Vector3<f64>]) -> Self {
+        let NodeJacobian { columns, len } = NodeJacobian::from_columns(given);
+        Self { columns, len }
+    }
+
+    /// Λ at a position.
+    pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
+        Ok(Jacobian::at(anchors, position)?.structure_matrix())
+    }
+
+    /// The force of these tensions on the node, N.
+    pub fn force(&self, tensions_n: &[f64]) -> Vector3<f64> {
+        self.iter().zip(tensions_n).fold(Vector3::zeros(), |sum, (c, t)| sum + c * *t)
+    }
+}
+
+/// The columns.
+impl Deref for StructureMatrix {
+    type Target = [Vector3<f64>];
+    fn deref(&self) -> &[Vector3<f64>] {
+        &self.columns[..self.len]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn random_anchors(n: usize) -> impl Strategy<Value = Anchors> {
+        proptest::collection::vec([-6.0..6.0f64, -6.0..6.0f64, 2.5..4.0f64], n).prop_filter_map(
+            "spread",
+            |mut points| {
+                // Corners of a polygon, shaken, so that no three are collinear.
+                let n = points.len() as f64;
+                for (i, p) in points.iter_mut().enumerate() {
+                    let angle = 2.0 * std::f64::consts::PI * i as f64 / n;
+                    p[0] = 6.0 * libm::cos(angle) + 0.2 * p[0];
+                    p[1] = 6.0 * libm::sin(angle) + 0.2 * p[1];
+                }
+                Anchors::new(&points).ok()
+            },
+        )
+    }
+
+    fn inside() -> impl Strategy<Value = Vector3<f64>> {
+        [-2.0..2.0f64, -2.0..2.0f64, -1.0..2.0f64].prop_map(Vector3::from)
+    }
+
+    /// The paper's own form, (7)-(12), with its frame: anchor 1 at the origin, anchor 2 on the x axis.
+    fn paper_form(a2: [f64; 2], a3: [f64; 3], l: [f64; 3]) -> Vector3<f64> {
+        let ([x2, z2], [x3, y3, z3], [l1, l2, l3]) = (a2, a3, l);
+        let alpha = -z2 / x2;
+        let beta = (z2 * z2 + x2 * x2 + l1 * l1 - l2 * l2) / (2.0 * x2);
+        let lambda = -(alpha * x3 + z3) / y3;
+        let gamma = (l1 * l1 - l3 * l3 + x3 * x3 + y3 * y3 + z3 * z3 - 2.0 * beta * x3) / (2.0 * y3);
+        let a = alpha * alpha + lambda * lambda + 1.0;
+        let b = 2.0 * (alpha * beta + gamma * lambda);
+        let c = beta * beta + gamma * gamma - l1 * l1;
+        let z = (-b - (b * b - 4.0 * a * c).sqrt()) / (2.0 * a);
+        Vector3::new(alpha * z + beta, lambda * z + gamma, z)
+    }
+
+    proptest! {
+        #[test]
+        fn forward_undoes_inverse_for_any_count(n in 3usize..=8, seed in inside(), anchors in (3usize..=8).prop_flat_map(random_anchors)) {
+            let _ = n;
+            let l = inverse_kinematics(&anchors, &seed);
+            let found = forward_kinematics(&anchors, &l, None).unwrap();
+            prop_assert!((found.position - seed).norm() < 1e-8, "{found:?} {seed:?}");
+            prop_assert!(found.residual_rms_m < 1e-9);
+        }
+
+        #[test]
+        fn closed_form_agrees_with_the_papers(anchors in random_anchors(3), p in inside()) {
+            // Turn the paper's frame by moving to anchor 1 and rotating anchor 2 to y = 0.
+            let (a, l) = (&anchors, inverse_kinematics(&anchors, &p));
+            let (d2, d3, dp) = (a[1] - a[0], a[2] - a[0], p - a[0]);
+            let r = (d2.x * d2.x + d2.y * d2.y).sqrt();
+            let (c, s) = (d2.x / r, d2.y / r);
+            let turn = |v: Vector3<f64>| Vector3::new(c * v.x + s * v.y, c * v.y - s * v.x, v.z);
+            let t3 = turn(d3);
+            let paper = paper_form([r, d2.z], [t3.x, t3.y, t3.z], [l[0], l[1], l[2]]);
+            prop_assert!((paper - turn(dp)).norm() < 1e-8);
+            let ours = forward_kinematics(&anchors, &l, None).unwrap().position;
+            prop_assert!((turn(ours - a[0]) - paper).norm() < 1e-8);
+        }
+
+        #[test]
+        fn jacobian_is_the_derivative_of_the_lengths(anchors in (3usize..=8).prop_flat_map(random_anchors), p in inside()) {
+            let j = Jacobian::at(&anchors, &p).unwrap();
+            let h = 1e-5;
+            for k in 0..3 {
+                let mut d = Vector3::zeros();
+                d[k] = h;
+                let (up, down) = (inverse_kinematics(&anchors, &(p + d)), inverse_kinematics(&anchors, &(p - d)));
+                for i in 0..anchors.len() {
+                    prop_assert!(((up[i] - down[i]) / (2.0 * h) - j[i][k]).abs() < 1e-8);
+                }
+            }
+        }
+
+        #[test]
+        fn node_jacobian_undoes_the_jacobian(anchors in (3usize..=8).prop_flat_map(random_anchors), p in inside(), v in inside()) {
+            let j = Jacobian::at(&anchors, &p).unwrap();
+            let b = j.node_jacobian().unwrap();
+            prop_assert!((b.node_velocity(&j.cable_velocity(&v)) - v).norm() < 1e-9);
+        }
+
+        #[test]
+        fn noisy_lengths_end_at_a_stationary_point(anchors in random_anchors(4), p in inside(), noise in proptest::collection::vec(-0.02..0.02f64, 4)) {
+            let l = inverse_kinematics(&anchors, &p).zip_map(&noise, |l, e| l + e);
+            let found = forward_kinematics(&anchors, &l, None).unwrap();
+            let j = Jacobian::at(&anchors, &found.position).unwrap();
+            let at = inverse_kinematics(&anchors, &found.position);
+            let gradient = (0..4).fold(Vector3::zeros(), |g, i| g + j[i] * (at[i] - l[i]));
+            prop_assert!(gradient.norm() < 1e-9, "{gradient:?}");
+            prop_assert!(found.residual_rms_m <= 0.02);
+        }
+    }
+
+    fn anchors3() -> Anchors {
+        Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.2], [4.0, 8.0, 2.9]]).unwrap()
+    }
+
+    #[test]
+    fn mirror_and_hint_pick_the_branch() {
+        let a = anchors3();
+        let p = Vector3::new(4.0, 3.0, 1.0);
+        let l = inverse_kinematics(&a, &p);
+        let lower = forward_kinematics(&a, &l, None).unwrap();
+        let mirror = lower.mirror.unwrap();
+        assert!(mirror.z > 3.0);
+        let upper = forward_kinematics(&a, &l, Some(&mirror)).unwrap();
+        assert!((upper.position - mirror).norm() < 1e-12);
+        assert!((upper.mirror.unwrap() - p).norm() < 1e-9);
+    }
+
+    #[test]
+    fn coplanar_four_anchors_give_the_lower_of_two_images() {
+        let a = Anchors::new(&[[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]]).unwrap();
+        let p = Vector3::new(3.0, 4.0, 2.0);
+        let l = inverse_kinematics(&a, &p);
+        assert!((forward_kinematics(&a, &l, None).unwrap().position - p).norm() < 1e-9);
+        let above = Vector3::new(3.0, 4.0, 9.0);
+        assert!((forward_kinematics(&a, &l, Some(&above)).unwrap().position.z - 10.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_vertical_anchor_plane_is_ambiguous_without_a_hint() {
+        let a = Anchors::new(&[[0.0, 0.0, 1.0], [9.0, 0.0, 3.2], [4.0, 0.0, 5.0]]).unwrap();
+        let p = Vector3::new(4.0, 3.0, 1.0);
+        let l = inverse_kinematics(&a, &p);
+        assert_eq!(forward_kinematics(&a, &l, None), Err(KinematicsError::Ambiguous));
+        let found = forward_kinematics(&a, &l, Some(&Vector3::new(4.0, 2.0, 1.0))).unwrap();
+        assert!((found.position - p).norm() < 1e-9);
+    }
+
+    #[test]
+    fn anchors_one_above_the_other_are_no_obstacle() {
+        // Horizontally collinear, which the paper's own form cannot do.
+        let a = Anchors::new(&[[0.0, 0.0, 3.0], [0.0, 0.0, 5.0], [4.0, 1.0, 4.0]]).unwrap();
+        let p = Vector3::new(2.0, 3.0, 1.0);
+        let l = inverse_kinematics(&a, &p);
+        assert!((forward_kinematics(&a, &l, Some(&p)).unwrap().position - p).norm() < 1e-9);
+    }
+
+    #[test]
+    fn errors_are_typed_and_say_what_to_do() {
+        let a = anchors3();
+        let cases: [(&[f64], &str); 4] = [
+            (&[1.0, 1.0, 1.0], "unreachable"),
+            (&[5.0, f64::NAN, 5.0], "invalid_argument"),
+            (&[5.0, -5.0, 5.0], "invalid_argument"),
+            (&[5.0, 5.0], "invalid_argument"),
+        ];
+        for (l, kind) in cases {
+            assert_eq!(forward_kinematics(&a, l, None).unwrap_err().kind(), kind);
+        }
+        let line = Anchors::new(&[[0.0, 0.0, 3.0], [4.0, 0.0, 3.0], [9.0, 0.0, 3.0]]).unwrap();
+        assert_eq!(forward_kinematics(&line, &[5.0, 5.0, 6.0], None).unwrap_err(), KinematicsError::DegenerateGeometry);
+        let in_plane = Vector3::new(3.0, 3.0, 3.0);
+        let flat = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]]).unwrap();
+        assert_eq!(NodeJacobian::at(&flat, &in_plane).unwrap_err().kind(), "singular");
+        assert_eq!(Jacobian::at(&flat, &flat[1]).unwrap_err().kind(), "singular");
+    }
+
+    #[test]
+    fn a_position_in_the_anchor_plane_is_still_found() {
+        let a = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]]).unwrap();
+        let p = Vector3::new(3.7, 2.9, 3.0);
+        let l = inverse_kinematics(&a, &p);
+        let found = forward_kinematics(&a, &l, None).unwrap().position;
+        assert!((found - p).norm() < 1e-3, "rounding of the lengths is a square root here: {found:?}");
+    }
+}

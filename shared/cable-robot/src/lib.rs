@@ -1,0 +1,64 @@
+//! The mathematics of a cable-suspended robot: a node hanging from three to eight lines that run over pulleys (the
+//! *anchors*) to winches.
+//!
+//! Everything a control loop needs stands here, useful on its own: kinematics, tension distribution, elastic statics,
+//! motor models, the control law, paths, speed profiles and the check of a whole motion before it starts. Equation
+//! numbers in parentheses, like (14), are those of Borgstrom et al., "NIMS3D: A cable-based 3-D actuated sensing
+//! system", IEEE Transactions on Robotics 25 (2), 2009.
+//!
+//! # Invariants
+//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except where a [`Robot`] is built
+//!   from its parts and where an error is turned into text.
+//! * SI units, z up. Cable velocity is dL/dt: positive pays line out. Only [`motor`] speaks of reel-in speed.
+//! * Trigonometric and hyperbolic functions come from `libm`, and matrices have fixed sizes, so that the same input gives
+//!   the same bits on every processor.
+//! * Every iteration is bounded.
+//!
+//! # Example
+//! ```
+//! use cable_robot::{Distribution, Robot, RobotParts, Vector3, kinematics, tension};
+//!
+//! let robot = Robot::new(RobotParts {
+//!     anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
+//!     node_mass_kg: 1.2,
+//!     tension_limits_n: [2.0, 60.0],
+//!     speed_limit_m_s: 0.4,
+//!     acceleration_limit_m_s2: 0.5,
+//!     ..RobotParts::default()
+//! })?;
+//! let position = Vector3::new(4.8, 3.0, 1.2);
+//! let lengths = kinematics::inverse_kinematics(robot.anchors(), &position);
+//! let back = kinematics::forward_kinematics(robot.anchors(), &lengths, None)?;
+//! assert!((back.position - position).norm() < 1e-9);
+//!
+//! let tensions = tension::at(&robot, &position, &Vector3::zeros(), Distribution::Unique)?;
+//! assert!(tensions.margin_n > 0.0);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+#![forbid(unsafe_code)]
+
+pub mod cables;
+pub mod elastic;
+pub mod kinematics;
+pub mod law;
+pub mod limits;
+mod linalg;
+pub mod motion;
+pub mod motor;
+pub mod motor_model;
+pub mod path;
+pub mod profile;
+pub mod robot;
+pub mod tension;
+
+pub use cables::{CableVec, MAX_CABLES};
+pub use kinematics::{Jacobian, KinematicsError, NodeJacobian, StructureMatrix};
+pub use motion::{Motion, Segment, Setpoint};
+pub use nalgebra::{Matrix3, Vector3};
+pub use path::Path;
+pub use profile::Profile;
+pub use robot::{Anchors, KeepOut, Robot, RobotError, RobotParts};
+pub use tension::Distribution;
+
+/// Standard acceleration of gravity, m/s² (CODATA, exact by convention).
+pub const STANDARD_GRAVITY: f64 = 9.80665;

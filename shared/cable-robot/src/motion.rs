@@ -1,0 +1,349 @@
+//! A motion: path and speed profile, placed on the plan clock; setpoints at any time; and the check of a whole segment
+//! before it starts.
+
+use nalgebra::Vector3;
+use thiserror::Error;
+
+use crate::kinematics::{Jacobian, inverse_kinematics};
+use crate::path::{Path, PathPoint};
+use crate::profile::{Profile, slope, speed_between};
+use crate::tension::{TensionError, Violation};
+use crate::{CableVec, Distribution, Robot, elastic, tension};
+
+/// Arc lengths of path and profile may differ by this, m: the profile may have travelled through a message.
+const LENGTH_TOLERANCE_M: f64 = 1e-6;
+
+/// Share by which a limit may be exceeded as rounding.
+const ROUNDING: f64 = 1e-6;
+
+/// Sampling bound of a check: with more samples than this in one segment the step grows.
+const MAX_SAMPLES: f64 = 1e5;
+
+/// One move: where, how fast, and from when.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Segment {
+    /// Number of the segment, unique within a run.
+    pub id: u64,
+    /// Its geometry.
+    pub path: Path,
+    /// Its speed over arc length.
+    pub profile: Profile,
+    /// When it starts on the plan clock, s.
+    pub start_s: f64,
+}
+
+/// Where the node should be at a time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Setpoint {
+    /// Position, m.
+    pub position: Vector3<f64>,
+    /// Velocity, m/s.
+    pub velocity: Vector3<f64>,
+    /// Acceleration, m/s².
+    pub acceleration: Vector3<f64>,
+    /// The segment it belongs to.
+    pub segment_id: u64,
+    /// Arc length along that segment, m.
+    pub path_s_m: f64,
+    /// True before the start and after the end: the setpoint rests.
+    pub at_rest: bool,
+}
+
+impl Segment {
+    /// Plan time of the end, s.
+    pub fn end_s(&self) -> f64 {
+        self.start_s + self.profile.duration()
+    }
+
+    /// The setpoint at a plan time, s; at rest at the start before it, at the end after it.
+    pub fn setpoint(&self, plan_time_s: f64) -> Setpoint {
+        let t = plan_time_s - self.start_s;
+        let along = self.profile.at(t);
+        let point = self.path.at(along.s_m);
+        let at_rest = !(t >= 0.0 && t <= self.profile.duration()) || self.path.length() == 0.0;
+        let (velocity, acceleration) = derivatives(&point, along.v_m_s, along.a_m_s2);
+        Setpoint { position: point.position, velocity, acceleration, segment_id: self.id, path_s_m: along.s_m, at_rest }
+    }
+
+    /// Checks the whole segment against the robot's limits before it starts: tensions with the acceleration of the
+    /// profile (16), cable speeds, lengths, ground, keep-out boxes, speed and acceleration of the node. Samples lie at
+    /// most `step_m` apart along the path, at every knot with the accelerations of both its sides.
+    ///
+    /// ```
+    /// use cable_robot::*;
+    /// # let robot = Robot::new(RobotParts {
+    /// #     anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]], node_mass_kg: 1.2,
+    /// #     tension_limits_n: [2.0, 60.0], speed_limit_m_s: 0.4, acceleration_limit_m_s2: 0.5, ..RobotParts::default()
+    /// # })?;
+    /// let path = Path::line(Vector3::new(4.0, 2.0, 1.0), Vector3::new(5.0, 3.0, 2.9));
+    /// let profile = Profile::plan(&path, &profile::ProfileLimits::rest_to_rest(0.2, 0.4))?;
+    /// let segment = Segment { id: 1, path, profile, start_s: 0.0 };
+    /// let refusal = segment.check(&robot, Distribution::Unique, 0.01).unwrap_err();
+    /// assert!(refusal.to_string().contains("above the upper limit of 60.00 N"), "{refusal}");
+    /// # Ok::<(), Box<dyn std::error::Error>>(())
+    /// ```
+    pub fn check(&self, robot: &Robot, distribution: Distribution, step_m: f64) -> Result<Report, Refusal> {
+        let refuse_at_start = |cause| Refusal { position: self.path.start(), path_s_m: 0.0, cause };
+        let path_m = self.path.length();
+        if !(step_m.is_finite() && step_m > 0.0) {
+            return Err(refuse_at_start(Cause::BadStep { step_m }));
+        }
+        if !self.start_s.is_finite() {
+            return Err(refuse_at_start(Cause::BadStart { start_s: self.start_s }));
+        }
+        if let Err(error) = self.path.check() {
+            return Err(refuse_at_start(Cause::BadPath(error)));
+        }
+        if !((self.profile.length() - path_m).abs() <= LENGTH_TOLERANCE_M) {
+            return Err(refuse_at_start(Cause::LengthMismatch { path_m, profile_m: self.profile.length() }));
+        }
+        let mut report = Report::new(robot, self.profile.duration());
+        let mut previous = self.path.start();
+        let mut sample = |s_m: f64, v: f64, a: f64| {
+            let point = self.path.at(s_m);
+            let refuse = |cause| Refusal { position: point.position, path_s_m: s_m, cause };
+            check_pose(robot, distribution, &point, v, a, &previous, &mut report).map_err(refuse)?;
+            previous = point.position;
+            Ok(())
+        };
+        if self.profile.knots().len() == 1 {
+            sample(0.0, 0.0, 0.0)?;
+        }
+        let step_m = step_m.max(path_m / MAX_SAMPLES);
+        for pair in self.profile.knots().windows(2) {
+            let (from, to) = (pair[0], pair[1]);
+            let a = slope(from, to);
+            let count = ((to.s_m - from.s_m) / step_m).ceil().max(1.0);
+            let mut i = 0.0;
+            while i <= count {
+                let s_m = if i < count { from.s_m + (to.s_m - from.s_m) * (i / count) } else { to.s_m };
+                sample(s_m, speed_between(from, to, s_m), a)?;
+                i += 1.0;
+            }
+        }
+        // At the ends the node may also rest.
+        sample(self.profile.length(), 0.0, 0.0)?;
+        Ok(report)
+    }
+}
+
+fn derivatives(point: &PathPoint, v: f64, a: f64) -> (Vector3<f64>, Vector3<f64>) {
+    (point.tangent * v, point.tangent * a + point.curvature * (v * v))
+}
+
+/// The current segment and, if there is one, its successor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motion {
+    /// The segment under way, or about to start, or just finished.
+    pub current: Segment,
+    /// The one that takes over at its own start.
+    pub next: Option<Segment>,
+}
+
+impl Motion {
+    /// The setpoint at a plan time, s: the successor's from its start on, otherwise the current segment's, at rest
+    /// before the start and after the end.
+    pub fn setpoint(&self, plan_time_s: f64) -> Setpoint {
+        match &self.next {
+            Some(next) if plan_time_s >= next.start_s => next.setpoint(plan_time_s),
+            _ => self.current.setpoint(plan_time_s),
+        }
+    }
+
+    /// Plan time at which the last known segment ends, s.
+    pub fn end_s(&self) -> f64 {
+        self.next.as_ref().unwrap_or(&self.current).end_s()
+    }
+}
+
+/// What a segment that was not refused comes close to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Report {
+    /// Highest tension, N.
+    pub peak_tension_n: f64,
+    /// Lowest tension, N.
+    pub least_tension_n: f64,
+    /// Highest cable speed, m/s.
+    pub peak_cable_speed_m_s: f64,
+    /// Shortest measured length per cable, m.
+    pub shortest_m: CableVec,
+    /// Longest measured length per cable, m.
+    pub longest_m: CableVec,
+    /// Time from start to end, s.
+    pub duration_s: f64,
+}
+
+impl Report {
+    fn new(robot: &Robot, duration_s: f64) -> Self {
+        let n = robot.cable_count();
+        Self {
+            peak_tension_n: 0.0,
+            least_tension_n: f64::INFINITY,
+            peak_cable_speed_m_s: 0.0,
+            shortest_m: CableVec::repeat(n, f64::INFINITY),
+            longest_m: CableVec::zeros(n),
+            duration_s,
+        }
+    }
+}
+
+/// Why a segment may not be flown: where, and what would be wrong there.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[error(
+    "at ({:.3}, {:.3}, {:.3}) m, {:.3} m along the segment: {cause}",
+    position.x, position.y, position.z, path_s_m
+)]
+pub struct Refusal {
+    /// Where, m.
+    pub position: Vector3<f64>,
+    /// How far along the segment, m.
+    pub path_s_m: f64,
+    /// What.
+    pub cause: Cause,
+}
+
+/// What would be wrong.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum Cause {
+    /// A tension limit.
+    #[error("{0}")]
+    Tension(Violation),
+    /// No tensions at all: singular pose, or a distribution that does not fit.
+    #[error("{0}")]
+    NoTension(TensionError),
+    /// A cable would run too fast.
+    #[error("cable {} would run at {speed_m_s:.3} m/s, and the speed limit is {limit_m_s:.3} m/s", cable + 1)]
+    CableSpeed {
+        /// Index of the cable, from 0.
+        cable: usize,
+        /// Its speed, m/s.
+        speed_m_s: f64,
+        /// The limit, m/s.
+        limit_m_s: f64,
+    },
+    /// The node would move too fast.
+    #[error("the node would move at {speed_m_s:.3} m/s, and the speed limit is {limit_m_s:.3} m/s")]
+    NodeSpeed {
+        /// Its speed, m/s.
+        speed_m_s: f64,
+        /// The limit, m/s.
+        limit_m_s: f64,
+    },
+    /// The node would accelerate too much.
+    #[error("the node would accelerate with {acceleration_m_s2:.3} m/s², and the limit is {limit_m_s2:.3} m/s²")]
+    NodeAcceleration {
+        /// Its acceleration, m/s².
+        acceleration_m_s2: f64,
+        /// The limit, m/s².
+        limit_m_s2: f64,
+    },
+    /// A cable would be too short or too long.
+    #[error("cable {} would be {length_m:.3} m long, and its length limits are {min_m:.3} to {max_m:.3} m", cable + 1)]
+    Length {
+        /// Index of the cable, from 0.
+        cable: usize,
+        /// Its measured length, m.
+        length_m: f64,
+        /// Shortest allowed, m.
+        min_m: f64,
+        /// Longest allowed, m.
+        max_m: f64,
+    },
+    /// Below the ground.
+    #[error("the node would be {below_m:.3} m below the ground limit of {ground_m:.3} m")]
+    Ground {
+        /// How far below, m.
+        below_m: f64,
+        /// The ground, m.
+        ground_m: f64,
+    },
+    /// Inside a keep-out box.
+    #[error("the node would enter keep-out box {}", number + 1)]
+    KeepOut {
+        /// Index of the box, from 0.
+        number: usize,
+    },
+    /// The path itself is none.
+    #[error("{0}")]
+    BadPath(crate::path::PathError),
+    /// Path and profile do not belong together.
+    #[error("the path is {path_m:.6} m long and the speed profile {profile_m:.6} m; plan the profile for this path")]
+    LengthMismatch {
+        /// Length of the path, m.
+        path_m: f64,
+        /// Length of the profile, m.
+        profile_m: f64,
+    },
+    /// The start time is not a number.
+    #[error("the segment starts at plan time {start_s} s; give a finite time")]
+    BadStart {
+        /// The start, s.
+        start_s: f64,
+    },
+    /// The step of the check is not a positive number.
+    #[error("the check was asked for samples every {step_m} m; give a finite step above 0 m")]
+    BadStep {
+        /// The step, m.
+        step_m: f64,
+    },
+}
+
+fn check_pose(
+    robot: &Robot,
+    distribution: Distribution,
+    point: &PathPoint,
+    v: f64,
+    a: f64,
+    previous: &Vector3<f64>,
+    report: &mut Report,
+) -> Result<(), Cause> {
+    let (velocity, acceleration) = derivatives(point, v, a);
+    let position = &point.position;
+    let below_m = robot.ground_m() - position.z;
+    // Also true for NaN.
+    if !(below_m <= 1e-9) {
+        return Err(Cause::Ground { below_m, ground_m: robot.ground_m() });
+    }
+    if let Some(number) = robot.keep_out().iter().position(|b| b.touches(previous, position)) {
+        return Err(Cause::KeepOut { number });
+    }
+    let limit_m_s = robot.speed_limit_m_s();
+    if v > limit_m_s * (1.0 + ROUNDING) {
+        return Err(Cause::NodeSpeed { speed_m_s: v, limit_m_s });
+    }
+    let limit_m_s2 = robot.acceleration_limit_m_s2();
+    let acceleration_m_s2 = acceleration.norm();
+    // Profiles hold the curvature of a path to samples of it, so 1 % is theirs.
+    if acceleration_m_s2 > limit_m_s2 * 1.01 {
+        return Err(Cause::NodeAcceleration { acceleration_m_s2, limit_m_s2 });
+    }
+    let jacobian = Jacobian::at(robot.anchors(), position).map_err(|e| Cause::NoTension(e.into()))?;
+    let tensions = tension::distribute(
+        &jacobian.structure_matrix(),
+        &robot.wrench_n(&acceleration),
+        robot.tension_limits_n(),
+        distribution,
+    )
+    .map_err(|error| match error {
+        TensionError::Infeasible(violation) => Cause::Tension(violation),
+        other => Cause::NoTension(other),
+    })?
+    .tensions_n;
+    let speeds = jacobian.cable_velocity(&velocity);
+    let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), position), &tensions);
+    for (cable, (speed, length_m)) in speeds.iter().zip(lengths.iter()).enumerate() {
+        if speed.abs() > limit_m_s * (1.0 + ROUNDING) {
+            return Err(Cause::CableSpeed { cable, speed_m_s: speed.abs(), limit_m_s });
+        }
+        let [min_m, max_m] = robot.length_limits_m()[cable];
+        if !(*length_m >= min_m && *length_m <= max_m) {
+            return Err(Cause::Length { cable, length_m: *length_m, min_m, max_m });
+        }
+        report.shortest_m[cable] = report.shortest_m[cable].min(*length_m);
+        report.longest_m[cable] = report.longest_m[cable].max(*length_m);
+        report.peak_cable_speed_m_s = report.peak_cable_speed_m_s.max(speed.abs());
+        report.peak_tension_n = report.peak_tension_n.max(tensions[cable]);
+        report.least_tension_n = report.least_tension_n.min(tensions[cable]);
+    }
+    Ok(())
+}

@@ -1,0 +1,155 @@
+//! What a winch motor draws, seen from the line. Speeds here are reel-in speeds: positive winds line in.
+
+use crate::robot::{RobotError, not_negative, positive};
+
+/// A geared winch motor, seen from the line; the keys of the robot file's `[motor]`.
+///
+/// ```
+/// use cable_robot::motor::Motor;
+/// let motor = Motor::default();
+/// // Lifting costs more current than lowering.
+/// assert!(motor.current_a(20.0, 0.2) > motor.current_a(20.0, -0.2));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Motor {
+    /// Newtons of line tension per ampere.
+    pub force_constant_n_a: f64,
+    /// Armature resistance, Ω.
+    pub resistance_ohm: f64,
+    /// Share of the tension lost in the gear: 0 for an ideal motor, near 1 for a self-locking gear.
+    pub gear_friction: f64,
+    /// Friction that does not depend on load or speed, N.
+    pub coulomb_n: f64,
+    /// Friction per speed, N s/m.
+    pub viscous_n_s_m: f64,
+    /// Speed over which friction changes its sign, m/s; 0 for an ideal sign.
+    pub transition_m_s: f64,
+}
+
+impl Default for Motor {
+    /// A heavily geared brushed motor on a small drum, as the robot file documents it.
+    fn default() -> Self {
+        Self {
+            force_constant_n_a: 40.0,
+            resistance_ohm: 1.2,
+            gear_friction: 0.85,
+            coulomb_n: 3.0,
+            viscous_n_s_m: 20.0,
+            transition_m_s: 0.02,
+        }
+    }
+}
+
+impl Motor {
+    /// An ideal motor: current is tension over the force constant.
+    pub fn ideal(force_constant_n_a: f64, resistance_ohm: f64) -> Self {
+        Self {
+            force_constant_n_a,
+            resistance_ohm,
+            gear_friction: 0.0,
+            coulomb_n: 0.0,
+            viscous_n_s_m: 0.0,
+            transition_m_s: 0.02,
+        }
+    }
+
+    pub(crate) fn check(&self) -> Result<(), RobotError> {
+        positive("force_constant_n_a", self.force_constant_n_a, "a finite value above 0, in newtons per ampere")?;
+        not_negative("resistance_ohm", self.resistance_ohm, "a finite resistance of 0 or more, in ohms")?;
+        not_negative(
+            "gear_friction",
+            self.gear_friction,
+            "a finite share of 0 or more, near 1 for self-locking gears",
+        )?;
+        not_negative("coulomb_n", self.coulomb_n, "a finite force of 0 or more, in newtons")?;
+        not_negative(
+            "viscous_n_s_m",
+            self.viscous_n_s_m,
+            "a finite value of 0 or more, in newtons per metre per second",
+        )?;
+        not_negative("transition_m_s", self.transition_m_s, "a finite speed of 0 or more, in metres per second")
+    }
+
+    /// Smooth sign of the speed: tanh(v / transition).
+    pub fn friction_sign(&self, reel_in_m_s: f64) -> f64 {
+        if self.transition_m_s > 0.0 {
+            libm::tanh(reel_in_m_s / self.transition_m_s)
+        } else if reel_in_m_s == 0.0 {
+            0.0
+        } else {
+            reel_in_m_s.signum()
+        }
+    }
+
+    /// Armature current, A: (T (1 + gear_friction s) + coulomb s + viscous v) / force_constant.
+    ///
+    /// `tension_n` in newtons, `reel_in_m_s` = -dL/dt in m/s. Quasi-static, as (22)-(23).
+    pub fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> f64 {
+        let s = self.friction_sign(reel_in_m_s);
+        (tension_n * (1.0 + self.gear_friction * s) + self.coulomb_n * s + self.viscous_n_s_m * reel_in_m_s)
+            / self.force_constant_n_a
+    }
+
+    /// The tension at which this current is drawn at this speed, N: the inverse of [`Motor::current_a`]. None where the
+    /// gear locks itself (no tension can back-drive it), because the current then says nothing about the tension.
+    pub fn tension_n(&self, current_a: f64, reel_in_m_s: f64) -> Option<f64> {
+        let s = self.friction_sign(reel_in_m_s);
+        let share = 1.0 + self.gear_friction * s;
+        let force = self.force_constant_n_a * current_a - self.coulomb_n * s - self.viscous_n_s_m * reel_in_m_s;
+        (share > 1e-3).then(|| force / share)
+    }
+
+    /// Loss in the armature, W: I² R.
+    pub fn loss_w(&self, current_a: f64) -> f64 {
+        current_a * current_a * self.resistance_ohm
+    }
+}
+
+/// Efficiency of an ideal brushed motor (24): ω / (ω + I R / K_T); 0 at standstill.
+///
+/// `speed_rad_s` ≥ 0, `torque_constant_nm_a` > 0.
+pub fn efficiency(speed_rad_s: f64, current_a: f64, resistance_ohm: f64, torque_constant_nm_a: f64) -> f64 {
+    let loss = current_a * resistance_ohm / torque_constant_nm_a;
+    if speed_rad_s == 0.0 { 0.0 } else { speed_rad_s / (speed_rad_s + loss) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_ideal_motor_draws_tension_over_force_constant() {
+        let motor = Motor::ideal(40.0, 1.2);
+        for v in [-0.4, 0.0, 0.4] {
+            assert!((motor.current_a(20.0, v) - 0.5).abs() < 1e-15);
+        }
+        assert!((motor.loss_w(0.5) - 0.3).abs() < 1e-15);
+    }
+
+    #[test]
+    fn well_above_the_transition_the_full_friction_acts() {
+        let motor = Motor::default();
+        let expected = (20.0 * 1.85 + 3.0 + 20.0 * 0.4) / 40.0;
+        assert!((motor.current_a(20.0, 0.4) - expected).abs() < 1e-9);
+        let lowering = (20.0 * 0.15 - 3.0 - 8.0) / 40.0;
+        assert!((motor.current_a(20.0, -0.4) - lowering).abs() < 1e-9);
+    }
+
+    #[test]
+    fn tension_is_read_back_from_current() {
+        let motor = Motor::default();
+        for v in [-0.3, -0.01, 0.0, 0.005, 0.3] {
+            let i = motor.current_a(17.0, v);
+            assert!((motor.tension_n(i, v).unwrap() - 17.0).abs() < 1e-9);
+        }
+        let locked = Motor { gear_friction: 1.0, ..motor };
+        assert_eq!(locked.tension_n(0.1, -0.4), None);
+    }
+
+    #[test]
+    fn efficiency_rises_with_speed_and_is_zero_at_standstill() {
+        assert_eq!(efficiency(0.0, 1.0, 1.2, 0.05), 0.0);
+        assert!((efficiency(24.0, 1.0, 1.2, 0.05) - 0.5).abs() < 1e-15);
+        assert!(efficiency(100.0, 1.0, 1.2, 0.05) > efficiency(50.0, 1.0, 1.2, 0.05));
+    }
+}

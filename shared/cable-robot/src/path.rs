@@ -1,0 +1,532 @@
+//! The geometry of a move, parametrised by arc length: where, in which direction, how curved. No time in here.
+
+use nalgebra::Vector3;
+use thiserror::Error;
+
+/// Shortest path that is a motion, m; anything shorter is a dwell.
+pub const SHORTEST_M: f64 = 1e-6;
+
+/// Bound of the inversion of an arc length; it needs about six.
+const MAX_ITERATIONS: usize = 60;
+
+/// A path that cannot be built.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum PathError {
+    /// A coordinate or parameter is not a finite number.
+    #[error("{what} of the path is {value}; give a finite number")]
+    NotFinite {
+        /// The parameter.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// Start and end coincide.
+    #[error("the path is {length_m:e} m long; use a dwell to stay in place")]
+    TooShort {
+        /// Its length, m.
+        length_m: f64,
+    },
+    /// A parabola without horizontal extent.
+    #[error(
+        "a parabola needs start and end {SHORTEST_M} m or more apart horizontally; use a line to go straight up or down"
+    )]
+    Vertical,
+    /// A radius below zero, or no turn.
+    #[error("{what} of the spiral is {value}; accepted: {accepted}")]
+    Spiral {
+        /// The parameter.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is accepted.
+        accepted: &'static str,
+    },
+}
+
+/// A point of a path with its derivatives over arc length.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PathPoint {
+    /// Position, m.
+    pub position: Vector3<f64>,
+    /// Unit tangent dX/ds; zero for a dwell.
+    pub tangent: Vector3<f64>,
+    /// Curvature vector d²X/ds², 1/m.
+    pub curvature: Vector3<f64>,
+}
+
+/// A straight line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Line {
+    /// Start, m.
+    pub from: Vector3<f64>,
+    /// End, m.
+    pub to: Vector3<f64>,
+}
+
+/// A parabola in the vertical plane through start and end (25)-(26): ẑ = µ x̂² + ζ x̂, with x̂ the horizontal distance
+/// from the start. Positive µ sags below the straight line.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Parabola {
+    /// Start, m.
+    pub from: Vector3<f64>,
+    /// End, m.
+    pub to: Vector3<f64>,
+    /// µ, 1/m.
+    pub mu_per_m: f64,
+}
+
+/// A spiral about a vertical axis: the radius grows linearly with the angle, and so does the height.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spiral {
+    /// A point of the axis at the height of the start, m.
+    pub centre: Vector3<f64>,
+    /// Radius at the start, m, 0 or more.
+    pub start_radius_m: f64,
+    /// Radius at the end, m, 0 or more.
+    pub end_radius_m: f64,
+    /// Turns; positive is counter-clockwise seen from above; may be a fraction.
+    pub turns: f64,
+    /// Height of the end above the start, m.
+    pub rise_m: f64,
+    /// Angle of the start from the x axis, rad.
+    pub start_angle_rad: f64,
+}
+
+/// The geometry of one segment of a motion.
+///
+/// ```
+/// use cable_robot::{Vector3, path::{Parabola, Path}};
+/// let path = Path::Parabola(Parabola {
+///     from: Vector3::new(2.0, 2.0, 2.0),
+///     to: Vector3::new(7.0, 3.0, 2.2),
+///     mu_per_m: 0.1,
+/// });
+/// path.check()?;
+/// let middle = path.at(0.5 * path.length());
+/// assert!(middle.position.z < 2.0 && (middle.tangent.norm() - 1.0).abs() < 1e-12);
+/// # Ok::<(), cable_robot::path::PathError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Path {
+    /// A straight line.
+    Line(Line),
+    /// A parabola in a vertical plane.
+    Parabola(Parabola),
+    /// A spiral about a vertical axis.
+    Spiral(Spiral),
+    /// Staying at a point.
+    Dwell(Vector3<f64>),
+}
+
+impl Path {
+    /// A straight line.
+    pub fn line(from: Vector3<f64>, to: Vector3<f64>) -> Self {
+        Self::Line(Line { from, to })
+    }
+
+    /// Refuses what is not a path: parameters that are not finite, zero length, a vertical parabola, a negative radius.
+    pub fn check(&self) -> Result<(), PathError> {
+        match self {
+            Self::Dwell(p) => finite("position", p),
+            Self::Line(l) => {
+                finite("start", &l.from)?;
+                finite("end", &l.to)?;
+                long_enough(self)
+            }
+            Self::Parabola(p) => {
+                finite("start", &p.from)?;
+                finite("end", &p.to)?;
+                number("mu_per_m", p.mu_per_m)?;
+                if p.extent() < SHORTEST_M { Err(PathError::Vertical) } else { long_enough(self) }
+            }
+            Self::Spiral(s) => {
+                finite("centre", &s.centre)?;
+                number("rise_m", s.rise_m)?;
+                number("start_angle_rad", s.start_angle_rad)?;
+                for (what, value) in [("start_radius_m", s.start_radius_m), ("end_radius_m", s.end_radius_m)] {
+                    number(what, value)?;
+                    if value < 0.0 {
+                        return Err(PathError::Spiral { what, value, accepted: "0 m or more" });
+                    }
+                }
+                number("turns", s.turns)?;
+                if !(0.01..=1000.0).contains(&s.turns.abs()) {
+                    let accepted = "0.01 to 1000, or -0.01 to -1000 for clockwise";
+                    return Err(PathError::Spiral { what: "turns", value: s.turns, accepted });
+                }
+                long_enough(self)
+            }
+        }
+    }
+
+    /// Arc length, m.
+    pub fn length(&self) -> f64 {
+        match self {
+            Self::Line(l) => (l.to - l.from).norm(),
+            Self::Parabola(p) => p.arc_length(p.extent()),
+            Self::Spiral(s) => s.arc_length(s.angle()),
+            Self::Dwell(_) => 0.0,
+        }
+    }
+
+    /// Position, tangent and curvature at an arc length, m; before the start it is the start, after the end the end.
+    pub fn at(&self, s_m: f64) -> PathPoint {
+        match self {
+            Self::Line(l) => l.at(s_m),
+            Self::Parabola(p) => p.at(s_m),
+            Self::Spiral(s) => s.at(s_m),
+            Self::Dwell(p) => PathPoint { position: *p, tangent: Vector3::zeros(), curvature: Vector3::zeros() },
+        }
+    }
+
+    /// Position at an arc length, m.
+    pub fn point(&self, s_m: f64) -> Vector3<f64> {
+        self.at(s_m).position
+    }
+
+    /// Unit tangent at an arc length; zero for a dwell.
+    pub fn tangent(&self, s_m: f64) -> Vector3<f64> {
+        self.at(s_m).tangent
+    }
+
+    /// Curvature at an arc length, 1/m.
+    pub fn curvature(&self, s_m: f64) -> f64 {
+        self.at(s_m).curvature.norm()
+    }
+
+    /// Where it starts, m.
+    pub fn start(&self) -> Vector3<f64> {
+        match self {
+            Self::Line(Line { from, .. }) | Self::Parabola(Parabola { from, .. }) => *from,
+            Self::Spiral(_) => self.point(0.0),
+            Self::Dwell(p) => *p,
+        }
+    }
+
+    /// Where it ends, m.
+    pub fn end(&self) -> Vector3<f64> {
+        match self {
+            Self::Line(Line { to, .. }) | Self::Parabola(Parabola { to, .. }) => *to,
+            Self::Spiral(s) => s.geometry(s.angle()).position,
+            Self::Dwell(p) => *p,
+        }
+    }
+
+    /// True if it has no curvature anywhere.
+    pub fn is_straight(&self) -> bool {
+        match self {
+            Self::Line(_) | Self::Dwell(_) => true,
+            Self::Parabola(p) => p.mu_per_m == 0.0,
+            Self::Spiral(_) => false,
+        }
+    }
+}
+
+fn number(what: &'static str, value: f64) -> Result<(), PathError> {
+    if value.is_finite() { Ok(()) } else { Err(PathError::NotFinite { what, value }) }
+}
+
+fn finite(what: &'static str, point: &Vector3<f64>) -> Result<(), PathError> {
+    point.iter().try_for_each(|v| number(what, *v))
+}
+
+fn long_enough(path: &Path) -> Result<(), PathError> {
+    let length_m = path.length();
+    number("length", length_m)?;
+    if length_m < SHORTEST_M { Err(PathError::TooShort { length_m }) } else { Ok(()) }
+}
+
+impl Line {
+    fn at(&self, s: f64) -> PathPoint {
+        let d = self.to - self.from;
+        let length = d.norm();
+        let tangent = if length > 0.0 { d / length } else { Vector3::zeros() };
+        let position = if s >= length { self.to } else { self.from + tangent * s.max(0.0) };
+        PathPoint { position, tangent, curvature: Vector3::zeros() }
+    }
+}
+
+impl Parabola {
+    /// Horizontal distance from start to end, m.
+    pub fn extent(&self) -> f64 {
+        let d = self.to - self.from;
+        (d.x * d.x + d.y * d.y).sqrt()
+    }
+
+    /// ζ of (26): the slope at the start.
+    pub fn zeta(&self) -> f64 {
+        let xf = self.extent();
+        (self.to.z - self.from.z) / xf - self.mu_per_m * xf
+    }
+
+    /// The lowest height of the path, m.
+    pub fn lowest_m(&self) -> f64 {
+        let ends = self.from.z.min(self.to.z);
+        let vertex = -self.zeta() / (2.0 * self.mu_per_m);
+        if self.mu_per_m > 0.0 && vertex > 0.0 && vertex < self.extent() {
+            self.from.z - self.mu_per_m * vertex * vertex
+        } else {
+            ends
+        }
+    }
+
+    /// Arc length over the horizontal distances 0..x, m: [w √(1+w²) + asinh w] / 4µ between the slopes w = 2µx̂ + ζ.
+    fn arc_length(&self, x: f64) -> f64 {
+        let w0 = self.zeta();
+        let dw = 2.0 * self.mu_per_m * x;
+        if dw.abs() < 1e-3 {
+            // µ -> 0: the closed form is 0/0. Midpoint series; the next term is below 1e-15.
+            let w = w0 + 0.5 * dw;
+            let f = (1.0 + w * w).sqrt();
+            return x * (f + dw * dw / (24.0 * f * f * f));
+        }
+        let primitive = |w: f64| 0.5 * (w * (1.0 + w * w).sqrt() + libm::asinh(w));
+        (primitive(w0 + dw) - primitive(w0)) * x / dw
+    }
+
+    fn at(&self, s: f64) -> PathPoint {
+        let xf = self.extent();
+        let zeta = self.zeta();
+        let slope = |x: f64| 2.0 * self.mu_per_m * x + zeta;
+        let speed = |x: f64| (1.0 + slope(x) * slope(x)).sqrt();
+        let total = self.arc_length(xf);
+        let x = invert(|x| self.arc_length(x), speed, s, total, xf);
+        let d = self.to - self.from;
+        let along = Vector3::new(d.x / xf, d.y / xf, 0.0);
+        let position = if s >= total {
+            self.to
+        } else {
+            self.from + along * x + Vector3::new(0.0, 0.0, (self.mu_per_m * x + zeta) * x)
+        };
+        let first = along + Vector3::new(0.0, 0.0, slope(x));
+        let second = Vector3::new(0.0, 0.0, 2.0 * self.mu_per_m);
+        by_arc_length(position, first, second)
+    }
+}
+
+impl Spiral {
+    /// Total angle, rad, positive.
+    fn angle(&self) -> f64 {
+        2.0 * std::f64::consts::PI * self.turns.abs()
+    }
+
+    /// Growth of radius and height per angle, m/rad.
+    fn rates(&self) -> (f64, f64) {
+        let angle = self.angle();
+        ((self.end_radius_m - self.start_radius_m) / angle, self.rise_m / angle)
+    }
+
+    /// Arc length over the angles 0..θ, m: ∫ √(r² + c²) dr / a with r = r0 + aθ and c² = a² + h².
+    fn arc_length(&self, theta: f64) -> f64 {
+        let (a, h) = self.rates();
+        let c = (a * a + h * h).sqrt();
+        let r0 = self.start_radius_m;
+        let dr = a * theta;
+        let r = r0 + 0.5 * dr;
+        let f = (r * r + c * c).sqrt();
+        if dr.abs() < 1e-3 * f {
+            // Nearly a helix: the closed form is 0/0. Midpoint series; the next term is below 1e-14.
+            return if f > 0.0 { theta * (f + dr * dr * c * c / (24.0 * f * f * f)) } else { 0.0 };
+        }
+        let primitive = |r: f64| 0.5 * (r * (r * r + c * c).sqrt() + c * c * libm::asinh(r / c));
+        (primitive(r0 + dr) - primitive(r0)) / a
+    }
+
+    fn geometry(&self, theta: f64) -> PathPoint {
+        let (a, h) = self.rates();
+        let r = self.start_radius_m + a * theta;
+        let turn = if self.turns < 0.0 { -1.0 } else { 1.0 };
+        let phi = self.start_angle_rad + turn * theta;
+        let (sin, cos) = (libm::sin(phi), libm::cos(phi));
+        let radial = Vector3::new(cos, sin, 0.0);
+        let around = Vector3::new(-sin, cos, 0.0) * turn;
+        let position = self.centre + radial * r + Vector3::new(0.0, 0.0, h * theta);
+        let first = radial * a + around * r + Vector3::new(0.0, 0.0, h);
+        let second = around * (2.0 * a) - radial * r;
+        by_arc_length(position, first, second)
+    }
+
+    fn at(&self, s: f64) -> PathPoint {
+        let (a, h) = self.rates();
+        let end = self.angle();
+        let speed = |theta: f64| {
+            let r = self.start_radius_m + a * theta;
+            (r * r + a * a + h * h).sqrt()
+        };
+        self.geometry(invert(|t| self.arc_length(t), speed, s, self.arc_length(end), end))
+    }
+}
+
+/// Tangent and curvature vector from derivatives over any parameter.
+fn by_arc_length(position: Vector3<f64>, first: Vector3<f64>, second: Vector3<f64>) -> PathPoint {
+    let speed_squared = first.norm_squared();
+    let tangent = first / speed_squared.sqrt();
+    let curvature = (second - tangent * tangent.dot(&second)) / speed_squared;
+    PathPoint { position, tangent, curvature }
+}
+
+/// The parameter in 0..=end at which the increasing `length` is `s`: Newton kept inside a shrinking bracket.
+fn invert(length: impl Fn(f64) -> f64, derivative: impl Fn(f64) -> f64, s: f64, total: f64, end: f64) -> f64 {
+    if s >= total {
+        return end;
+    }
+    // Also true for NaN.
+    if !(s > 0.0) {
+        return 0.0;
+    }
+    let (mut low, mut high) = (0.0, end);
+    let mut u = end * (s / total);
+    for _ in 0..MAX_ITERATIONS {
+        let error = length(u) - s;
+        if error.abs() <= 1e-15 * total {
+            break;
+        }
+        if error > 0.0 {
+            high = u;
+        } else {
+            low = u;
+        }
+        let newton = u - error / derivative(u);
+        let next = if newton >= low && newton <= high { newton } else { 0.5 * (low + high) };
+        let moved = (next - u).abs();
+        u = next;
+        if moved <= 1e-15 * end {
+            break;
+        }
+    }
+    u
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn spiral() -> Spiral {
+        Spiral {
+            centre: Vector3::new(4.8, 3.0, 0.8),
+            start_radius_m: 0.0,
+            end_radius_m: 0.60,
+            turns: 3.0,
+            rise_m: 1.125,
+            start_angle_rad: 0.3,
+        }
+    }
+
+    fn paths() -> impl Strategy<Value = Path> {
+        let point = || [-5.0..5.0f64, -5.0..5.0f64, 0.0..3.0f64].prop_map(Vector3::from);
+        prop_oneof![
+            (point(), point()).prop_map(|(a, b)| Path::line(a, b)),
+            (point(), point(), prop_oneof![-0.5..0.5f64, -1e-4..1e-4f64, Just(0.0)])
+                .prop_map(|(from, to, mu_per_m)| Path::Parabola(Parabola { from, to, mu_per_m })),
+            (point(), 0.0..2.0f64, prop_oneof![0.0..2.0f64, Just(f64::NAN)], -5.0..5.0f64, -1.0..1.0f64, 0.0..6.0f64)
+                .prop_map(|(centre, r0, r1, turns, rise_m, start_angle_rad)| {
+                    // NaN stands for "the same radius": a helix.
+                    let end_radius_m = if r1.is_nan() { r0 } else { r1 };
+                    Path::Spiral(Spiral { centre, start_radius_m: r0, end_radius_m, turns, rise_m, start_angle_rad })
+                }),
+        ]
+        .prop_filter("a path", |p| p.check().is_ok() && p.length() > 1e-2)
+    }
+
+    proptest! {
+        #[test]
+        fn tangent_and_curvature_are_the_derivatives(path in paths(), u in 0.01..0.99f64) {
+            let length = path.length();
+            let s = u * length;
+            let p = path.at(s);
+            prop_assert!((p.tangent.norm() - 1.0).abs() < 1e-12);
+            prop_assert!(p.tangent.dot(&p.curvature).abs() < 1e-9 * (1.0 + p.curvature.norm()));
+            // A step that is small against the radius of curvature.
+            let h = (1e-4 * length).min(1e-3 / (1.0 + p.curvature.norm()));
+            let (a, b) = (path.point(s - h), path.point(s + h));
+            prop_assert!(((b - a) / (2.0 * h) - p.tangent).norm() < 1e-5);
+            let second = (path.tangent(s + h) - path.tangent(s - h)) / (2.0 * h);
+            prop_assert!((second - p.curvature).norm() < 2e-3 * (1.0 + p.curvature.norm()));
+        }
+
+        #[test]
+        fn arc_length_agrees_with_chords(path in paths()) {
+            // Chords converge from below with the square of their number; two refinements extrapolate.
+            let chords = |n: usize| -> f64 {
+                let l = path.length();
+                (0..n).map(|i| (path.point(l * (i + 1) as f64 / n as f64) - path.point(l * i as f64 / n as f64)).norm()).sum()
+            };
+            let (coarse, fine) = (chords(500), chords(1000));
+            let extrapolated = fine + (fine - coarse) / 3.0;
+            prop_assert!((extrapolated - path.length()).abs() < 1e-5 * path.length(), "{extrapolated} {}", path.length());
+        }
+
+        #[test]
+        fn ends_are_where_they_say(path in paths()) {
+            prop_assert!((path.point(0.0) - path.start()).norm() < 1e-12);
+            prop_assert!((path.point(path.length()) - path.end()).norm() < 1e-9);
+            prop_assert_eq!(path.point(-1.0), path.point(0.0));
+            prop_assert!((path.point(1e9) - path.end()).norm() < 1e-12);
+        }
+    }
+
+    /// Simpson on |dX/du| over the path's own parameter: an oracle that shares no formula with arc_length.
+    fn simpson(f: impl Fn(f64) -> f64, end: f64) -> f64 {
+        let n = 20_000;
+        let h = end / n as f64;
+        (0..=n).map(|i| f(i as f64 * h) * if i == 0 || i == n { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 }).sum::<f64>()
+            * h
+            / 3.0
+    }
+
+    #[test]
+    fn closed_form_lengths_agree_with_quadrature() {
+        for mu in [0.0, 1e-9, 4e-5, 9.9e-5, 1.01e-4, 2e-4, 0.05, 0.3, -0.2] {
+            let p = Parabola { from: Vector3::new(1.0, 1.0, 2.0), to: Vector3::new(4.0, 5.0, 2.5), mu_per_m: mu };
+            let zeta = p.zeta();
+            let expected = simpson(|x| (1.0 + (2.0 * mu * x + zeta) * (2.0 * mu * x + zeta)).sqrt(), p.extent());
+            assert!((p.arc_length(p.extent()) - expected).abs() < 1e-11 * expected, "mu {mu}");
+        }
+        for (r0, r1) in
+            [(0.0, 0.6), (0.6, 0.0), (0.5, 0.5), (0.5, 0.5 + 1e-9), (0.5, 0.5004), (0.5, 0.5006), (1.0, 3.0)]
+        {
+            let s = Spiral { start_radius_m: r0, end_radius_m: r1, ..spiral() };
+            let (a, h) = s.rates();
+            let expected = simpson(|t| ((r0 + a * t) * (r0 + a * t) + a * a + h * h).sqrt(), s.angle());
+            assert!((s.arc_length(s.angle()) - expected).abs() < 1e-10 * expected, "{r0} {r1}");
+        }
+    }
+
+    #[test]
+    fn the_papers_spiral_rises_and_widens() {
+        let path = Path::Spiral(spiral());
+        path.check().unwrap();
+        let (start, end) = (path.start(), path.end());
+        assert!((end.z - start.z - 1.125).abs() < 1e-12);
+        let out = end - Vector3::new(4.8, 3.0, end.z);
+        assert!((out.norm() - 0.60).abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_parabola_of_the_paper() {
+        let p = Parabola { from: Vector3::new(0.0, 0.0, 2.0), to: Vector3::new(4.0, 0.0, 3.0), mu_per_m: 0.25 };
+        assert!((p.zeta() - (1.0 - 0.25 * 16.0) / 4.0).abs() < 1e-15);
+        let lowest = (0..=4000).map(|i| Path::Parabola(p).point(i as f64 * 0.002).z).fold(f64::INFINITY, f64::min);
+        assert!((p.lowest_m() - lowest).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_is_not_a_path_is_refused() {
+        let p = Vector3::new(1.0, 1.0, 1.0);
+        let bad = [
+            Path::line(p, p),
+            Path::line(p, Vector3::new(f64::NAN, 0.0, 0.0)),
+            Path::Parabola(Parabola { from: p, to: p + Vector3::new(0.0, 0.0, 1.0), mu_per_m: 0.1 }),
+            Path::Parabola(Parabola { from: p, to: p * 2.0, mu_per_m: f64::INFINITY }),
+            Path::Spiral(Spiral { start_radius_m: -0.1, ..spiral() }),
+            Path::Spiral(Spiral { turns: 0.0, ..spiral() }),
+            Path::Dwell(Vector3::new(0.0, f64::NAN, 0.0)),
+        ];
+        for path in bad {
+            let sentence = path.check().unwrap_err().to_string();
+            assert!(sentence.len() > 20, "{sentence}");
+        }
+        assert!(Path::Dwell(p).check().is_ok());
+    }
+}

@@ -1,0 +1,429 @@
+//! The robot as every process sees it: geometry, mass, limits, lines and motors, checked once.
+
+use std::ops::Deref;
+
+use nalgebra::Vector3;
+use thiserror::Error;
+
+use crate::{CableVec, MAX_CABLES, STANDARD_GRAVITY, motor::Motor};
+
+/// Most keep-out boxes of a robot.
+pub const MAX_KEEP_OUT: usize = 8;
+
+/// Length limits where the robot file gives none, m: a hand's width, and longer than any winch holds.
+pub const DEFAULT_LENGTH_LIMITS_M: [f64; 2] = [0.05, 1e3];
+
+/// Anchors closer than this count as one point, m: no pulley is smaller.
+const COINCIDENT_M: f64 = 1e-3;
+
+/// Magnitudes above this are a wrong unit, m.
+const FARTHEST_M: f64 = 1e5;
+
+/// A key of a robot's description and what is wrong with it, in one sentence.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[error("{key} {problem}; accepted: {accepted}")]
+pub struct RobotError {
+    /// The key as the robot file spells it.
+    pub key: &'static str,
+    /// What was given.
+    pub problem: String,
+    /// What is accepted.
+    pub accepted: &'static str,
+}
+
+fn refuse<T>(key: &'static str, problem: impl Into<String>, accepted: &'static str) -> Result<T, RobotError> {
+    Err(RobotError { key, problem: problem.into(), accepted })
+}
+
+/// The points the lines leave from: at least three, at most eight, finite and distinct.
+///
+/// ```
+/// use cable_robot::Anchors;
+/// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]])?;
+/// assert_eq!(anchors.len(), 3);
+/// # Ok::<(), cable_robot::RobotError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Anchors {
+    points: [Vector3<f64>; MAX_CABLES],
+    len: usize,
+}
+
+impl Anchors {
+    /// Checks and copies anchor positions, m.
+    pub fn new(points: &[[f64; 3]]) -> Result<Self, RobotError> {
+        const KEY: &str = "anchors_m";
+        if !(3..=MAX_CABLES).contains(&points.len()) {
+            return refuse(KEY, format!("has {} points", points.len()), "3 to 8 points [x, y, z] in metres");
+        }
+        let mut result = Self { points: [Vector3::zeros(); MAX_CABLES], len: points.len() };
+        for (i, p) in points.iter().enumerate() {
+            if !p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST_M) {
+                let problem = format!("number {} is [{}, {}, {}]", i + 1, p[0], p[1], p[2]);
+                return refuse(KEY, problem, "finite coordinates in metres, at most 1e5");
+            }
+            let point = Vector3::from(*p);
+            if let Some(j) = result.points[..i].iter().position(|q| (q - point).norm() < COINCIDENT_M) {
+                let problem = format!("numbers {} and {} coincide", j + 1, i + 1);
+                return refuse(KEY, problem, "points at least 1 mm apart");
+            }
+            result.points[i] = point;
+        }
+        Ok(result)
+    }
+}
+
+impl Deref for Anchors {
+    type Target = [Vector3<f64>];
+    fn deref(&self) -> &[Vector3<f64>] {
+        &self.points[..self.len]
+    }
+}
+
+/// An axis-aligned box the node may not enter, m.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct KeepOut {
+    /// Lower corner.
+    pub min: Vector3<f64>,
+    /// Upper corner.
+    pub max: Vector3<f64>,
+}
+
+impl KeepOut {
+    /// True if the straight line from `a` to `b` touches the box.
+    pub fn touches(&self, a: &Vector3<f64>, b: &Vector3<f64>) -> bool {
+        let (mut enter, mut leave) = (0.0f64, 1.0f64);
+        for k in 0..3 {
+            let d = b[k] - a[k];
+            if d == 0.0 {
+                if a[k] < self.min[k] || a[k] > self.max[k] {
+                    return false;
+                }
+                continue;
+            }
+            let (t0, t1) = ((self.min[k] - a[k]) / d, (self.max[k] - a[k]) / d);
+            enter = enter.max(t0.min(t1));
+            leave = leave.min(t0.max(t1));
+        }
+        enter <= leave
+    }
+}
+
+/// What a robot is built from; the keys of the robot file. [`RobotParts::default`] fills only what has a default: anchors,
+/// mass, tension limits, speed and acceleration must be given.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RobotParts {
+    /// Anchor positions, m, z up.
+    pub anchors_m: Vec<[f64; 3]>,
+    /// Mass of the node, kg.
+    pub node_mass_kg: f64,
+    /// Weight less buoyancy, N; default mass x standard gravity.
+    pub net_weight_n: Option<f64>,
+    /// Lowest and highest tension of a line, N.
+    pub tension_limits_n: [f64; 2],
+    /// Highest speed of the node and of every cable, m/s.
+    pub speed_limit_m_s: f64,
+    /// Highest acceleration of the node, m/s².
+    pub acceleration_limit_m_s2: f64,
+    /// The node stays at or above this height, m.
+    pub ground_m: f64,
+    /// Boxes the node stays out of, [[min], [max]], m.
+    pub keep_out_m: Vec<[[f64; 3]; 2]>,
+    /// EA of the lines, N; None for rigid lines.
+    pub stiffness_n: Option<f64>,
+    /// Line between drum and anchor per cable, m, which stretches too; default 0.
+    pub routed_length_m: Option<Vec<f64>>,
+    /// Shortest and longest measured length per cable, m; default [`DEFAULT_LENGTH_LIMITS_M`].
+    pub length_limits_m: Option<Vec<[f64; 2]>>,
+    /// The winch motors, seen from the line.
+    pub motor: Motor,
+}
+
+impl Default for RobotParts {
+    fn default() -> Self {
+        Self {
+            anchors_m: Vec::new(),
+            node_mass_kg: 0.0,
+            net_weight_n: None,
+            tension_limits_n: [0.0, 0.0],
+            speed_limit_m_s: 0.0,
+            acceleration_limit_m_s2: 0.0,
+            ground_m: 0.0,
+            keep_out_m: Vec::new(),
+            stiffness_n: None,
+            routed_length_m: None,
+            length_limits_m: None,
+            motor: Motor::default(),
+        }
+    }
+}
+
+/// A checked robot. Copy, so that every process and every test carries its own.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Robot {
+    anchors: Anchors,
+    node_mass_kg: f64,
+    net_weight_n: f64,
+    tension_limits_n: [f64; 2],
+    speed_limit_m_s: f64,
+    acceleration_limit_m_s2: f64,
+    ground_m: f64,
+    keep_out: [KeepOut; MAX_KEEP_OUT],
+    keep_out_count: usize,
+    stiffness_n: Option<f64>,
+    routed_length_m: CableVec,
+    length_limits_m: [[f64; 2]; MAX_CABLES],
+    motor: Motor,
+}
+
+impl Robot {
+    /// Checks a description. The error names the key and what is accepted.
+    pub fn new(parts: RobotParts) -> Result<Self, RobotError> {
+        let anchors = Anchors::new(&parts.anchors_m)?;
+        let n = anchors.len();
+        positive("node_mass_kg", parts.node_mass_kg, "a finite mass above 0, in kilograms")?;
+        let net_weight_n = parts.net_weight_n.unwrap_or(parts.node_mass_kg * STANDARD_GRAVITY);
+        if !(net_weight_n.is_finite() && net_weight_n >= 0.0) {
+            return refuse("net_weight_n", format!("is {net_weight_n}"), "a finite force of 0 or more, in newtons");
+        }
+        let [low, high] = parts.tension_limits_n;
+        if !(low.is_finite() && low >= 0.0 && high > low) {
+            let problem = format!("is [{low}, {high}]");
+            return refuse("tension_limits_n", problem, "[min, max] in newtons with 0 <= min < max");
+        }
+        positive("speed_limit_m_s", parts.speed_limit_m_s, "a finite speed above 0, in metres per second")?;
+        positive("acceleration_limit_m_s2", parts.acceleration_limit_m_s2, "a finite acceleration above 0, in m/s²")?;
+        if !(parts.ground_m.is_finite() && parts.ground_m.abs() <= FARTHEST_M) {
+            return refuse("ground_m", format!("is {}", parts.ground_m), "a finite height in metres");
+        }
+        let (keep_out, keep_out_count) = keep_out_boxes(&parts.keep_out_m)?;
+        if let Some(stiffness) = parts.stiffness_n {
+            positive("stiffness_n", stiffness, "a finite EA above 0, in newtons, or no key for rigid lines")?;
+        }
+        let routed_length_m = match &parts.routed_length_m {
+            None => CableVec::zeros(n),
+            Some(lengths) if lengths.len() != n => {
+                let problem = format!("has {} values for {n} cables", lengths.len());
+                return refuse("routed_length_m", problem, "one length per cable, in metres");
+            }
+            Some(lengths) => {
+                if let Some(i) = lengths.iter().position(|l| !(l.is_finite() && (0.0..=FARTHEST_M).contains(l))) {
+                    let problem = format!("number {} is {}", i + 1, lengths[i]);
+                    return refuse("routed_length_m", problem, "finite lengths of 0 or more, in metres");
+                }
+                CableVec::from_fn(n, |i| lengths[i])
+            }
+        };
+        let mut length_limits_m = [DEFAULT_LENGTH_LIMITS_M; MAX_CABLES];
+        if let Some(limits) = &parts.length_limits_m {
+            if limits.len() != n {
+                let problem = format!("has {} pairs for {n} cables", limits.len());
+                return refuse("length_limits_m", problem, "one [min, max] per cable, in metres");
+            }
+            for (i, [min, max]) in limits.iter().enumerate() {
+                if !(*min > 0.0 && max > min && *max <= FARTHEST_M) {
+                    let problem = format!("number {} is [{min}, {max}]", i + 1);
+                    return refuse("length_limits_m", problem, "[min, max] in metres with 0 < min < max <= 1e5");
+                }
+                length_limits_m[i] = [*min, *max];
+            }
+        }
+        parts.motor.check()?;
+        Ok(Self {
+            anchors,
+            node_mass_kg: parts.node_mass_kg,
+            net_weight_n,
+            tension_limits_n: parts.tension_limits_n,
+            speed_limit_m_s: parts.speed_limit_m_s,
+            acceleration_limit_m_s2: parts.acceleration_limit_m_s2,
+            ground_m: parts.ground_m,
+            keep_out,
+            keep_out_count,
+            stiffness_n: parts.stiffness_n,
+            routed_length_m,
+            length_limits_m,
+            motor: parts.motor,
+        })
+    }
+
+    /// How many cables.
+    pub fn cable_count(&self) -> usize {
+        self.anchors.len()
+    }
+
+    /// Where the lines leave their pulleys, m.
+    pub fn anchors(&self) -> &Anchors {
+        &self.anchors
+    }
+
+    /// Mass of the node, kg.
+    pub fn node_mass_kg(&self) -> f64 {
+        self.node_mass_kg
+    }
+
+    /// Weight less buoyancy, N.
+    pub fn net_weight_n(&self) -> f64 {
+        self.net_weight_n
+    }
+
+    /// Lowest and highest tension, N.
+    pub fn tension_limits_n(&self) -> [f64; 2] {
+        self.tension_limits_n
+    }
+
+    /// Highest speed of the node and of each cable, m/s.
+    pub fn speed_limit_m_s(&self) -> f64 {
+        self.speed_limit_m_s
+    }
+
+    /// Highest acceleration of the node, m/s².
+    pub fn acceleration_limit_m_s2(&self) -> f64 {
+        self.acceleration_limit_m_s2
+    }
+
+    /// Lowest height of the node, m.
+    pub fn ground_m(&self) -> f64 {
+        self.ground_m
+    }
+
+    /// Boxes the node stays out of.
+    pub fn keep_out(&self) -> &[KeepOut] {
+        &self.keep_out[..self.keep_out_count]
+    }
+
+    /// EA of the lines, N; None for rigid lines.
+    pub fn stiffness_n(&self) -> Option<f64> {
+        self.stiffness_n
+    }
+
+    /// Line between drum and anchor per cable, m.
+    pub fn routed_length_m(&self) -> &CableVec {
+        &self.routed_length_m
+    }
+
+    /// Shortest and longest measured length per cable, m.
+    pub fn length_limits_m(&self) -> &[[f64; 2]] {
+        &self.length_limits_m[..self.cable_count()]
+    }
+
+    /// The winch motors.
+    pub fn motor(&self) -> &Motor {
+        &self.motor
+    }
+
+    /// The same robot with other anchors, for a calibration tried out or an error injected on purpose. The number of
+    /// cables may not change.
+    pub fn with_anchors(&self, anchors: Anchors) -> Result<Self, RobotError> {
+        if anchors.len() != self.anchors.len() {
+            let problem = format!("has {} points for a robot of {} cables", anchors.len(), self.anchors.len());
+            return refuse("anchors_m", problem, "as many points as the robot has cables");
+        }
+        Ok(Self { anchors, ..*self })
+    }
+
+    /// The same robot with rigid lines.
+    pub fn with_rigid_lines(&self) -> Self {
+        Self { stiffness_n: None, ..*self }
+    }
+
+    /// The force the lines provide together, b = m (a + g) of (15), N; with buoyancy, b = m a + net weight.
+    pub fn wrench_n(&self, acceleration_m_s2: &Vector3<f64>) -> Vector3<f64> {
+        acceleration_m_s2 * self.node_mass_kg + Vector3::new(0.0, 0.0, self.net_weight_n)
+    }
+}
+
+pub(crate) fn positive(key: &'static str, value: f64, accepted: &'static str) -> Result<(), RobotError> {
+    if value.is_finite() && value > 0.0 { Ok(()) } else { refuse(key, format!("is {value}"), accepted) }
+}
+
+pub(crate) fn not_negative(key: &'static str, value: f64, accepted: &'static str) -> Result<(), RobotError> {
+    if value.is_finite() && value >= 0.0 { Ok(()) } else { refuse(key, format!("is {value}"), accepted) }
+}
+
+fn keep_out_boxes(given: &[[[f64; 3]; 2]]) -> Result<([KeepOut; MAX_KEEP_OUT], usize), RobotError> {
+    const KEY: &str = "keep_out";
+    if given.len() > MAX_KEEP_OUT {
+        return refuse(KEY, format!("has {} boxes", given.len()), "at most 8 boxes [[min], [max]]");
+    }
+    let mut boxes = [KeepOut { min: Vector3::zeros(), max: Vector3::zeros() }; MAX_KEEP_OUT];
+    for (i, [min, max]) in given.iter().enumerate() {
+        if !(0..3).all(|k| min[k].is_finite() && max[k].is_finite() && min[k] < max[k]) {
+            let problem = format!("box {} goes from {min:?} to {max:?}", i + 1);
+            return refuse(KEY, problem, "[[min], [max]] with finite min below max in x, y and z");
+        }
+        boxes[i] = KeepOut { min: Vector3::from(*min), max: Vector3::from(*max) };
+    }
+    Ok((boxes, given.len()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parts() -> RobotParts {
+        RobotParts {
+            anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
+            node_mass_kg: 1.2,
+            tension_limits_n: [2.0, 60.0],
+            speed_limit_m_s: 0.4,
+            acceleration_limit_m_s2: 0.5,
+            ..RobotParts::default()
+        }
+    }
+
+    #[test]
+    fn defaults_are_the_documented_ones() {
+        let robot = Robot::new(parts()).unwrap();
+        assert_eq!(robot.net_weight_n(), 1.2 * STANDARD_GRAVITY);
+        assert_eq!(&robot.routed_length_m()[..], &[0.0; 3]);
+        assert_eq!(robot.length_limits_m(), &[DEFAULT_LENGTH_LIMITS_M; 3]);
+        assert_eq!(robot.stiffness_n(), None);
+    }
+
+    #[test]
+    fn every_bad_value_is_named_with_what_is_accepted() {
+        type Spoil = fn(&mut RobotParts);
+        let cases: &[(&str, Spoil)] = &[
+            ("anchors_m", |p| p.anchors_m.truncate(2)),
+            ("anchors_m", |p| p.anchors_m = vec![[0.0, 1.0, 2.0]; 9]),
+            ("anchors_m", |p| p.anchors_m[1][2] = f64::NAN),
+            ("anchors_m", |p| p.anchors_m[1] = p.anchors_m[0]),
+            ("node_mass_kg", |p| p.node_mass_kg = 0.0),
+            ("node_mass_kg", |p| p.node_mass_kg = f64::INFINITY),
+            ("net_weight_n", |p| p.net_weight_n = Some(-1.0)),
+            ("tension_limits_n", |p| p.tension_limits_n = [60.0, 2.0]),
+            ("tension_limits_n", |p| p.tension_limits_n = [-1.0, 2.0]),
+            ("tension_limits_n", |p| p.tension_limits_n = [1.0, f64::NAN]),
+            ("speed_limit_m_s", |p| p.speed_limit_m_s = -0.4),
+            ("acceleration_limit_m_s2", |p| p.acceleration_limit_m_s2 = f64::NAN),
+            ("ground_m", |p| p.ground_m = f64::NEG_INFINITY),
+            ("keep_out", |p| p.keep_out_m = vec![[[0.0; 3], [1.0, 1.0, 0.0]]]),
+            ("keep_out", |p| p.keep_out_m = vec![[[0.0; 3], [1.0; 3]]; 9]),
+            ("stiffness_n", |p| p.stiffness_n = Some(0.0)),
+            ("routed_length_m", |p| p.routed_length_m = Some(vec![6.0; 4])),
+            ("routed_length_m", |p| p.routed_length_m = Some(vec![6.0, -1.0, 6.0])),
+            ("length_limits_m", |p| p.length_limits_m = Some(vec![[0.1, 10.0]; 2])),
+            ("length_limits_m", |p| p.length_limits_m = Some(vec![[0.1, 10.0], [5.0, 1.0], [0.1, 10.0]])),
+            ("force_constant_n_a", |p| p.motor.force_constant_n_a = 0.0),
+        ];
+        for (key, spoil) in cases {
+            let mut bad = parts();
+            spoil(&mut bad);
+            let error = Robot::new(bad).unwrap_err();
+            assert_eq!(error.key, *key, "{error}");
+            let sentence = error.to_string();
+            assert!(sentence.starts_with(key) && sentence.contains("; accepted: "), "{sentence}");
+        }
+    }
+
+    #[test]
+    fn a_box_is_touched_by_lines_through_it_only() {
+        let b = KeepOut { min: Vector3::new(0.0, 0.0, 0.0), max: Vector3::new(1.0, 1.0, 1.0) };
+        let at = |x: f64, y: f64, z: f64| Vector3::new(x, y, z);
+        assert!(b.touches(&at(-1.0, 0.5, 0.5), &at(2.0, 0.5, 0.5)));
+        assert!(b.touches(&at(0.5, 0.5, 0.5), &at(0.5, 0.5, 0.5)));
+        assert!(!b.touches(&at(-1.0, 1.5, 0.5), &at(2.0, 1.5, 0.5)));
+        assert!(!b.touches(&at(-1.0, 0.5, 0.5), &at(-0.1, 0.5, 0.5)));
+        assert!(b.touches(&at(-0.1, 0.9, 0.5), &at(0.2, 1.05, 0.5)));
+    }
+}

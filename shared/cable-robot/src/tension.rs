@@ -1,0 +1,506 @@
+//! How lines share the force on the node: (15)-(16), (27)-(43).
+//!
+//! Three lines have one solution. Four have a line of solutions, T = Tp + λ N / |N|, with the null vector
+//! N_k = (-1)^k det(Λ without column k) and Tp the least-norm solution; limits cut an interval out of it. This is the
+//! same as the paper's elimination of one cable, without its division by a determinant that may vanish. More lines are
+//! solved through the dual problem, which has three unknowns whatever their number.
+
+use nalgebra::{Matrix3, Vector3};
+use thiserror::Error;
+
+use crate::kinematics::{KinematicsError, StructureMatrix};
+use crate::{CableVec, MAX_CABLES, Robot, linalg};
+
+/// Tensions this close to a limit keep it, as a share of the larger of force and limit: rounding.
+const TOLERANCE: f64 = 1e-10;
+
+/// Bound of the dual iteration; it needs about six.
+const MAX_ITERATIONS: usize = 200;
+
+/// Which of the feasible distributions is wanted.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Distribution {
+    /// The only one: three cables.
+    Unique,
+    /// Least sum of squares (27), the least I²R loss of ideal motors. It moves continuously with the pose.
+    LeastNorm,
+    /// Least sum (37). It jumps between bounds where two cables' roles change. Three and four cables.
+    MinSum,
+    /// Greatest distance to the nearest limit.
+    Safest,
+}
+
+impl Distribution {
+    /// What a robot with this many cables does if nobody asks for another.
+    pub fn default_for(cable_count: usize) -> Self {
+        if cable_count <= 3 { Self::Unique } else { Self::LeastNorm }
+    }
+}
+
+/// The line that cannot keep its limits, in the distribution that spreads the excess most evenly.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Violation {
+    /// Index of the cable, from 0.
+    pub cable: usize,
+    /// The tension it would have, N.
+    pub tension_n: f64,
+    /// The limit it misses, N.
+    pub limit_n: f64,
+}
+
+impl Violation {
+    /// How far beyond the limit, N.
+    pub fn excess_n(&self) -> f64 {
+        (self.tension_n - self.limit_n).abs()
+    }
+}
+
+impl std::fmt::Display for Violation {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let side = if self.tension_n < self.limit_n { "below the lower" } else { "above the upper" };
+        let (cable, tension, limit) = (self.cable + 1, self.tension_n, self.limit_n);
+        write!(f, "cable {cable} would carry {tension:.2} N, {:.2} N {side} limit of {limit:.2} N", self.excess_n())
+    }
+}
+
+/// No tensions, and why.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum TensionError {
+    /// No distribution keeps the limits.
+    #[error("no tensions within the limits hold the node: {0}")]
+    Infeasible(Violation),
+    /// The lines do not span the space at this pose.
+    #[error("the lines do not hold the node in every direction here: it is in the plane of the anchors or at one")]
+    Singular,
+    /// The method does not fit the number of cables.
+    #[error("the distribution {method:?} is not defined for {cables} cables; accepted: {accepted}")]
+    Method {
+        /// What was asked for.
+        method: Distribution,
+        /// How many cables there are.
+        cables: usize,
+        /// What can be asked for.
+        accepted: &'static str,
+    },
+    /// A limit or force is not a number.
+    #[error("{what} is {value}; accepted: {accepted}")]
+    InvalidArgument {
+        /// The quantity.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is accepted.
+        accepted: &'static str,
+    },
+}
+
+impl TensionError {
+    /// The kind as a short word for other programs: `infeasible`, `singular` or `invalid_argument`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Infeasible(_) => "infeasible",
+            Self::Singular => "singular",
+            Self::Method { .. } | Self::InvalidArgument { .. } => "invalid_argument",
+        }
+    }
+}
+
+impl From<KinematicsError> for TensionError {
+    fn from(_: KinematicsError) -> Self {
+        Self::Singular
+    }
+}
+
+/// A feasible distribution.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tensions {
+    /// Tension of each cable, N.
+    pub tensions_n: CableVec,
+    /// Least distance to a limit, N.
+    pub margin_n: f64,
+}
+
+/// Tensions of a robot at a position, accelerating: b = m (a + g), within the robot's limits.
+pub fn at(
+    robot: &Robot,
+    position: &Vector3<f64>,
+    acceleration_m_s2: &Vector3<f64>,
+    method: Distribution,
+) -> Result<Tensions, TensionError> {
+    let structure = StructureMatrix::at(robot.anchors(), position)?;
+    distribute(&structure, &robot.wrench_n(acceleration_m_s2), robot.tension_limits_n(), method)
+}
+
+/// The acceleration of the node under these tensions (16), m/s².
+pub fn node_acceleration(robot: &Robot, structure: &StructureMatrix, tensions_n: &[f64]) -> Vector3<f64> {
+    (structure.force(tensions_n) - robot.wrench_n(&Vector3::zeros())) / robot.node_mass_kg()
+}
+
+/// The unique tensions of three cables (15), N, whatever their limits.
+pub fn unique(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
+    if structure.len() != 3 {
+        let accepted = "three cables";
+        return Err(TensionError::Method { method: Distribution::Unique, cables: structure.len(), accepted });
+    }
+    least_norm_unbounded(structure, wrench_n)
+}
+
+/// Λᵀ(ΛΛᵀ)⁻¹b: the least norm without limits (38), N. For three cables the unique solution.
+pub fn least_norm_unbounded(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
+    let columns = linalg::pseudo_inverse(structure).ok_or(TensionError::Singular)?;
+    // The rows given are Λ's columns, so this is the pseudo-inverse of Λᵀ, and its transpose is that of Λ.
+    Ok(CableVec::from_fn(structure.len(), |i| columns[i].dot(wrench_n)))
+}
+
+/// Tensions within `limits_n` = [min, max] whose forces add up to the wrench, N.
+///
+/// ```
+/// use cable_robot::{Anchors, Distribution, StructureMatrix, Vector3, tension};
+/// let anchors = Anchors::new(&[[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]])?;
+/// let structure = StructureMatrix::at(&anchors, &Vector3::new(3.0, 4.0, 2.0))?;
+/// let weight = Vector3::new(0.0, 0.0, 19.6);
+/// let least = tension::distribute(&structure, &weight, [1.0, 150.0], Distribution::LeastNorm)?;
+/// let sum = tension::distribute(&structure, &weight, [1.0, 150.0], Distribution::MinSum)?;
+/// assert!(least.tensions_n.norm_squared() <= sum.tensions_n.norm_squared());
+/// assert!(sum.tensions_n.sum() <= least.tensions_n.sum());
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+pub fn distribute(
+    structure: &StructureMatrix,
+    wrench_n: &Vector3<f64>,
+    limits_n: [f64; 2],
+    method: Distribution,
+) -> Result<Tensions, TensionError> {
+    let [low, high] = limits_n;
+    if !(low.is_finite() && low >= 0.0) {
+        return Err(TensionError::InvalidArgument {
+            what: "the lower tension limit",
+            value: low,
+            accepted: "0 N or more",
+        });
+    }
+    if !(high > low) {
+        let accepted = "more than the lower limit, or infinity";
+        return Err(TensionError::InvalidArgument { what: "the upper tension limit", value: high, accepted });
+    }
+    if let Some(value) = wrench_n.iter().find(|v| !v.is_finite()) {
+        return Err(TensionError::InvalidArgument {
+            what: "the force on the node",
+            value: *value,
+            accepted: "finite newtons",
+        });
+    }
+    let n = structure.len();
+    let wrong = |accepted| Err(TensionError::Method { method, cables: n, accepted });
+    let tensions_n = match (n, method) {
+        (0..=2, _) => return wrong("any with three to eight cables"),
+        (3, _) => {
+            let t = unique(structure, wrench_n)?;
+            match worst_violation(&t, limits_n) {
+                Some(violation) => return Err(TensionError::Infeasible(violation)),
+                None => t,
+            }
+        }
+        (_, Distribution::Unique) => return wrong("LeastNorm, MinSum (four cables) or Safest"),
+        (4, _) => {
+            let line = FourCables::new(structure, wrench_n, limits_n)?;
+            match method {
+                Distribution::MinSum => line.min_sum(),
+                Distribution::Safest => line.safest(),
+                _ => line.least_norm(),
+            }
+        }
+        (_, Distribution::MinSum) => return wrong("LeastNorm or Safest"),
+        (_, Distribution::Safest) => safest_of_many(structure, wrench_n, limits_n)?,
+        (_, Distribution::LeastNorm) => least_norm(structure, wrench_n, limits_n)?,
+    };
+    Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) })
+}
+
+/// Least distance to a limit, N; negative outside.
+pub fn margin(tensions_n: &[f64], [low, high]: [f64; 2]) -> f64 {
+    tensions_n.iter().fold(f64::INFINITY, |m, t| m.min(t - low).min(high - t))
+}
+
+/// The tension farthest outside the limits, if any is outside by more than rounding.
+pub fn worst_violation(tensions_n: &[f64], [low, high]: [f64; 2]) -> Option<Violation> {
+    let scale = tensions_n.iter().fold(low.max(1.0), |m, t| m.max(t.abs()));
+    let mut worst: Option<Violation> = None;
+    for (cable, t) in tensions_n.iter().enumerate() {
+        let limit_n = if *t < low { low } else { high };
+        let excess = (low - t).max(t - high);
+        if excess > TOLERANCE * scale && worst.is_none_or(|w| excess > w.excess_n()) {
+            worst = Some(Violation { cable, tension_n: *t, limit_n });
+        }
+    }
+    worst
+}
+
+/// All solutions of four cables within their limits: T = particular + λ direction, low ≤ λ ≤ high.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FourCables {
+    /// The least-norm solution without limits, orthogonal to the direction, N.
+    pub particular_n: CableVec,
+    /// The unit null vector of the structure matrix.
+    pub direction: CableVec,
+    /// Lowest λ, N.
+    pub low_n: f64,
+    /// Highest λ, N; may be infinite.
+    pub high_n: f64,
+    limits_n: [f64; 2],
+}
+
+impl FourCables {
+    /// The line of solutions and the interval (34) the limits leave of it.
+    pub fn new(structure: &StructureMatrix, wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<Self, TensionError> {
+        if structure.len() != 4 {
+            let method = Distribution::LeastNorm;
+            return Err(TensionError::Method { method, cables: structure.len(), accepted: "four cables" });
+        }
+        let null = null_vector(structure);
+        let norm = null.norm_squared().sqrt();
+        let particular_n = least_norm_unbounded(structure, wrench_n)?;
+        let direction = null.map(|v| v / norm);
+        let [min, max] = limits_n;
+        let scale = particular_n.max_abs().max(min).max(1.0);
+        let (mut low_n, mut high_n) = (f64::NEG_INFINITY, f64::INFINITY);
+        for (t, d) in particular_n.iter().zip(direction.iter()) {
+            if d.abs() < 1e-12 {
+                // This cable's tension does not depend on λ: not a bound, a test.
+                if *t < min - TOLERANCE * scale || *t > max + TOLERANCE * scale {
+                    (low_n, high_n) = (f64::INFINITY, f64::NEG_INFINITY);
+                }
+                continue;
+            }
+            let (a, b) = ((min - t) / d, (max - t) / d);
+            low_n = low_n.max(a.min(b));
+            high_n = high_n.min(a.max(b));
+        }
+        if low_n > high_n && low_n - high_n <= TOLERANCE * scale {
+            let middle = 0.5 * (low_n + high_n);
+            (low_n, high_n) = (middle, middle);
+        }
+        let line = Self { particular_n, direction, low_n, high_n, limits_n };
+        // Also true for NaN.
+        if !(low_n <= high_n) {
+            return Err(TensionError::Infeasible(line.least_violation()));
+        }
+        Ok(line)
+    }
+
+    /// The tensions at λ, N.
+    pub fn at(&self, lambda_n: f64) -> CableVec {
+        self.particular_n.zip_map(&self.direction, |t, d| t + lambda_n * d)
+    }
+
+    /// λ of the least norm: 0, or the end of the interval nearest to it (36).
+    pub fn least_norm(&self) -> CableVec {
+        self.at(0.0f64.clamp(self.low_n, self.high_n))
+    }
+
+    /// The least sum: the end of the interval that the sign of c of (37) says; the least norm where the sum is the same
+    /// everywhere.
+    pub fn min_sum(&self) -> CableVec {
+        let c = self.direction.sum();
+        let lambda = if c > 1e-12 {
+            self.low_n
+        } else if c < -1e-12 {
+            self.high_n
+        } else {
+            return self.least_norm();
+        };
+        // Without an upper limit on tension, an end may be open only where the sum grows towards it.
+        if lambda.is_finite() { self.at(lambda) } else { self.least_norm() }
+    }
+
+    /// The greatest distance to the nearest limit. Where it has no bound, the least norm.
+    pub fn safest(&self) -> CableVec {
+        match self.most_even() {
+            Some((lambda, _)) => self.at(lambda.clamp(self.low_n, self.high_n)),
+            None => self.least_norm(),
+        }
+    }
+
+    /// Tension of the last cable at both ends of the interval (34) in rising order, N.
+    pub fn interval_of_last_n(&self) -> [f64; 2] {
+        let last = |lambda: f64| {
+            let d = self.direction[3];
+            if d == 0.0 { self.particular_n[3] } else { self.particular_n[3] + lambda * d }
+        };
+        let (a, b) = (last(self.low_n), last(self.high_n));
+        [a.min(b), a.max(b)]
+    }
+
+    /// c of (37): how the sum of tensions changes with the tension of the last cable. Infinite where the last cable's
+    /// tension is fixed.
+    pub fn c(&self) -> f64 {
+        self.direction.sum() / self.direction[3]
+    }
+
+    /// λ that maximises the least distance to a limit, and that distance. A concave piecewise linear function has its
+    /// maximum where a rising and a falling piece meet; with eight pieces all pairs are tried.
+    fn most_even(&self) -> Option<(f64, f64)> {
+        let mut pieces = [(0.0, 0.0); 8];
+        let mut count = 0;
+        for (t, d) in self.particular_n.iter().zip(self.direction.iter()) {
+            pieces[count] = (t - self.limits_n[0], *d);
+            count += 1;
+            if self.limits_n[1].is_finite() {
+                pieces[count] = (self.limits_n[1] - t, -d);
+                count += 1;
+            }
+        }
+        let pieces = &pieces[..count];
+        let mut best: Option<(f64, f64)> = None;
+        for (p0, d0) in pieces.iter().filter(|p| p.1 > 0.0) {
+            for (p1, d1) in pieces.iter().filter(|p| p.1 <= 0.0) {
+                let lambda = (p1 - p0) / (d0 - d1);
+                let least = pieces.iter().fold(f64::INFINITY, |m, (p, d)| m.min(p + lambda * d));
+                // The maximum is a plateau where one cable does not depend on λ: take its point of least norm.
+                let better = best.is_none_or(|(at, value)| {
+                    least > value + 1e-12 || (least > value - 1e-12 && lambda.abs() < at.abs())
+                });
+                if least.is_finite() && better {
+                    best = Some((lambda, least));
+                }
+            }
+        }
+        best
+    }
+
+    fn least_violation(&self) -> Violation {
+        let lambda = self.most_even().map_or(0.0, |(lambda, _)| lambda);
+        let tensions = self.at(lambda);
+        // At the best compromise at least two cables miss by the same amount; the first is named.
+        worst_violation(&tensions, self.limits_n).unwrap_or(Violation {
+            cable: 0,
+            tension_n: tensions[0],
+            limit_n: self.limits_n[0],
+        })
+    }
+}
+
+/// N_k = (-1)^k det(Λ without column k): ΛN = 0.
+fn null_vector(s: &StructureMatrix) -> CableVec {
+    CableVec::from_fn(4, |k| match k {
+        0 => linalg::det3(&s[1], &s[2], &s[3]),
+        1 => -linalg::det3(&s[0], &s[2], &s[3]),
+        2 => linalg::det3(&s[0], &s[1], &s[3]),
+        _ => -linalg::det3(&s[0], &s[1], &s[2]),
+    })
+}
+
+/// Least norm within limits for any number of cables (27): maximises the dual, whose optimum y gives
+/// T = clamp(Λᵀy, min, max). Newton steps with an exact line search; the dual is concave and piecewise quadratic, so the
+/// steps end at the optimum after finitely many pieces. An unbounded ascent proves that nothing is feasible (Farkas).
+///
+/// Also for planar robots: a structure matrix with a row of zeros and no force in it.
+pub fn least_norm(
+    structure: &StructureMatrix,
+    wrench_n: &Vector3<f64>,
+    limits_n: [f64; 2],
+) -> Result<CableVec, TensionError> {
+    let n = structure.len();
+    let [low, high] = limits_n;
+    let scale = 1.0 + wrench_n.norm() + low * n as f64;
+    let tension = |y: &Vector3<f64>, i: usize| structure[i].dot(y).clamp(low, high);
+    let mut y = Vector3::zeros();
+    let mut missing = f64::INFINITY;
+    for _ in 0..MAX_ITERATIONS {
+        let mut residual = *wrench_n;
+        let mut hessian = Matrix3::identity() * 1e-9;
+        for i in 0..n {
+            residual -= structure[i] * tension(&y, i);
+            let s = structure[i].dot(&y);
+            if s > low && s < high {
+                hessian += linalg::outer(&structure[i], &structure[i]);
+            }
+        }
+        missing = residual.norm();
+        if missing <= 1e-12 * scale {
+            break;
+        }
+        let direction = linalg::solve_spd(&hessian, &residual).unwrap_or(residual);
+        let Some(step) = ascend(structure, wrench_n, limits_n, &y, &direction) else {
+            missing = f64::INFINITY;
+            break;
+        };
+        y += direction * step;
+    }
+    if missing <= TOLERANCE * scale {
+        return Ok(CableVec::from_fn(n, |i| tension(&y, i)));
+    }
+    // Why not: the cable that is worst off without limits.
+    let free = least_norm_unbounded(structure, wrench_n).unwrap_or_else(|_| CableVec::zeros(n));
+    match worst_violation(&free, limits_n) {
+        Some(violation) => Err(TensionError::Infeasible(violation)),
+        None => Err(TensionError::Singular),
+    }
+}
+
+/// The step along `d` that maximises the dual, or None where it rises for ever.
+fn ascend(
+    structure: &StructureMatrix,
+    wrench_n: &Vector3<f64>,
+    [low, high]: [f64; 2],
+    y: &Vector3<f64>,
+    d: &Vector3<f64>,
+) -> Option<f64> {
+    let n = structure.len();
+    let b = wrench_n.dot(d);
+    let (mut s, mut p) = ([0.0; MAX_CABLES], [0.0; MAX_CABLES]);
+    for i in 0..n {
+        (s[i], p[i]) = (structure[i].dot(y), structure[i].dot(d));
+    }
+    let derivative = |step: f64| {
+        let pulled: f64 = (0..n).map(|i| (s[i] + step * p[i]).clamp(low, high) * p[i]).sum();
+        b - pulled
+    };
+    // The derivative falls and is linear between the steps at which a cable reaches a limit.
+    let mut breaks = [f64::INFINITY; 2 * MAX_CABLES];
+    let mut count = 0;
+    for i in 0..n {
+        for limit in [low, high] {
+            let at = (limit - s[i]) / p[i];
+            if at.is_finite() && at > 0.0 {
+                breaks[count] = at;
+                count += 1;
+            }
+        }
+    }
+    breaks[..count].sort_unstable_by(f64::total_cmp);
+    let (mut from, mut at_from) = (0.0, derivative(0.0));
+    for to in &breaks[..count] {
+        let at_to = derivative(*to);
+        if at_to <= 0.0 {
+            return Some(from + (to - from) * at_from / (at_from - at_to));
+        }
+        (from, at_from) = (*to, at_to);
+    }
+    // Beyond the last break it is linear still: constant where every cable is at a limit.
+    let unit = from.abs().max(1.0);
+    let fall = at_from - derivative(from + unit);
+    if fall > 1e-12 * at_from.abs() { Some(from + unit * at_from / fall) } else { None }
+}
+
+/// Greatest margin for more than four cables, by bisection on the margin.
+fn safest_of_many(
+    structure: &StructureMatrix,
+    wrench_n: &Vector3<f64>,
+    limits_n: [f64; 2],
+) -> Result<CableVec, TensionError> {
+    let [low, high] = limits_n;
+    let mut best = least_norm(structure, wrench_n, limits_n)?;
+    if !high.is_finite() {
+        return Ok(best);
+    }
+    let (mut kept, mut lost) = (0.0, 0.5 * (high - low));
+    for _ in 0..50 {
+        let margin = 0.5 * (kept + lost);
+        match least_norm(structure, wrench_n, [low + margin, high - margin]) {
+            Ok(tensions) => (kept, best) = (margin, tensions),
+            Err(_) => lost = margin,
+        }
+    }
+    Ok(best)
+}
