@@ -1,1 +1,54 @@
-//! Typed ports, untyped tap, waking and requests over shared memory.
+//! Samples between processes over shared memory: typed ports, an untyped tap, waking, and requests.
+//!
+//! Invariants:
+//! * This is the only crate that names iceoryx2; nothing of it shows in the interface.
+//! * Everything of one robot lives in one [`Domain`]; two domains on a machine never meet.
+//! * A publisher never waits for a subscriber: where the buffer is full, the oldest sample makes room, and the subscriber counts it as
+//!   lost by its sequence number.
+//! * Publish, then notify: whoever is woken finds the sample.
+//! * Ports stay in the thread that made them. After creation, receiving and waiting do not allocate; sending takes and returns one counter of
+//!   fixed size, inside iceoryx2.
+//! * Connecting to a new peer happens inside the next `send` or `receive`; it costs about 0.1 ms there, once.
+//!
+//! ```
+//! use bus::{Bus, Domain};
+//! use messages::MotorState;
+//!
+//! let domain = Domain::for_test();
+//! let motor = Bus::join(&domain, "motor-io")?;
+//! let mut out = motor.publisher::<MotorState>("motor/state")?;
+//!
+//! let estimator = Bus::join(&domain, "estimator")?;
+//! let mut states = estimator.subscriber::<MotorState>("motor/state")?;
+//! let mut waiter = estimator.waiter(&["motor/state"])?;
+//!
+//! out.send(&mut MotorState { cable_count: 3, ..Default::default() })?;
+//! assert!(waiter.wait_until(Some(bus::clock::now_ns() + 1_000_000_000))?.channel(0));
+//! assert_eq!(states.receive()?.unwrap().cable_count, 3);
+//! assert_eq!(states.lost(), 0);
+//! # Ok::<(), bus::BusError>(())
+//! ```
+
+pub mod clock;
+mod domain;
+mod error;
+mod losses;
+mod node;
+mod port;
+mod request;
+mod sweep;
+mod tap;
+mod waiter;
+mod wire;
+
+pub use domain::{Claim, Domain, NodeInfo, TestDomain};
+pub use error::BusError;
+pub use node::Bus;
+pub use port::{Publisher, Subscriber};
+pub use request::{Call, Client, Server, request_event};
+pub use sweep::Swept;
+pub use tap::{ChannelInfo, ChannelWatch, Raw, Tap};
+pub use waiter::{Waiter, Wake};
+
+/// The event that says "there is a new channel": wait for it in place of polling [`Bus::channels`].
+pub const CHANNELS_EVENT: &str = "system/channels";

@@ -1,0 +1,170 @@
+//! Time: one clock for all processes, and a pacer for periodic work.
+
+use rustix::thread::{ClockId, clock_nanosleep_absolute};
+use rustix::time::{Timespec, clock_gettime};
+
+/// Nanoseconds per second.
+pub const SECOND_NS: u64 = 1_000_000_000;
+
+/// CLOCK_MONOTONIC, ns: the clock of every stamp.
+#[must_use]
+pub fn now_ns() -> u64 {
+    let now = clock_gettime(ClockId::Monotonic);
+    now.tv_sec as u64 * SECOND_NS + now.tv_nsec as u64
+}
+
+/// Wall clock, ns since 1970, for mapping stamps to calendar time; it may jump.
+#[must_use]
+pub fn unix_ns() -> u64 {
+    let now = clock_gettime(ClockId::Realtime);
+    now.tv_sec as u64 * SECOND_NS + now.tv_nsec as u64
+}
+
+/// Sleeps until CLOCK_MONOTONIC shows `deadline_ns`, also through signals.
+pub fn sleep_until(deadline_ns: u64) {
+    let at = Timespec { tv_sec: (deadline_ns / SECOND_NS) as i64, tv_nsec: (deadline_ns % SECOND_NS) as i64 };
+    // interrupted by a signal: again, the deadline is absolute
+    while clock_nanosleep_absolute(ClockId::Monotonic, &at).is_err() {}
+}
+
+/// One period has begun.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Tick {
+    /// When it was due, ns.
+    pub scheduled_ns: u64,
+    /// When the process woke, ns.
+    pub woke_ns: u64,
+    /// Periods left out since the last tick, because the machine stood still or the work took too long.
+    pub skipped: u64,
+}
+
+impl Tick {
+    /// How late the wake-up was, ns.
+    #[must_use]
+    pub fn lateness_ns(&self) -> u64 {
+        self.woke_ns.saturating_sub(self.scheduled_ns)
+    }
+}
+
+/// The grid of due times, without a clock: which due time is next.
+///
+/// Two ticks never begin less than half a period apart, so a stall is followed by skipped periods and not by a burst.
+#[derive(Debug, Clone)]
+pub struct Schedule {
+    period_ns: u64,
+    last_ns: u64,
+    last_woke_ns: u64,
+}
+
+impl Schedule {
+    /// A grid whose first due time is `start_ns` + one period; a period of 0 is taken as 1 ns.
+    #[must_use]
+    pub fn new(start_ns: u64, period_ns: u64) -> Self {
+        Self { period_ns: period_ns.max(1), last_ns: start_ns, last_woke_ns: start_ns }
+    }
+
+    /// The next due time and how many periods are left out before it.
+    ///
+    /// A due time that has passed counts as late, not as skipped, as long as it is the newest one and the last tick began half a period ago.
+    #[must_use]
+    pub fn next(&self, now_ns: u64) -> (u64, u64) {
+        let newest_passed = now_ns.saturating_sub(self.last_ns) / self.period_ns;
+        let mut steps = newest_passed.max(1);
+        while self.last_ns + steps * self.period_ns < self.last_woke_ns + self.period_ns / 2 {
+            steps += 1;
+        }
+        (self.last_ns + steps * self.period_ns, steps - 1)
+    }
+
+    /// The tick that was due at `scheduled_ns` has begun.
+    pub fn begun(&mut self, scheduled_ns: u64, woke_ns: u64) {
+        (self.last_ns, self.last_woke_ns) = (scheduled_ns, woke_ns);
+    }
+
+    /// The period, ns.
+    #[must_use]
+    pub fn period_ns(&self) -> u64 {
+        self.period_ns
+    }
+}
+
+/// Periodic work by absolute time: no drift, no catch-up bursts.
+#[derive(Debug)]
+pub struct Pacer {
+    schedule: Schedule,
+}
+
+impl Pacer {
+    /// Starts the grid now.
+    #[must_use]
+    pub fn new(period_ns: u64) -> Self {
+        Self { schedule: Schedule::new(now_ns(), period_ns) }
+    }
+
+    /// Sleeps until the next due time (not at all if it has passed).
+    #[allow(clippy::should_implement_trait)] // endless, and it sleeps
+    pub fn next(&mut self) -> Tick {
+        let (scheduled_ns, skipped) = self.schedule.next(now_ns());
+        sleep_until(scheduled_ns);
+        let woke_ns = now_ns();
+        self.schedule.begun(scheduled_ns, woke_ns);
+        Tick { scheduled_ns, woke_ns, skipped }
+    }
+
+    /// When the next tick is due, ns, for those who wait for something else meanwhile.
+    #[must_use]
+    pub fn due_ns(&self) -> u64 {
+        self.schedule.next(now_ns()).0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn on_time_nothing_is_skipped() {
+        let mut schedule = Schedule::new(1000, 10);
+        for k in 1..50 {
+            let (due, skipped) = schedule.next(1000 + 10 * (k - 1) + 3);
+            assert_eq!((due, skipped), (1000 + 10 * k, 0));
+            schedule.begun(due, due + 1);
+        }
+    }
+
+    #[test]
+    fn a_stall_is_skipped_and_the_grid_is_kept() {
+        let mut schedule = Schedule::new(0, 10);
+        schedule.begun(10, 10);
+        // asked again at 137: 130 is the newest that has passed, 20..=120 are left out
+        let (due, skipped) = schedule.next(137);
+        assert_eq!((due, skipped), (130, 11));
+        schedule.begun(due, 137);
+        // 140 would follow 3 after the last: left out as well
+        assert_eq!(schedule.next(138), (150, 1));
+    }
+
+    #[test]
+    fn ticks_never_crowd() {
+        let mut schedule = Schedule::new(0, 1000);
+        let (mut now, mut last, mut random) = (0_u64, 0_u64, 12345_u64);
+        for pass in 0..10_000 {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            now += random >> 53; // work of 0 to 2047
+            let (due, _) = schedule.next(now);
+            now = now.max(due);
+            assert!(due % 1000 == 0 && (pass == 0 || now >= last + 500), "{last} {now}");
+            schedule.begun(due, now);
+            last = now;
+        }
+    }
+
+    #[test]
+    fn the_pacer_never_wakes_early() {
+        let mut pacer = Pacer::new(1_000_000);
+        for _ in 0..20 {
+            let tick = pacer.next();
+            assert!(tick.woke_ns >= tick.scheduled_ns);
+        }
+    }
+}

@@ -1,0 +1,302 @@
+//! The domain of one robot: its own names in shared memory.
+
+use std::fs;
+use std::io::{self, Read, Seek, Write};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::time::Duration;
+
+use iceoryx2::node::NodeView;
+use iceoryx2::prelude::{CallbackProgression, Config, FileName, Node, NodeState, SemanticString, ipc};
+use rustix::fs::{FlockOperation, flock};
+use rustix::process::geteuid;
+
+use crate::BusError;
+
+/// Where POSIX shared memory lies on Linux.
+pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
+/// A listener's socket must fit `sun_path` (108 bytes) behind root path and prefix; measured: 66 bytes for both are safe.
+const ROOT_AND_PREFIX_BYTES: usize = 66;
+/// Leaves room for `/dev/shm/nims-<uid>-` with a uid of ten digits, and for the prefix of 13 bytes.
+const NAME_BYTES: usize = 20;
+/// How long a peer waits inside iceoryx2 for something half made. Short, because a broken peer would stall a control loop for this long;
+/// opening a channel at start-up waits longer by trying again.
+const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
+const CLAIM_FILE: &str = "owner";
+
+/// One robot's part of shared memory: a folder on tmpfs, and a prefix of its own.
+#[derive(Debug, Clone)]
+pub struct Domain {
+    name: String,
+    root: PathBuf,
+    prefix: String,
+    config: Config,
+}
+
+/// A process in a domain.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NodeInfo {
+    /// The process's name; empty if it cannot be read.
+    pub name: String,
+    /// Its process id; 0 if it cannot be read.
+    pub pid: u32,
+}
+
+impl Domain {
+    /// The domain of that name and this user, in a folder of its own under /dev/shm; makes the folder.
+    ///
+    /// # Errors
+    /// [`BusError::DomainName`] unless it is 1 to 20 letters, digits or `-`; [`BusError::DomainFolder`] if the folder is another user's.
+    pub fn new(name: &str) -> Result<Self, BusError> {
+        let bad = |why: String| BusError::DomainName { name: name.to_owned(), why };
+        if name.is_empty() || name.len() > NAME_BYTES {
+            return Err(bad(format!("give it 1 to {NAME_BYTES} characters")));
+        }
+        if !usable(name) {
+            return Err(bad("use only letters, digits and `-`".to_owned()));
+        }
+        Self::make(name.to_owned(), Path::new(SHARED_MEMORY).join(format!("nims-{}-{name}", geteuid().as_raw())))
+    }
+
+    /// The domain whose folder is `root`, an absolute path on tmpfs, e.g. a service manager's runtime folder.
+    ///
+    /// # Errors
+    /// [`BusError::DomainName`] if the path is too long, [`BusError::DomainFolder`] if the folder is another user's or cannot be made.
+    pub fn from_root(root: &Path) -> Result<Self, BusError> {
+        let name = root.to_string_lossy().into_owned();
+        if !root.is_absolute() {
+            return Err(BusError::DomainName { name, why: "give the folder as an absolute path".to_owned() });
+        }
+        Self::make(name, root.to_owned())
+    }
+
+    /// [`Domain::from_root`] if the text begins with `/`, otherwise [`Domain::new`]: the inverse of [`Domain::name`].
+    ///
+    /// # Errors
+    /// As those.
+    pub fn parse(text: &str) -> Result<Self, BusError> {
+        if text.starts_with('/') { Self::from_root(Path::new(text)) } else { Self::new(text) }
+    }
+
+    /// [`Domain::parse`], but nothing is made: `None` if there is no such folder.
+    ///
+    /// # Errors
+    /// As [`Domain::parse`].
+    pub fn existing(text: &str) -> Result<Option<Self>, BusError> {
+        let there = if text.starts_with('/') { Path::new(text).is_dir() } else { folder_of(text).is_dir() };
+        // a bad name is reported as such, not as one that does not exist
+        if there || !text.starts_with('/') && !usable(text) { Self::parse(text).map(Some) } else { Ok(None) }
+    }
+
+    /// This user's named domains that have a folder, by name; whether anything lives there [`Domain::alive`] says.
+    #[must_use]
+    pub fn all() -> Vec<Self> {
+        let beginning = format!("nims-{}-", geteuid().as_raw());
+        let mut names: Vec<String> = fs::read_dir(SHARED_MEMORY)
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter(|entry| entry.path().is_dir())
+            .filter_map(|entry| entry.file_name().to_str()?.strip_prefix(&beginning).map(str::to_owned))
+            .collect();
+        names.sort();
+        names.iter().filter_map(|name| Self::new(name).ok()).collect()
+    }
+
+    /// A domain that no other test has, removed with everything in it when the guard is dropped.
+    ///
+    /// # Panics
+    /// If /dev/shm cannot be written.
+    #[must_use]
+    pub fn for_test() -> TestDomain {
+        static COUNT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("t{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
+        #[allow(clippy::panic)]
+        let domain = Self::new(&name).unwrap_or_else(|error| panic!("{error}"));
+        domain.wipe(); // an earlier process may have had this id
+        let _ = domain.make_folder();
+        TestDomain(domain)
+    }
+
+    fn make(name: String, root: PathBuf) -> Result<Self, BusError> {
+        // One prefix per folder. The hash has a fixed length, so no domain's prefix begins another's.
+        let prefix = format!("nims{:08x}_", messages::hash_of(&root.to_string_lossy()));
+        let bytes = root.as_os_str().len() + prefix.len();
+        if bytes > ROOT_AND_PREFIX_BYTES {
+            let why = format!("its folder is {} bytes too long", bytes - ROOT_AND_PREFIX_BYTES);
+            return Err(BusError::DomainName { name, why });
+        }
+        let unusable = |_| BusError::DomainName {
+            name: name.clone(),
+            why: "it has a character that a path cannot have".to_owned(),
+        };
+        let mut config = Config::default();
+        config.global.prefix = FileName::new(prefix.as_bytes()).map_err(unusable)?;
+        config
+            .global
+            .set_root_path(&iceoryx2::prelude::Path::new(root.as_os_str().as_encoded_bytes()).map_err(unusable)?);
+        config.global.creation_timeout = CREATION_TIMEOUT;
+        // Dead processes are removed when a process joins and when a place is missing, never inside the life of a running one.
+        config.global.node.cleanup_dead_nodes_on_creation = true;
+        config.global.node.cleanup_dead_nodes_on_destruction = false;
+        config.global.service.cleanup_dead_nodes_on_open = false;
+        let domain = Self { name, root, prefix, config };
+        domain.make_folder()?;
+        Ok(domain)
+    }
+
+    /// Makes the folder, mode 0700, or checks that the one that is there is this user's alone.
+    fn make_folder(&self) -> Result<(), BusError> {
+        let unusable = |why: String| BusError::DomainFolder { path: self.root.clone(), why };
+        match fs::DirBuilder::new().mode(0o700).create(&self.root) {
+            Ok(()) => return Ok(()),
+            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
+            Err(error) => return Err(unusable(format!("it cannot be made ({error})"))),
+        }
+        let found = fs::symlink_metadata(&self.root).map_err(|error| unusable(error.to_string()))?;
+        if !found.is_dir() {
+            return Err(unusable("it is not a folder; remove it".to_owned()));
+        }
+        let user = geteuid().as_raw();
+        if found.uid() != user {
+            return Err(unusable(format!(
+                "it belongs to user {}, and this is user {user}; run everything as one user",
+                found.uid()
+            )));
+        }
+        if found.mode() & 0o077 != 0 {
+            fs::set_permissions(&self.root, fs::Permissions::from_mode(0o700))
+                .map_err(|error| unusable(error.to_string()))?;
+        }
+        Ok(())
+    }
+
+    /// The text that [`Domain::parse`] turns into this domain again.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Its folder.
+    #[must_use]
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// What its names under /dev/shm begin with; a program in another language needs it together with [`Domain::root`].
+    #[must_use]
+    pub fn prefix(&self) -> &str {
+        &self.prefix
+    }
+
+    pub(crate) fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// The processes that live in it.
+    #[must_use]
+    pub fn alive(&self) -> Vec<NodeInfo> {
+        self.nodes().0
+    }
+
+    /// The living, and how many have died without being removed.
+    pub(crate) fn nodes(&self) -> (Vec<NodeInfo>, usize) {
+        let (mut alive, mut dead) = (Vec::new(), 0);
+        // a failure to list is an empty list: there is no folder yet
+        let _ = Node::<ipc::Service>::list(&self.config, |state| {
+            match state {
+                NodeState::Alive(node) => alive.push(info_of(&node)),
+                NodeState::Dead(_) => dead += 1,
+                NodeState::Inaccessible(_) | NodeState::Undefined(_) => {}
+            }
+            CallbackProgression::Continue
+        });
+        (alive, dead)
+    }
+
+    /// Becomes the one who runs this domain, until the claim is dropped or the process ends, however it ends.
+    ///
+    /// # Errors
+    /// [`BusError::Claimed`] if another process does.
+    pub fn claim(&self) -> Result<Claim, BusError> {
+        let unusable = |error: io::Error| BusError::DomainFolder { path: self.root.clone(), why: error.to_string() };
+        let path = self.root.join(CLAIM_FILE);
+        let mut file = fs::OpenOptions::new()
+            .read(true)
+            .write(true)
+            .create(true)
+            .truncate(false)
+            .mode(0o600)
+            .open(path)
+            .map_err(unusable)?;
+        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+            let mut text = String::new();
+            let _ = file.read_to_string(&mut text);
+            return Err(BusError::Claimed { name: self.name.clone(), pid: text.trim().parse().unwrap_or(0) });
+        }
+        file.set_len(0).map_err(unusable)?;
+        file.rewind().map_err(unusable)?;
+        write!(file, "{}", std::process::id()).map_err(unusable)?;
+        Ok(Claim { _file: file })
+    }
+
+    /// Removes every name of this domain, except the claim of whoever runs it. Only where no process lives in it.
+    pub(crate) fn wipe(&self) -> usize {
+        let mut removed = 0;
+        for entry in fs::read_dir(&self.root).into_iter().flatten().flatten() {
+            if entry.file_name() != CLAIM_FILE {
+                let path = entry.path();
+                let gone = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+                removed += usize::from(gone.is_ok());
+            }
+        }
+        for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+            if entry.file_name().as_encoded_bytes().starts_with(self.prefix.as_bytes()) {
+                removed += usize::from(fs::remove_file(entry.path()).is_ok());
+            }
+        }
+        removed
+    }
+}
+
+/// The characters that the name of a domain may have.
+fn usable(name: &str) -> bool {
+    name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-')
+}
+
+/// Where this user's domain of that name has its folder.
+fn folder_of(name: &str) -> PathBuf {
+    Path::new(SHARED_MEMORY).join(format!("nims-{}-{name}", geteuid().as_raw()))
+}
+
+pub(crate) fn info_of(node: &impl NodeView) -> NodeInfo {
+    node.details().as_ref().map_or(NodeInfo { name: String::new(), pid: 0 }, |details| NodeInfo {
+        name: details.name().to_string(),
+        pid: details.process_id().value().unsigned_abs(),
+    })
+}
+
+/// Whoever holds this runs the domain; see [`Domain::claim`].
+#[derive(Debug)]
+pub struct Claim {
+    _file: fs::File,
+}
+
+/// A [`Domain`] that is removed with everything in it when this is dropped.
+#[derive(Debug)]
+pub struct TestDomain(Domain);
+
+impl std::ops::Deref for TestDomain {
+    type Target = Domain;
+    fn deref(&self) -> &Domain {
+        &self.0
+    }
+}
+
+impl Drop for TestDomain {
+    fn drop(&mut self) {
+        self.0.wipe();
+        let _ = fs::remove_dir_all(&self.0.root);
+    }
+}

@@ -1,0 +1,148 @@
+//! What can go wrong, each as one sentence: what, where, what to do.
+
+use std::path::PathBuf;
+
+/// Why something on the bus did not work.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BusError {
+    /// The name of a domain cannot be used.
+    #[error("the domain `{name}` cannot be used: {why}")]
+    DomainName {
+        /// As it was given.
+        name: String,
+        /// One clause.
+        why: String,
+    },
+    /// The folder of a domain cannot be used.
+    #[error("the folder {path} of the domain cannot be used: {why}")]
+    DomainFolder {
+        /// The folder.
+        path: PathBuf,
+        /// One clause.
+        why: String,
+    },
+    /// Another supervisor runs this domain.
+    #[error(
+        "the domain `{name}` is already run by process {pid}: stop that one first, or choose another name with --domain"
+    )]
+    Claimed {
+        /// The domain.
+        name: String,
+        /// Who holds it; 0 if it cannot be read.
+        pid: u32,
+    },
+    /// The process could not become part of the domain.
+    #[error("process `{process}` could not join the domain `{domain}`: {why}")]
+    Join {
+        /// The process.
+        process: String,
+        /// The domain.
+        domain: String,
+        /// One clause.
+        why: String,
+    },
+    /// A channel's name cannot be used.
+    #[error("`{name}` is not a channel name: lower-case words of a-z, 0-9, `_`, `-`, joined by `/`, 64 bytes at most")]
+    ChannelName {
+        /// As it was given.
+        name: String,
+    },
+    /// Nobody has opened this channel.
+    #[error("there is no channel `{channel}` in the domain `{domain}`: no process has opened it")]
+    NoChannel {
+        /// The channel.
+        channel: String,
+        /// The domain.
+        domain: String,
+    },
+    /// Two builds disagree about a sample.
+    #[error(
+        "channel `{channel}` carries `{found}`, and this process speaks `{wanted}`: they come from different builds; stop {holders} and start \
+         everything from one build, or give the new type a new channel name"
+    )]
+    TypeMismatch {
+        /// The channel.
+        channel: String,
+        /// Type name there.
+        found: String,
+        /// Type name here.
+        wanted: String,
+        /// Who holds the channel.
+        holders: String,
+    },
+    /// The channel was made with a smaller quality of service.
+    #[error(
+        "channel `{channel}` was made with other settings than the channel table has ({why}): stop {holders} first"
+    )]
+    QualityMismatch {
+        /// The channel.
+        channel: String,
+        /// One clause.
+        why: String,
+        /// Who holds the channel.
+        holders: String,
+    },
+    /// All places are taken.
+    #[error("channel `{channel}` already has its {limit} {what}; it is held by {holders}: stop one of them first")]
+    Full {
+        /// The channel.
+        channel: String,
+        /// How many there may be.
+        limit: usize,
+        /// `publisher(s)`, `subscriber(s)`, `process(es)`.
+        what: &'static str,
+        /// Who holds the channel.
+        holders: String,
+    },
+    /// Too many things to wait for.
+    #[error("a process can wait for {limit} channels and descriptors at most")]
+    TooManyToWaitFor {
+        /// How many.
+        limit: usize,
+    },
+    /// Schema text does not fit.
+    #[error("the schema text of `{type_name}` does not fit its channel: {why}")]
+    Schema {
+        /// The type.
+        type_name: String,
+        /// One clause.
+        why: String,
+    },
+    /// No process answers requests of that name.
+    #[error("no process answers as `{process}` in the domain `{domain}`: it is not running")]
+    NoServer {
+        /// Who was asked.
+        process: String,
+        /// The domain.
+        domain: String,
+    },
+    /// It was there, and did not answer.
+    #[error("`{process}` did not answer within {seconds:.1} s: it {why}")]
+    NoAnswer {
+        /// Who was asked.
+        process: String,
+        /// How long.
+        seconds: f64,
+        /// One clause.
+        why: &'static str,
+    },
+    /// Anything that is nobody's mistake.
+    #[error("channel `{channel}` failed to {what}: {why}")]
+    Failed {
+        /// The channel.
+        channel: String,
+        /// An infinitive.
+        what: &'static str,
+        /// One clause.
+        why: String,
+    },
+}
+
+impl BusError {
+    /// True where the caller gave something unusable (a program then exits with 2).
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        matches!(self, Self::DomainName { .. } | Self::ChannelName { .. })
+    }
+}

@@ -1,0 +1,59 @@
+//! Losses, counted by the sequence number of each publisher.
+
+/// Publishers told apart at once; beyond that the one longest unheard is forgotten. Twice the most that a channel may have.
+const PUBLISHERS: usize = 16;
+
+/// Counts samples that never arrived. A new publisher is not a gap, wherever its numbers begin.
+#[derive(Debug, Default)]
+pub(crate) struct Losses {
+    last: [(u128, u64); PUBLISHERS],
+    next_slot: usize,
+    pub(crate) lost: u64,
+    pub(crate) gaps: u64,
+}
+
+impl Losses {
+    /// Takes note of sample `seq` (counted from 1) of `publisher`; returns how many are missing before it.
+    pub(crate) fn note(&mut self, publisher: u128, seq: u64) -> u64 {
+        if let Some((_, last)) = self.last.iter_mut().find(|(id, last)| *id == publisher && *last != 0) {
+            let missing = seq.saturating_sub(*last).saturating_sub(1);
+            *last = seq.max(*last);
+            self.lost += missing;
+            self.gaps += u64::from(missing > 0);
+            return missing;
+        }
+        self.last[self.next_slot] = (publisher, seq);
+        self.next_slot = (self.next_slot + 1) % PUBLISHERS;
+        0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_is_a_loss_and_a_new_publisher_is_not() {
+        let mut losses = Losses::default();
+        for seq in [5, 6, 7] {
+            assert_eq!(losses.note(1, seq), 0);
+        }
+        assert_eq!(losses.note(1, 11), 3);
+        assert_eq!(losses.note(2, 900), 0, "another publisher begins where it likes");
+        assert_eq!(losses.note(1, 12), 0);
+        assert_eq!(losses.note(1, 4), 0, "an older number is no loss");
+        assert_eq!(losses.note(1, 13), 0);
+        assert_eq!((losses.lost, losses.gaps), (3, 1));
+    }
+
+    #[test]
+    fn many_restarts_are_not_losses() {
+        let mut losses = Losses::default();
+        for publisher in 1..100 {
+            for seq in 1..4 {
+                losses.note(publisher, seq);
+            }
+        }
+        assert_eq!(losses.lost, 0);
+    }
+}

@@ -1,0 +1,325 @@
+//! A process's place on the bus, and how it opens channels.
+
+use std::cell::OnceCell;
+use std::time::Duration;
+
+use iceoryx2::node::Node;
+use iceoryx2::port::listener::Listener;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::prelude::{
+    AttributeSpecifier, EventId, LogLevel, MessagingPattern, NodeBuilder, NodeName, NodeState, PortName, Service,
+    ServiceName, SignalHandlingMode, ipc, set_log_level,
+};
+use iceoryx2::service::builder::event::EventOpenOrCreateError;
+use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeCreateError, PublishSubscribeOpenError};
+use iceoryx2::service::port_factory::{event, publish_subscribe};
+use messages::{Message, Quality, hash_of, quality_of};
+use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
+
+use crate::clock::{SECOND_NS, now_ns, sleep_until};
+use crate::domain::info_of;
+use crate::wire::Wire;
+use crate::{BusError, CHANNELS_EVENT, Domain};
+
+/// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).
+pub(crate) const ATTRIBUTE_BYTES: usize = 256;
+const ATTRIBUTES: usize = 8;
+/// Key of the schema hash; the text lies in `schema.0`, `schema.1`, ...
+pub(crate) const SCHEMA_HASH: &str = "schema.hash";
+pub(crate) const SCHEMA_PART: &str = "schema.";
+/// A channel half made by another process: longer than a virtual machine's longest stall, and than what makes it count as abandoned.
+const OPENING_PATIENCE_NS: u64 = 4 * SECOND_NS;
+/// Every process on `system/channels`; and one notifier more than publishers elsewhere, so that a successor can be there already.
+const EVENT_PORTS: usize = 64;
+/// Samples a publisher loans at once: it copies into one, sends it, and has none.
+pub(crate) const LOANS: usize = 1;
+/// Samples a subscriber borrows at once: it copies out of one.
+pub(crate) const BORROWS: usize = 2;
+/// 40 channels at 5 descriptors each, and room for files and ports.
+const DESCRIPTORS: u64 = 4096;
+
+pub(crate) type PubSub<P> = publish_subscribe::PortFactory<ipc::Service, P, ()>;
+
+/// A process's place on the bus of its robot; makes ports.
+#[derive(Debug)]
+pub struct Bus {
+    pub(crate) node: Node<ipc::Service>,
+    domain: Domain,
+    process: String,
+    pub(crate) port_name: PortName,
+    announcer: OnceCell<Notifier<ipc::Service>>,
+}
+
+impl Bus {
+    /// Joins a domain under a process name, and removes what processes that were killed have left there.
+    ///
+    /// # Errors
+    /// [`BusError::Join`] if the name is longer than 64 bytes, the folder is unusable, or the system has no room.
+    pub fn join(domain: &Domain, process: &str) -> Result<Self, BusError> {
+        let failed =
+            |why: String| BusError::Join { process: process.to_owned(), domain: domain.name().to_owned(), why };
+        set_log_level(LogLevel::Fatal); // what matters comes back as an error
+        raise_descriptor_limit();
+        let port_name = PortName::new(process)
+            .map_err(|_| failed("its name is longer than 64 bytes or not plain ASCII".to_owned()))?;
+        let node_name = NodeName::new(process).map_err(|error| failed(error.to_string()))?;
+        let node = NodeBuilder::new()
+            .name(&node_name)
+            .config(domain.config())
+            .signal_handling_mode(SignalHandlingMode::Disabled)
+            .create::<ipc::Service>()
+            .map_err(|error| {
+                failed(format!("shared memory cannot be set up in {} ({error:?})", domain.root().display()))
+            })?;
+        Ok(Self { node, domain: domain.clone(), process: process.to_owned(), port_name, announcer: OnceCell::new() })
+    }
+
+    /// The domain joined.
+    #[must_use]
+    pub fn domain(&self) -> &Domain {
+        &self.domain
+    }
+
+    /// The name it was joined under.
+    #[must_use]
+    pub fn process(&self) -> &str {
+        &self.process
+    }
+
+    /// Opens or makes the channel with the table's quality of service; the schema text becomes part of it.
+    pub(crate) fn open_typed<T: Message>(&self, channel: &str) -> Result<PubSub<Wire<T>>, BusError> {
+        let name = service_name(channel)?;
+        let quality = quality_of(channel);
+        let attributes = schema_attributes(T::type_name(), T::schema())?;
+        let builder = || {
+            self.node
+                .service_builder(&name)
+                .publish_subscribe::<Wire<T>>()
+                .enable_safe_overflow(true)
+                .subscriber_max_buffer_size(quality.buffer)
+                .subscriber_max_borrowed_samples(BORROWS)
+                .history_size(quality.history)
+                .max_publishers(quality.publishers)
+                .max_subscribers(quality.subscribers)
+                .max_nodes(quality.nodes)
+        };
+        let give_up = now_ns() + OPENING_PATIENCE_NS;
+        let mut cleaned = false;
+        loop {
+            // open first: a peer from another language, or a tunnel, may have made it without the schema text; the type's name decides
+            let error = match builder().open() {
+                Ok(service) => return Ok(service),
+                Err(error) => error,
+            };
+            let passing = match error {
+                PublishSubscribeOpenError::DoesNotExist => match builder().create_with_attributes(&attributes) {
+                    Ok(service) => {
+                        self.announce();
+                        return Ok(service);
+                    }
+                    Err(
+                        PublishSubscribeCreateError::AlreadyExists
+                        | PublishSubscribeCreateError::IsBeingCreatedByAnotherInstance,
+                    ) => true,
+                    Err(error) => return Err(failed(channel, "be made", &error)),
+                },
+                PublishSubscribeOpenError::ExceedsMaxNumberOfNodes if !cleaned => {
+                    self.node.try_cleanup_dead_nodes();
+                    cleaned = true;
+                    true
+                }
+                PublishSubscribeOpenError::HangsInCreation
+                | PublishSubscribeOpenError::IsMarkedForDestruction
+                | PublishSubscribeOpenError::Interrupt
+                | PublishSubscribeOpenError::ServiceInCorruptedState => true,
+                _ => false,
+            };
+            if !passing || now_ns() > give_up {
+                return Err(self.explain(channel, error, T::type_name(), &quality));
+            }
+            self.domain.remove_half_made();
+            sleep_until(now_ns() + 2_000_000);
+        }
+    }
+
+    fn explain(&self, channel: &str, error: PublishSubscribeOpenError, wanted: &str, quality: &Quality) -> BusError {
+        use PublishSubscribeOpenError as E;
+        let channel_name = channel.to_owned();
+        let (found, holders) = self.held_by(channel);
+        match error {
+            E::IncompatibleTypes => {
+                BusError::TypeMismatch { channel: channel_name, found, wanted: wanted.to_owned(), holders }
+            }
+            E::ExceedsMaxNumberOfNodes => {
+                BusError::Full { channel: channel_name, limit: quality.nodes, what: "processes", holders }
+            }
+            E::DoesNotSupportRequestedMinBufferSize => quality_mismatch(channel_name, "its buffer is shorter", holders),
+            E::DoesNotSupportRequestedMinHistorySize => {
+                quality_mismatch(channel_name, "its history is shorter", holders)
+            }
+            E::DoesNotSupportRequestedAmountOfPublishers => {
+                quality_mismatch(channel_name, "it has fewer publishers", holders)
+            }
+            E::DoesNotSupportRequestedAmountOfSubscribers => {
+                quality_mismatch(channel_name, "it has fewer subscribers", holders)
+            }
+            E::DoesNotSupportRequestedAmountOfNodes => {
+                quality_mismatch(channel_name, "it has room for fewer processes", holders)
+            }
+            E::DoesNotSupportRequestedMinSubscriberBorrowedSamples | E::IncompatibleOverflowBehavior => {
+                quality_mismatch(channel_name, "it was not made by this project's bus", holders)
+            }
+            E::VersionMismatch => {
+                quality_mismatch(channel_name, "it was made with another version of iceoryx2", holders)
+            }
+            other => failed(channel, "be opened", &other),
+        }
+    }
+
+    /// The type name that the channel carries, and who holds it, in words.
+    pub(crate) fn held_by(&self, channel: &str) -> (String, String) {
+        let details = ServiceName::new(channel).ok().and_then(|name| {
+            ipc::Service::details(&name, self.domain.config(), MessagingPattern::PublishSubscribe).ok().flatten()
+        });
+        let Some(details) = details else { return ("nothing".to_owned(), "nobody".to_owned()) };
+        let found = details.static_details.publish_subscribe().message_type_details().payload.type_name().to_string();
+        let mut holders: Vec<String> = Vec::new();
+        for node in details.dynamic_details.iter().flat_map(|dynamic| &dynamic.nodes) {
+            if let NodeState::Alive(node) = node {
+                let info = info_of(node);
+                holders.push(if info.pid == std::process::id() {
+                    "this process".to_owned()
+                } else {
+                    format!("{} (process {})", info.name, info.pid)
+                });
+            }
+        }
+        holders.dedup();
+        (found, if holders.is_empty() { "a process that has died".to_owned() } else { holders.join(", ") })
+    }
+
+    /// Opens or makes the event beside a channel.
+    pub(crate) fn open_event(&self, channel: &str) -> Result<event::PortFactory<ipc::Service>, BusError> {
+        let name = service_name(channel)?;
+        let give_up = now_ns() + OPENING_PATIENCE_NS;
+        loop {
+            let made = self
+                .node
+                .service_builder(&name)
+                .event()
+                .max_notifiers(EVENT_PORTS)
+                .max_listeners(EVENT_PORTS)
+                .max_nodes(EVENT_PORTS)
+                .open_or_create();
+            match made {
+                Ok(service) => return Ok(service),
+                Err(error) if now_ns() > give_up => return Err(failed(channel, "open its event", &error)),
+                Err(EventOpenOrCreateError::EventOpenError(_) | EventOpenOrCreateError::SystemInFlux) => {
+                    self.domain.remove_half_made();
+                    sleep_until(now_ns() + 2_000_000);
+                }
+                Err(error) => return Err(failed(channel, "make its event", &error)),
+            }
+        }
+    }
+
+    pub(crate) fn notifier(&self, channel: &str) -> Result<Notifier<ipc::Service>, BusError> {
+        let service = self.open_event(channel)?;
+        let make = || service.notifier_builder().name(&self.port_name).default_event_id(EventId::new(0)).create();
+        make().or_else(|_| self.after_cleaning(make)).map_err(|error| failed(channel, "make its event", &error))
+    }
+
+    pub(crate) fn listener(&self, channel: &str) -> Result<Listener<ipc::Service>, BusError> {
+        let service = self.open_event(channel)?;
+        let make = || service.listener_builder().name(&self.port_name).create();
+        make().or_else(|_| self.after_cleaning(make)).map_err(|error| failed(channel, "be waited for", &error))
+    }
+
+    /// A place may be held by a process that has died since this one joined.
+    pub(crate) fn after_cleaning<R>(&self, make: impl Fn() -> R) -> R {
+        self.node.try_cleanup_dead_nodes();
+        make()
+    }
+
+    /// Tells whoever waits for [`CHANNELS_EVENT`] that there is something new. Nobody may be there: that is no error.
+    pub(crate) fn announce(&self) {
+        if self.announcer.get().is_none()
+            && let Ok(notifier) = self.notifier(CHANNELS_EVENT)
+        {
+            let _ = self.announcer.set(notifier);
+        }
+        if let Some(announcer) = self.announcer.get() {
+            let _ = announcer.notify();
+        }
+    }
+
+    /// Removes what processes that were killed have left, e.g. their places in channels. About a millisecond per dead process.
+    pub fn clean(&self) {
+        self.node.try_cleanup_dead_nodes();
+    }
+}
+
+fn quality_mismatch(channel: String, why: &str, holders: String) -> BusError {
+    BusError::QualityMismatch { channel, why: why.to_owned(), holders }
+}
+
+pub(crate) fn failed(channel: &str, what: &'static str, error: &impl std::fmt::Debug) -> BusError {
+    BusError::Failed { channel: channel.to_owned(), what, why: format!("iceoryx2 says {error:?}") }
+}
+
+pub(crate) fn service_name(channel: &str) -> Result<ServiceName, BusError> {
+    let bad = || BusError::ChannelName { name: channel.to_owned() };
+    let word = |word: &str| {
+        !word.is_empty()
+            && word
+                .bytes()
+                .all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'_' || byte == b'-')
+    };
+    if channel.len() > 64 || !channel.split('/').all(word) {
+        return Err(bad());
+    }
+    ServiceName::new(channel).map_err(|_| bad())
+}
+
+fn schema_attributes(type_name: &str, text: &str) -> Result<AttributeSpecifier, BusError> {
+    let unfit = |why: &str| BusError::Schema { type_name: type_name.to_owned(), why: why.to_owned() };
+    if !text.is_ascii() {
+        return Err(unfit("it has a character that is not ASCII"));
+    }
+    let parts = text.len().div_ceil(ATTRIBUTE_BYTES);
+    if parts + 1 > ATTRIBUTES {
+        return Err(unfit(&format!(
+            "it has {} bytes, and there is room for {}",
+            text.len(),
+            (ATTRIBUTES - 1) * ATTRIBUTE_BYTES
+        )));
+    }
+    let hash = format!("{:08x}", hash_of(text));
+    let mut attributes = AttributeSpecifier::new();
+    let mut define = |key: &str, value: &str| -> Option<()> {
+        attributes = attributes.clone().define(&key.try_into().ok()?, &value.try_into().ok()?).ok()?;
+        Some(())
+    };
+    define(SCHEMA_HASH, &hash).ok_or_else(|| unfit("its hash is refused"))?;
+    let mut rest = text;
+    for part in 0..parts {
+        let (now, later) = rest.split_at(rest.len().min(ATTRIBUTE_BYTES));
+        define(&format!("{SCHEMA_PART}{part}"), now).ok_or_else(|| unfit(&format!("part {part} is refused")))?;
+        rest = later;
+    }
+    Ok(attributes)
+}
+
+/// Each port takes about five descriptors; many systems begin with a limit of 1024.
+fn raise_descriptor_limit() {
+    let limit = getrlimit(Resource::Nofile);
+    let wanted = limit.maximum.map_or(DESCRIPTORS, |most| most.min(DESCRIPTORS));
+    if limit.current.is_some_and(|now| now < wanted) {
+        let _ = setrlimit(Resource::Nofile, Rlimit { current: Some(wanted), maximum: limit.maximum });
+    }
+}
+
+/// For tests and messages: a duration in seconds.
+pub(crate) fn seconds(duration: Duration) -> f64 {
+    duration.as_secs_f64()
+}

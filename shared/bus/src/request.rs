@@ -1,0 +1,242 @@
+//! Requests of the operator to a process, each with one answer.
+
+use std::time::Duration;
+
+use iceoryx2::active_request::ActiveRequest;
+use iceoryx2::port::notifier::Notifier;
+use iceoryx2::prelude::{BackpressureStrategy, PortFactory as _, ipc};
+use iceoryx2::service::builder::request_response::RequestResponseOpenOrCreateError;
+use iceoryx2::service::port_factory::{request_response, server::ServerCreateError};
+use messages::{OperatorRequest, put_text};
+
+use crate::clock::{now_ns, sleep_until};
+use crate::node::{Bus, failed, seconds};
+use crate::wire::Wire;
+use crate::{BusError, Publisher};
+
+type Request = Wire<OperatorRequest>;
+type Factory = request_response::PortFactory<ipc::Service, Request, (), Request, ()>;
+
+/// Commands of operators at once, each a process of its own.
+const CLIENTS: usize = 8;
+/// How often a client looks for the answer: far shorter than a person notices.
+const LOOK_NS: u64 = 2_000_000;
+/// Where every request and its answer are published.
+const REQUESTS: &str = "operator/request";
+
+/// The channel name to wait for with [`Bus::waiter`]: woken by every request to that process.
+#[must_use]
+pub fn request_event(process: &str) -> String {
+    format!("system/request/{process}")
+}
+
+/// Answers requests; polled, never blocking. Publishes each request and its answer on `operator/request`.
+#[derive(Debug)]
+pub struct Server {
+    port: iceoryx2::port::server::Server<ipc::Service, Request, (), Request, ()>,
+    log: Publisher<OperatorRequest>,
+    event: String,
+}
+
+/// A request that waits for its answer.
+#[derive(Debug)]
+pub struct Call<'a> {
+    /// What is asked.
+    pub request: OperatorRequest,
+    active: ActiveRequest<ipc::Service, Request, (), Request, ()>,
+    log: &'a mut Publisher<OperatorRequest>,
+}
+
+/// Asks one process.
+#[derive(Debug)]
+pub struct Client {
+    port: iceoryx2::port::client::Client<ipc::Service, Request, (), Request, ()>,
+    service: Factory,
+    notifier: Notifier<ipc::Service>,
+    process: String,
+    domain: String,
+    asked: u64,
+}
+
+impl Bus {
+    fn open_requests(&self, process: &str) -> Result<Factory, BusError> {
+        let channel = request_event(process);
+        let name = crate::node::service_name(&channel)?;
+        let give_up = now_ns() + 4 * crate::clock::SECOND_NS;
+        loop {
+            let made = self
+                .node
+                .service_builder(&name)
+                .request_response::<Request, Request>()
+                .max_servers(1)
+                .max_clients(CLIENTS)
+                .max_nodes(CLIENTS + 8)
+                .max_active_requests_per_client(2)
+                .max_response_buffer_size(2)
+                .enable_safe_overflow_for_requests(true)
+                .enable_safe_overflow_for_responses(true)
+                .enable_fire_and_forget_requests(false)
+                .open_or_create();
+            match made {
+                Ok(service) => return Ok(service),
+                Err(RequestResponseOpenOrCreateError::RequestResponseOpenError(
+                    iceoryx2::service::builder::request_response::RequestResponseOpenError::IncompatibleRequestOrResponseType,
+                )) => {
+                    return Err(BusError::TypeMismatch {
+                        channel,
+                        found: "another OperatorRequest".to_owned(),
+                        wanted: <OperatorRequest as messages::Message>::type_name().to_owned(),
+                        holders: process.to_owned(),
+                    });
+                }
+                Err(error) if now_ns() > give_up => return Err(failed(&channel, "be opened", &error)),
+                Err(_) => {
+                    self.domain().remove_half_made();
+                    sleep_until(now_ns() + LOOK_NS);
+                }
+            }
+        }
+    }
+
+    /// Answers requests to `process`, normally this process's own name. Wait for [`request_event`] to be woken.
+    ///
+    /// # Errors
+    /// [`BusError::Full`] if a process of that name answers already.
+    pub fn server(&self, process: &str) -> Result<Server, BusError> {
+        let event = request_event(process);
+        let service = self.open_requests(process)?;
+        let make = || {
+            service
+                .server_builder()
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .name(&self.port_name)
+                .create()
+        };
+        let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
+            ServerCreateError::ExceedsMaxSupportedServers => BusError::Full {
+                channel: event.clone(),
+                limit: 1,
+                what: "answering process",
+                holders: format!("another `{process}`"),
+            },
+            other => failed(&event, "be answered", &other),
+        })?;
+        Ok(Server { port, log: self.publisher(REQUESTS)?, event })
+    }
+
+    /// Asks `process`.
+    ///
+    /// # Errors
+    /// Those of opening a channel; that nobody answers shows in [`Client::ask`].
+    pub fn client(&self, process: &str) -> Result<Client, BusError> {
+        let event = request_event(process);
+        let service = self.open_requests(process)?;
+        let make = || {
+            service
+                .client_builder()
+                .backpressure_strategy(BackpressureStrategy::DiscardData)
+                .name(&self.port_name)
+                .create()
+        };
+        let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| failed(&event, "be asked", &error))?;
+        let notifier = self.notifier(&event)?;
+        Ok(Client {
+            port,
+            service,
+            notifier,
+            process: process.to_owned(),
+            domain: self.domain().name().to_owned(),
+            asked: 0,
+        })
+    }
+}
+
+impl Server {
+    /// The next request, if one has come. A call that is dropped unanswered lets its client wait in vain.
+    ///
+    /// # Errors
+    /// [`BusError::Failed`] only if shared memory is damaged.
+    pub fn try_next(&mut self) -> Result<Option<Call<'_>>, BusError> {
+        // a first failure means that one client has just died
+        let active = self
+            .port
+            .receive()
+            .or_else(|_| self.port.receive())
+            .map_err(|error| failed(&self.event, "receive", &error))?;
+        let Some(active) = active else { return Ok(None) };
+        let Wire(request) = *active.payload();
+        let mut published = request;
+        self.log.send(&mut published)?;
+        Ok(Some(Call { request, active, log: &mut self.log }))
+    }
+
+    /// The event that a request raises: give it to [`Bus::waiter`].
+    #[must_use]
+    pub fn event(&self) -> &str {
+        &self.event
+    }
+}
+
+impl Call<'_> {
+    /// Answers with one sentence. A client that has gone meanwhile is no error.
+    ///
+    /// # Errors
+    /// [`BusError::Failed`] if the answer cannot be published.
+    pub fn answer(self, accepted: bool, sentence: &str) -> Result<(), BusError> {
+        let mut answer = self.request;
+        answer.answered = 1;
+        answer.accepted = u8::from(accepted);
+        answer.header.stamp_ns = now_ns();
+        put_text(&mut answer.answer, sentence);
+        let _ = self.active.send_copy(Wire(answer));
+        self.log.send(&mut answer).map(|_| ())
+    }
+}
+
+impl Client {
+    /// Sends a request and waits for the answer: the same request with `answered`, `accepted` and `answer` filled in.
+    ///
+    /// Fills in `header`, `pid` and, if it is 0, `id`.
+    ///
+    /// # Errors
+    /// [`BusError::NoServer`] at once if nobody answers under that name, [`BusError::NoAnswer`] after `timeout` or as soon as the process dies.
+    pub fn ask(&mut self, request: &OperatorRequest, timeout: Duration) -> Result<OperatorRequest, BusError> {
+        let absent = || BusError::NoServer { process: self.process.clone(), domain: self.domain.clone() };
+        if self.service.dynamic_config().number_of_servers() == 0 {
+            return Err(absent());
+        }
+        self.asked += 1;
+        let started = now_ns();
+        let mut sent = *request;
+        sent.header.seq = self.asked;
+        (sent.header.stamp_ns, sent.header.oldest_input_ns) = (started, started);
+        sent.pid = std::process::id();
+        if sent.id == 0 {
+            sent.id = started ^ (u64::from(sent.pid) << 32);
+        }
+        let pending = self
+            .port
+            .send_copy(Wire(sent))
+            .map_err(|error| failed(&request_event(&self.process), "be asked", &error))?;
+        let _ = self.notifier.notify();
+        if pending.number_of_server_connections() == 0 {
+            return Err(absent());
+        }
+        let late = |why| BusError::NoAnswer { process: self.process.clone(), seconds: seconds(timeout), why };
+        let deadline = started + timeout.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
+        loop {
+            match pending.receive() {
+                Ok(Some(answer)) => return Ok(answer.payload().0),
+                Ok(None) => {}
+                Err(error) => return Err(failed(&request_event(&self.process), "be answered", &error)),
+            }
+            if now_ns() >= deadline {
+                return Err(late("is busy or has died"));
+            }
+            if self.service.dynamic_config().number_of_servers() == 0 {
+                return Err(late("has ended meanwhile"));
+            }
+            sleep_until(now_ns() + LOOK_NS);
+        }
+    }
+}

@@ -1,0 +1,298 @@
+//! Channels of any type: finding them, and listening without knowing the type.
+
+use std::collections::HashSet;
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+
+use iceoryx2::port::ReceiveError;
+use iceoryx2::prelude::{
+    CallbackProgression, MessagingPattern, NodeState, SemanticString, Service, ServiceDetails, ServiceName, ipc,
+};
+use iceoryx2::service::attribute::AttributeSet;
+use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
+use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
+use messages::Header;
+
+use crate::domain::info_of;
+use crate::losses::Losses;
+use crate::node::{SCHEMA_HASH, SCHEMA_PART, failed, service_name};
+use crate::{Bus, BusError, NodeInfo};
+
+/// A channel as it stands in shared memory.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ChannelInfo {
+    /// e.g. `motor/state`.
+    pub name: String,
+    /// e.g. `nims_msgs/MotorState/1a2b3c4d`.
+    pub type_name: String,
+    /// The schema text that travels with it; `None` if its maker gave none, or not all of it.
+    pub schema: Option<String>,
+    /// The hash of the schema text, as its maker gave it.
+    pub schema_hash: Option<String>,
+    /// Bytes of a sample.
+    pub size: usize,
+    /// Samples a subscriber can lag behind.
+    pub buffer: usize,
+    /// Samples a late subscriber gets.
+    pub history: usize,
+    /// The processes that hold it open, as publisher or as subscriber.
+    pub holders: Vec<NodeInfo>,
+}
+
+/// One sample, as bytes.
+#[derive(Debug, Clone, Copy)]
+pub struct Raw<'a> {
+    /// The whole sample, header included; a little-endian CDR body.
+    pub bytes: &'a [u8],
+    /// Its first 32 bytes; zeros if it is shorter.
+    pub header: Header,
+    /// Tells publishers apart, also those of one process.
+    pub publisher: u128,
+    /// Samples of this publisher that are missing before this one.
+    pub missing: u64,
+}
+
+type RawPort = iceoryx2::port::subscriber::Subscriber<ipc::Service, [CustomPayloadMarker], CustomHeaderMarker>;
+
+/// Listens to a channel of any type.
+#[derive(Debug)]
+pub struct Tap {
+    port: RawPort,
+    info: ChannelInfo,
+    losses: Losses,
+    received: u64,
+}
+
+impl Bus {
+    /// Every channel of the domain, by name. Costs about 0.2 ms per channel: not for a control loop.
+    ///
+    /// # Errors
+    /// [`BusError::Failed`] if the folder cannot be read.
+    pub fn channels(&self) -> Result<Vec<ChannelInfo>, BusError> {
+        let mut channels = Vec::new();
+        ipc::Service::list(self.domain().config(), |details| {
+            channels.extend(describe(&details));
+            CallbackProgression::Continue
+        })
+        .map_err(|error| failed("*", "be listed", &error))?;
+        channels.sort_by(|a, b| a.name.cmp(&b.name));
+        Ok(channels)
+    }
+
+    /// One channel, if somebody has opened it.
+    ///
+    /// # Errors
+    /// [`BusError::ChannelName`], or [`BusError::Failed`] if it cannot be read.
+    pub fn channel(&self, name: &str) -> Result<Option<ChannelInfo>, BusError> {
+        let details =
+            ipc::Service::details(&service_name(name)?, self.domain().config(), MessagingPattern::PublishSubscribe)
+                .map_err(|error| failed(name, "be looked up", &error))?;
+        Ok(details.and_then(|details| describe(&details)))
+    }
+
+    /// How many publishers and subscribers a channel has, the dead that nobody has removed yet included.
+    ///
+    /// # Errors
+    /// As [`Bus::tap`].
+    pub fn ports(&self, name: &str) -> Result<(usize, usize), BusError> {
+        use iceoryx2::prelude::PortFactory;
+        let (service, _) = self.open_raw(name)?;
+        let dynamic = service.dynamic_config();
+        Ok((dynamic.number_of_publishers(), dynamic.number_of_subscribers()))
+    }
+
+    /// Listens to a channel that exists, whatever it carries, with its whole buffer and history.
+    ///
+    /// # Errors
+    /// [`BusError::NoChannel`] if nobody has opened it, [`BusError::Full`] if it has its subscribers already, and others.
+    pub fn tap(&self, name: &str) -> Result<Tap, BusError> {
+        use iceoryx2::port::subscriber::SubscriberCreateError as E;
+        let (service, info) = self.open_raw(name)?;
+        let make = || {
+            service
+                .subscriber_builder()
+                .buffer_size(info.buffer)
+                .history_request(info.history)
+                .name(&self.port_name)
+                .create()
+        };
+        let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
+            E::ExceedsMaxSupportedSubscribers => BusError::Full {
+                channel: name.to_owned(),
+                limit: messages::quality_of(name).subscribers,
+                what: "subscribers",
+                holders: self.held_by(name).1,
+            },
+            other => failed(name, "be subscribed to", &other),
+        })?;
+        Ok(Tap { port, info, losses: Losses::default(), received: 0 })
+    }
+
+    #[allow(clippy::type_complexity)]
+    fn open_raw(
+        &self,
+        name: &str,
+    ) -> Result<
+        (
+            iceoryx2::service::port_factory::publish_subscribe::PortFactory<
+                ipc::Service,
+                [CustomPayloadMarker],
+                CustomHeaderMarker,
+            >,
+            ChannelInfo,
+        ),
+        BusError,
+    > {
+        let absent = || BusError::NoChannel { channel: name.to_owned(), domain: self.domain().name().to_owned() };
+        let service: ServiceName = service_name(name)?;
+        let details = ipc::Service::details(&service, self.domain().config(), MessagingPattern::PublishSubscribe)
+            .map_err(|error| failed(name, "be looked up", &error))?
+            .ok_or_else(absent)?;
+        let info = describe(&details).ok_or_else(absent)?;
+        let types = details.static_details.publish_subscribe().message_type_details();
+        // SAFETY: the type details are those that the channel itself states, and `Tap` reads samples as bytes only, as many as it says.
+        #[allow(unsafe_code)]
+        let opened = unsafe {
+            self.node
+                .service_builder(&service)
+                .publish_subscribe::<[CustomPayloadMarker]>()
+                .user_header::<CustomHeaderMarker>()
+                .__internal_set_payload_type_details(&types.payload)
+                .__internal_set_user_header_type_details(&types.user_header)
+                .open()
+        };
+        Ok((opened.map_err(|error| failed(name, "be opened", &error))?, info))
+    }
+}
+
+impl Tap {
+    /// Gives the oldest sample not yet received to `take`; `None` if there is none.
+    ///
+    /// # Errors
+    /// [`BusError::Failed`] only if shared memory is damaged.
+    pub fn receive<R>(&mut self, take: impl FnOnce(Raw<'_>) -> R) -> Result<Option<R>, BusError> {
+        let sample = match self.port.receive() {
+            // as in `Subscriber::receive`
+            Err(ReceiveError::ConnectionFailure(_)) => self.port.receive(),
+            other => other,
+        }
+        .map_err(|error| failed(&self.info.name, "receive", &error))?;
+        let Some(sample) = sample else { return Ok(None) };
+        let payload = sample.payload();
+        // SAFETY: `CustomPayloadMarker` is one byte wide (`repr(C)` over a u8), the slice counts bytes, and a channel carries plain data only.
+        #[allow(unsafe_code)]
+        let bytes: &[u8] = unsafe { std::slice::from_raw_parts(payload.as_ptr().cast(), payload.len()) };
+        let header = bytes.get(..size_of::<Header>()).map_or_else(Header::default, bytemuck::pod_read_unaligned);
+        let publisher = sample.header().publisher_id().value();
+        let missing = self.losses.note(publisher, header.seq);
+        self.received += 1;
+        Ok(Some(take(Raw { bytes, header, publisher, missing })))
+    }
+
+    /// What is known of the channel.
+    #[must_use]
+    pub fn info(&self) -> &ChannelInfo {
+        &self.info
+    }
+
+    /// Samples that were published and never arrived here.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.losses.lost
+    }
+
+    /// How often some were missing.
+    #[must_use]
+    pub fn gaps(&self) -> u64 {
+        self.losses.gaps
+    }
+
+    /// Samples received.
+    #[must_use]
+    pub fn received(&self) -> u64 {
+        self.received
+    }
+}
+
+/// Finds new channels cheaply: reads a folder, and looks closer only when a file in it is new.
+#[derive(Debug, Default)]
+pub struct ChannelWatch {
+    /// Service files by name and inode: a channel that was removed and made again has another inode.
+    files: HashSet<(std::ffi::OsString, u64)>,
+    known: HashSet<(String, String)>,
+}
+
+impl ChannelWatch {
+    /// Nothing known yet.
+    #[must_use]
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Channels that have appeared since the last call (all of them at first); one that was made again, perhaps with another type, appears again.
+    ///
+    /// # Errors
+    /// As [`Bus::channels`].
+    pub fn new_channels(&mut self, bus: &Bus) -> Result<Vec<ChannelInfo>, BusError> {
+        let files: HashSet<_> = fs::read_dir(bus.domain().root().join("services"))
+            .into_iter()
+            .flatten()
+            .flatten()
+            .filter_map(|entry| {
+                entry
+                    .metadata()
+                    .ok()
+                    .filter(|found| found.mode() & 0o200 == 0)
+                    .map(|found| (entry.file_name(), found.ino()))
+            })
+            .collect(); // half-made ones are writable: they count when they are finished
+        if files == self.files {
+            return Ok(Vec::new());
+        }
+        let channels = bus.channels()?;
+        let new = channels
+            .iter()
+            .filter(|channel| !self.known.contains(&(channel.name.clone(), channel.type_name.clone())))
+            .cloned()
+            .collect();
+        self.known = channels.into_iter().map(|channel| (channel.name, channel.type_name)).collect();
+        self.files = files;
+        Ok(new)
+    }
+}
+
+fn describe(details: &ServiceDetails<ipc::Service>) -> Option<ChannelInfo> {
+    let statics = &details.static_details;
+    let Pattern::PublishSubscribe(settings) = statics.messaging_pattern() else { return None };
+    let payload = &settings.message_type_details().payload;
+    let (schema, schema_hash) = schema_of(statics.attributes());
+    let alive = |state: &NodeState<ipc::Service>| match state {
+        NodeState::Alive(node) => Some(info_of(node)),
+        _ => None,
+    };
+    Some(ChannelInfo {
+        name: statics.name().to_string(),
+        type_name: payload.type_name().to_string(),
+        schema,
+        schema_hash,
+        size: payload.size(),
+        buffer: settings.subscriber_max_buffer_size(),
+        history: settings.history_size(),
+        holders: details.dynamic_details.iter().flat_map(|dynamic| &dynamic.nodes).filter_map(alive).collect(),
+    })
+}
+
+/// The text from its parts, and the hash; the text only if it has that hash.
+fn schema_of(attributes: &AttributeSet) -> (Option<String>, Option<String>) {
+    let value = |wanted: &str| {
+        attributes
+            .iter()
+            .find(|attribute| attribute.key().as_bytes() == wanted.as_bytes())
+            .map(|attribute| String::from_utf8_lossy(attribute.value().as_bytes()).into_owned())
+    };
+    let hash = value(SCHEMA_HASH);
+    let text: String = (0..).map_while(|part| value(&format!("{SCHEMA_PART}{part}"))).collect();
+    let whole =
+        !text.is_empty() && hash.as_ref().is_none_or(|hash| *hash == format!("{:08x}", messages::hash_of(&text)));
+    (whole.then_some(text), hash)
+}
