@@ -1,0 +1,240 @@
+//! One control cycle: command every unit, read its encoders, then what time is left for.
+
+use serial::Transport;
+
+use super::{Bus, Drive, Phase, Timed, UnitAnswer, UnitReport, sync::Setup};
+use crate::codec::{Motor, Read, Reply, Write};
+use crate::error::Error;
+
+/// One of these is asked per cycle. The duty most often: a motor that is driven hard and does not turn runs away when its encoder
+/// has failed, and that has to be seen within a tenth of a second.
+const SLOW: [Read; 12] = [
+    Read::Pwms,
+    Read::Status,
+    Read::Pwms,
+    Read::Watchdog,
+    Read::Pwms,
+    Read::MainBattery,
+    Read::Pwms,
+    Read::Status,
+    Read::Pwms,
+    Read::Watchdog,
+    Read::Pwms,
+    Read::Temperature,
+];
+
+/// Duty of the whole supply.
+const FULL_DUTY: f64 = 32_767.0;
+
+/// An encoder may be read by the unit so much later than it was asked for, ns; a motor moves on meanwhile.
+const SAMPLE_JITTER_NS: u64 = 20_000_000;
+
+/// A motor may for a moment turn so much faster than its fastest, when a line pulls it.
+const OVER_SPEED: f64 = 1.5;
+
+impl<T: Transport> Bus<T> {
+    /// A place for the answers of [`Bus::cycle`].
+    pub fn blank_answers(&self) -> Vec<UnitAnswer> {
+        let blank = |_| UnitAnswer {
+            outcome: Err(Error::Resynchronising { port: self.port() }),
+            report: UnitReport::default(),
+        };
+        self.units.iter().map(blank).collect()
+    }
+
+    /// Give each unit its command, read its encoders, then currents and one slow value as the time until `deadline_ns` allows.
+    ///
+    /// `drives` and `answers` have the units in the configuration's order; a unit without a drive is left idle. Nothing is begun
+    /// that is unlikely to end by the deadline, except each unit's command and encoders; an answer that does not come ends the call
+    /// later than the deadline by at most the margin of the configuration. While the line is out of step the call returns at once
+    /// where the time does not suffice, and the next goes on.
+    pub fn cycle(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
+        let whole_line = if self.line.now_ns() >= deadline_ns {
+            Err(Error::TooLate { port: self.port() })
+        } else {
+            self.get_in_step(deadline_ns)
+        };
+        for (index, answer) in answers.iter_mut().enumerate().take(self.units.len()) {
+            answer.outcome = match &whole_line {
+                Err(error) => Err(error.clone()),
+                Ok(()) => self.serve(index, drives.get(index).copied().unwrap_or_default(), deadline_ns),
+            };
+        }
+        if whole_line.is_ok() {
+            // What these find out is told in the next cycle.
+            let in_step = self.get_in_step(deadline_ns).is_ok();
+            if in_step && self.set_up_units(deadline_ns).is_ok() {
+                self.read_what_can_wait(deadline_ns);
+            }
+        }
+        for (unit, answer) in self.units.iter().zip(answers) {
+            answer.report = unit.report;
+        }
+    }
+
+    fn serve(&mut self, index: usize, drive: [Drive; 2], deadline_ns: u64) -> Result<(), Error> {
+        // Another unit may have brought the line out of step in this cycle.
+        self.get_in_step(deadline_ns)?;
+        let first = self.command_and_read(index, drive);
+        // Asking again is safe once the line is in step, because every drive can be given twice; but only if there is time for it.
+        match &first {
+            Err(error) if self.is_out_of_step(error) => {
+                if self.get_in_step(deadline_ns).is_err() || self.set_up_units(deadline_ns).is_err() {
+                    return first;
+                }
+                self.command_and_read(index, drive)
+            }
+            _ => first,
+        }
+    }
+
+    fn is_out_of_step(&self, error: &Error) -> bool {
+        matches!(
+            error,
+            Error::NoAnswer { .. }
+                | Error::CutShort { .. }
+                | Error::Garbled { .. }
+                | Error::WrongAck { .. }
+                | Error::Stray { .. }
+        )
+    }
+
+    fn command_and_read(&mut self, index: usize, drive: [Drive; 2]) -> Result<(), Error> {
+        if let Some(error) = self.not_ready(index) {
+            return Err(error);
+        }
+        let Some(unit) = self.units.get(index) else { return Ok(()) };
+        let (address, doubtful) = (unit.config.address, unit.doubtful);
+        let refused = unit.interlocked && drive.iter().any(|drive| drive.moves());
+        if !refused {
+            self.command(index, drive)?;
+        }
+        if doubtful {
+            self.read_slow(index, Read::Watchdog)?;
+            if let Some(error) = self.not_ready(index) {
+                return Err(error);
+            }
+        }
+        self.read_encoders(index)?;
+        if refused { Err(Error::Interlocked { port: self.port(), address }) } else { Ok(()) }
+    }
+
+    fn command(&mut self, index: usize, drive: [Drive; 2]) -> Result<(), Error> {
+        match drive {
+            [Drive::Idle, Drive::Idle] => return Ok(()),
+            [Drive::Speed(one), Drive::Speed(two)] => self.tell(index, Write::Speeds([one, two]))?,
+            [Drive::Duty(one), Drive::Duty(two)] => self.tell(index, Write::Duties([one, two]))?,
+            mixed => {
+                for (motor, drive) in [Motor::One, Motor::Two].into_iter().zip(mixed) {
+                    match drive {
+                        Drive::Idle => {}
+                        Drive::Speed(speed) => self.tell(index, Write::Speed(motor, speed))?,
+                        Drive::Duty(duty) => self.tell(index, Write::Duty(motor, duty))?,
+                    }
+                }
+            }
+        }
+        if let Some(unit) = self.units.get_mut(index)
+            && !drive.iter().any(|drive| drive.moves())
+        {
+            unit.interlocked = false;
+        }
+        Ok(())
+    }
+
+    pub(super) fn read_encoders(&mut self, index: usize) -> Result<(), Error> {
+        let (Reply::Counts(raw), at_ns) = self.ask(index, Read::Encoders)? else { return Ok(()) };
+        let port = self.port();
+        let Some(unit) = self.units.get_mut(index) else { return Ok(()) };
+        let Some(last) = unit.last_raw else {
+            if unit.report.setups == 0 {
+                unit.report.counts.value = raw.map(|count| i64::from(count.cast_signed()));
+            }
+            unit.report.counts.at_ns = at_ns;
+            unit.last_raw = Some(raw);
+            return Ok(());
+        };
+        let moved = |from: [u32; 2]| [0, 1].map(|motor| raw[motor].wrapping_sub(from[motor]).cast_signed());
+        let since_ns = at_ns.saturating_sub(unit.report.counts.at_ns) + SAMPLE_JITTER_NS;
+        let limit = OVER_SPEED * f64::from(unit.config.fastest_counts_s) * since_ns as f64 * 1e-9;
+        let possible = |moved: [i32; 2]| limit <= 0.0 || moved.iter().all(|&counts| f64::from(counts).abs() <= limit);
+        if !possible(moved(last)) {
+            if unit.refused_raw.is_none_or(|refused| !possible(moved(refused))) {
+                unit.refused_raw = Some(raw);
+                // A unit that has restarted counts from zero: that looks just like this.
+                unit.doubtful = true;
+                let [one, two] = moved(last);
+                let first = f64::from(one).abs() > limit;
+                let (motor, counts) = if first { (Motor::One, one) } else { (Motor::Two, two) };
+                return Err(Error::EncoderJump { port, address: unit.config.address, motor, counts });
+            }
+            unit.report.jumps += 1;
+        }
+        for (total, moved) in unit.report.counts.value.iter_mut().zip(moved(last)) {
+            *total += i64::from(moved);
+        }
+        unit.report.counts.at_ns = at_ns;
+        unit.last_raw = Some(raw);
+        unit.refused_raw = None;
+        Ok(())
+    }
+
+    fn read_what_can_wait(&mut self, deadline_ns: u64) {
+        let units = self.units.len();
+        for _ in 0..units {
+            let index = self.current_turn % units;
+            if !self.has_time(6, deadline_ns) {
+                self.counters.left_out += 1;
+                break;
+            }
+            self.current_turn = (self.current_turn + 1) % units;
+            if self.read_slow(index, Read::Currents).is_err() {
+                return;
+            }
+        }
+        if self.has_time(6, deadline_ns) {
+            let (index, read) = (self.slow_turn % units, SLOW[self.slow_turn / units % SLOW.len()]);
+            self.slow_turn = (self.slow_turn + 1) % (units * SLOW.len());
+            // An error has brought the line out of step; the next cycle tells.
+            let _ = self.read_slow(index, read);
+        } else {
+            self.counters.left_out += 1;
+        }
+    }
+
+    fn has_time(&self, answer_bytes: usize, deadline_ns: u64) -> bool {
+        self.line.now_ns() + self.likely_ns(2 + answer_bytes) <= deadline_ns
+    }
+
+    /// Ask for something that changes slowly, and keep the answer.
+    pub(super) fn read_slow(&mut self, index: usize, read: Read) -> Result<(), Error> {
+        let (reply, at_ns) = self.ask(index, read)?;
+        let Some(unit) = self.units.get_mut(index) else { return Ok(()) };
+        let report = &mut unit.report;
+        match reply {
+            Reply::Currents(centiamps) => {
+                report.currents_a = Timed { value: centiamps.map(|current| f64::from(current) / 100.0), at_ns };
+            }
+            Reply::Pwms(duties) => {
+                report.duties = Timed { value: duties.map(|duty| f64::from(duty) / FULL_DUTY), at_ns };
+            }
+            Reply::Battery(decivolts) => report.supply_v = Timed { value: f64::from(decivolts) / 10.0, at_ns },
+            Reply::Temperature(tenths) => report.temperature_c = Timed { value: f64::from(tenths) / 10.0, at_ns },
+            Reply::Status(status, width) => {
+                report.status = Timed { value: status, at_ns };
+                unit.width = Some(width);
+            }
+            Reply::Watchdog(tenths) => {
+                unit.doubtful = false;
+                if tenths != unit.config.watchdog_tenths {
+                    self.has_restarted(index);
+                    if let Some(unit) = self.units.get_mut(index) {
+                        unit.phase = Phase::Setup(Setup::Version);
+                    }
+                }
+            }
+            _ => {}
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,188 @@
+//! One command and its answer.
+
+use serial::Transport;
+
+use super::{Bus, Phase, sync::Step};
+use crate::codec::{ACK, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
+use crate::error::{Command, Error};
+use crate::packet::{MAX_PACKET, Packet};
+use crate::status::StatusWidth;
+
+/// Waking up so long after a deadline means that the machine stood still: the answer may be waiting in the kernel, or the device,
+/// which stood still as well, is about to send it.
+const STOOD_STILL_NS: u64 = 5_000_000;
+
+impl<T: Transport> Bus<T> {
+    /// Give a command and wait for its acknowledgement. Any error leaves the line out of step.
+    pub(super) fn tell(&mut self, unit: usize, write: Write) -> Result<(), Error> {
+        let address = self.address(unit);
+        let command = Command::Write(write);
+        let sent_ns = self.send(unit, &write.encode(address), command)?;
+        let mut ack = [0];
+        let got = self.receive(unit, &mut ack, sent_ns, command)?;
+        if got == 0 {
+            return Err(self.no_answer(unit, command, sent_ns));
+        }
+        if ack != [ACK] {
+            self.counters.wrong_acks += 1;
+            self.out_of_step(unit);
+            return Err(Error::WrongAck { port: self.port(), address, command, byte: ack[0] });
+        }
+        self.learn_turnaround(sent_ns, write.encode(address).len() + 1);
+        Ok(())
+    }
+
+    /// Ask a question; the answer and when it was asked. Any error leaves the line out of step.
+    pub(super) fn ask(&mut self, unit: usize, read: Read) -> Result<(Reply, u64), Error> {
+        let address = self.address(unit);
+        let command = Command::Read(read);
+        let sent_ns = self.send(unit, &read.encode(address), command)?;
+        let mut buffer = [0; MAX_PACKET];
+        let (got, wanted) = self.receive_answer(unit, read, &mut buffer, sent_ns)?;
+        if got == 0 {
+            return Err(self.no_answer(unit, command, sent_ns));
+        }
+        match read.decode(address, buffer.get(..got).unwrap_or_default()) {
+            Ok(reply) => {
+                self.learn_turnaround(sent_ns, 2 + got);
+                Ok((reply, sent_ns))
+            }
+            Err(Flaw::Length) if got < wanted => {
+                self.counters.timeouts += 1;
+                self.out_of_step(unit);
+                Err(Error::CutShort { port: self.port(), address, command, got, wanted })
+            }
+            Err(_) => {
+                self.counters.garbled += 1;
+                self.out_of_step(unit);
+                Err(Error::Garbled { port: self.port(), address, command })
+            }
+        }
+    }
+
+    /// Bytes of the answer that are there, and how many should have been.
+    fn receive_answer(
+        &mut self,
+        unit: usize,
+        read: Read,
+        buffer: &mut [u8; MAX_PACKET],
+        sent_ns: u64,
+    ) -> Result<(usize, usize), Error> {
+        let command = Command::Read(read);
+        match read.reply_length() {
+            ReplyLength::Bytes(payload) => {
+                let wanted = payload + 2;
+                let got = self.receive(unit, buffer.get_mut(..wanted).unwrap_or_default(), sent_ns, command)?;
+                Ok((got, wanted))
+            }
+            ReplyLength::Status => {
+                // Where the width is not known the longer one is waited for: a short answer is one that nothing follows.
+                let known = self.units.get(unit).and_then(|unit| unit.width);
+                let wanted = known.unwrap_or(StatusWidth::Wide).bytes() + 2;
+                let got = self.receive(unit, buffer.get_mut(..wanted).unwrap_or_default(), sent_ns, command)?;
+                Ok((got, wanted))
+            }
+            ReplyLength::Text => {
+                // The length is only known at the zero byte; its checksum's two bytes may hold anything.
+                let mut got = 0;
+                while got < MAX_VERSION && (got == 0 || buffer[got - 1] != 0) {
+                    match self.receive(unit, &mut buffer[got..=got], sent_ns, command)? {
+                        0 => return Ok((got, got + 1)),
+                        n => got += n,
+                    }
+                }
+                let wanted = got + 2;
+                got += self.receive(unit, &mut buffer[got..wanted], sent_ns, command)?;
+                Ok((got, wanted))
+            }
+        }
+    }
+
+    /// Put a packet on an empty line; returns when.
+    pub(super) fn send(&mut self, unit: usize, packet: &Packet, command: Command) -> Result<u64, Error> {
+        let stray = self.line.pending().map_err(|error| self.line_failed(error))?;
+        if stray > 0 {
+            // Counted when they are drained.
+            self.out_of_step(self.last_unit);
+            return Err(Error::Stray { port: self.port(), address: self.address(unit), command, bytes: stray });
+        }
+        self.last_unit = unit;
+        self.counters.exchanges += 1;
+        let now_ns = self.line.now_ns();
+        let deadline_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;
+        if let Err(error) = self.line.write_all(packet, deadline_ns) {
+            self.out_of_step(unit);
+            return Err(self.line_failed(error));
+        }
+        Ok(now_ns)
+    }
+
+    /// Fill the buffer as far as bytes come in time after `sent_ns`.
+    fn receive(&mut self, unit: usize, buffer: &mut [u8], sent_ns: u64, command: Command) -> Result<usize, Error> {
+        let address = self.address(unit);
+        let sent = match command {
+            Command::Write(write) => write.encode(address).len(),
+            Command::Read(_) => 2,
+        };
+        // A text is read byte by byte, so its share of the wire's time is that of the longest.
+        let answer = if command == Command::Read(Read::Version) { MAX_VERSION + 2 } else { buffer.len() };
+        let deadline_ns = sent_ns + self.wire_ns(sent + answer) + self.margin_ns;
+        let mut got = self.line.fill(buffer, deadline_ns).map_err(|error| self.line_failed(error))?;
+        let now_ns = self.line.now_ns();
+        if got < buffer.len() && now_ns > deadline_ns + STOOD_STILL_NS {
+            let rest = buffer.get_mut(got..).unwrap_or_default();
+            got += self.line.fill(rest, now_ns + self.margin_ns).map_err(|error| self.line_failed(error))?;
+        }
+        Ok(got)
+    }
+
+    fn no_answer(&mut self, unit: usize, command: Command, sent_ns: u64) -> Error {
+        self.counters.timeouts += 1;
+        self.out_of_step(unit);
+        let waited_us = u32::try_from((self.line.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
+        Error::NoAnswer { port: self.port(), address: self.address(unit), command, waited_us }
+    }
+
+    /// What this unit sent, or will still send, cannot be told from an answer: drain the line, and fence the unit.
+    pub(super) fn out_of_step(&mut self, unit: usize) {
+        let now_ns = self.line.now_ns();
+        if self.step == Step::InStep {
+            self.counters.resyncs += 1;
+        }
+        self.step = Step::Draining { quiet_from_ns: now_ns };
+        if let Some(unit) = self.units.get_mut(unit)
+            && !matches!(unit.phase, Phase::Suspect { .. })
+        {
+            unit.phase = Phase::Suspect { failed: 0, due_ns: now_ns };
+        }
+    }
+
+    pub(super) fn line_failed(&mut self, error: serial::Error) -> Error {
+        self.step = Step::Draining { quiet_from_ns: self.line.now_ns() };
+        if error.is_lost() {
+            self.lose_all();
+        }
+        Error::Line(error)
+    }
+
+    pub(super) fn address(&self, unit: usize) -> u8 {
+        self.units.get(unit).map_or(0, |unit| unit.config.address)
+    }
+
+    pub(super) fn wire_ns(&self, bytes: usize) -> u64 {
+        bytes as u64 * self.byte_ns
+    }
+
+    /// How long an exchange of so many bytes is likely to take.
+    pub(super) fn likely_ns(&self, bytes: usize) -> u64 {
+        // Twice the usual turnaround, so that a question which can wait seldom makes the cycle late.
+        self.wire_ns(bytes) + 2 * self.turnaround_ns
+    }
+
+    fn learn_turnaround(&mut self, sent_ns: u64, bytes: usize) {
+        let took_ns = (self.line.now_ns() - sent_ns).saturating_sub(self.wire_ns(bytes));
+        // A moving average over about eight exchanges; one that stood still with the machine counts for no more than a timeout.
+        let took_ns = took_ns.min(self.margin_ns);
+        self.turnaround_ns = self.turnaround_ns - self.turnaround_ns / 8 + took_ns / 8;
+    }
+}

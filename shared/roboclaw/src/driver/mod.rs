@@ -1,0 +1,226 @@
+//! One line with several units on it, in step with them or on the way back to it.
+//!
+//! The rules, and why:
+//! * Before anything is sent the line has to be empty, and an answer has to be exactly right in length, checksum and origin.
+//! * After any error nothing is simply asked again: the answer may only be late, and would then be taken for the answer to the next
+//!   question. Instead the line is drained until it was silent for as long as also empties the units' parsers, and the unit that
+//!   failed is asked something the cycle never asks (a *fence*, another one each time). Units answer in order, so once the
+//!   fence's answer is there, and nothing after it, no old answer can come any more.
+//! * A unit that has failed is then asked for its watchdog: it is set to a value the unit does not start with, so a unit that has
+//!   restarted is found out, and its encoders, which began again at zero, are not taken for a movement.
+//! * All of it is one state machine that moves on as far as a call's deadline allows, so that a silent unit costs the others a few
+//!   cycles and not their watchdogs.
+
+mod cycle;
+mod exchange;
+mod report;
+mod sync;
+
+use std::sync::Arc;
+
+use serial::{Transport, byte_time_ns};
+
+pub use report::{Counters, Timed, UnitAnswer, UnitIdentity, UnitReport};
+
+use crate::codec::{ADDRESSES, Version};
+use crate::error::Error;
+use crate::status::StatusWidth;
+
+/// Most units on one line: the protocol has eight addresses.
+pub const MAX_UNITS: usize = 8;
+
+/// Time a unit on a wire has to begin its answer, beside the time of the bytes themselves: the manual's 10 ms and a bit.
+pub const WIRE_MARGIN_NS: u64 = 12_000_000;
+
+/// The same over USB, whose frames, adapters and kernel threads add their own pauses.
+pub const USB_MARGIN_NS: u64 = 25_000_000;
+
+/// What one motor of a unit is to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Drive {
+    /// Nothing is said to it; its watchdog goes on.
+    #[default]
+    Idle,
+    /// Closed-loop speed, counts per second.
+    Speed(i32),
+    /// Duty in 1/32767 of the supply, without the loop.
+    Duty(i16),
+}
+
+impl Drive {
+    /// Closed-loop standstill: the motor pushes back.
+    pub const HOLD: Drive = Drive::Speed(0);
+    /// Leads shorted, loop open: the right stop where the encoder cannot be believed; a gear that can be back-driven creeps.
+    pub const RELEASE: Drive = Drive::Duty(0);
+
+    fn moves(self) -> bool {
+        !matches!(self, Drive::Idle | Drive::HOLD | Drive::RELEASE)
+    }
+}
+
+/// A unit on a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct UnitConfig {
+    /// 0x80 to 0x87.
+    pub address: u8,
+    /// The unit stops its motors when it hears nothing for so many tenths of a second, 1 to 255. Choose another value than the
+    /// unit starts with (usually 0): the difference is how a restart is found out.
+    pub watchdog_tenths: u8,
+    /// Fastest the motor can turn, counts per second. A sample further away is refused once, and a fault when it stays; 0: no check.
+    pub fastest_counts_s: u32,
+}
+
+/// A line and its units.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BusConfig {
+    /// Bits per second, to know how long bytes take; 0 where they take no time worth counting (USB).
+    pub baud: u32,
+    /// Time to the beginning of an answer, see [`WIRE_MARGIN_NS`].
+    pub margin_ns: u64,
+    /// The units, in the order in which commands and answers have them.
+    pub units: Vec<UnitConfig>,
+}
+
+/// One unit, as the driver sees it.
+#[derive(Debug)]
+struct Unit {
+    config: UnitConfig,
+    phase: Phase,
+    report: UnitReport,
+    version: Option<Version>,
+    /// How wide its status is; unknown until it was asked once.
+    width: Option<StatusWidth>,
+    /// The unit's own 32 bits at the last accepted sample.
+    last_raw: Option<[u32; 2]>,
+    /// A refused sample: where the next one has to be near to be believed.
+    refused_raw: Option<[u32; 2]>,
+    /// Ask for the watchdog before anything else that can wait.
+    doubtful: bool,
+    /// It moves only after it was told to stand still.
+    interlocked: bool,
+}
+
+/// How far a unit is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Phase {
+    /// An answer of it may still be on its way: a fence is due at `due_ns`, after so many that failed.
+    Suspect { failed: u32, due_ns: u64 },
+    /// In step; what it is to be asked before it is used.
+    Setup(sync::Setup),
+    /// In use.
+    Ready,
+    /// It does not do what it is told; asked again at `due_ns`.
+    Unusable { wanted: u8, got: u8, due_ns: u64 },
+}
+
+/// A line with units. One thread owns it: two users of one line garble each other's answers.
+#[derive(Debug)]
+pub struct Bus<T> {
+    line: T,
+    byte_ns: u64,
+    margin_ns: u64,
+    units: Vec<Unit>,
+    step: sync::Step,
+    connection: u32,
+    /// The unit that was spoken to last: unexpected bytes are most likely its.
+    last_unit: usize,
+    next_fence: usize,
+    /// Usual time from the last byte sent to the first received, beside the bytes' own time.
+    turnaround_ns: u64,
+    slow_turn: usize,
+    current_turn: usize,
+    counters: Counters,
+}
+
+impl<T: Transport> Bus<T> {
+    /// A line that is not spoken to yet. The line's device need not be there.
+    pub fn new(line: T, config: &BusConfig) -> Result<Bus<T>, Error> {
+        let port = Arc::clone(line.name());
+        let wrong = |what| Err(Error::Configuration { port: Arc::clone(&port), what });
+        if config.units.is_empty() {
+            return wrong("no units on this line; name at least one address");
+        }
+        for (index, unit) in config.units.iter().enumerate() {
+            if !ADDRESSES.contains(&unit.address) {
+                return wrong("a unit's address has to be between 0x80 and 0x87");
+            }
+            if config.units[..index].iter().any(|other| other.address == unit.address) {
+                return wrong("two units with the same address; give each its own");
+            }
+            if unit.watchdog_tenths == 0 {
+                return wrong(
+                    "a watchdog of 0 would let the motors run on when this program dies; choose 1 to 255 tenths",
+                );
+            }
+        }
+        let unit = |config: &UnitConfig| Unit {
+            config: *config,
+            phase: Phase::Suspect { failed: 0, due_ns: 0 },
+            report: UnitReport::default(),
+            version: None,
+            width: None,
+            last_raw: None,
+            refused_raw: None,
+            doubtful: false,
+            interlocked: true,
+        };
+        Ok(Bus {
+            line,
+            byte_ns: byte_time_ns(config.baud),
+            margin_ns: config.margin_ns,
+            units: config.units.iter().map(unit).collect(),
+            step: sync::Step::Draining { quiet_from_ns: 0 },
+            connection: 0,
+            last_unit: 0,
+            next_fence: 0,
+            turnaround_ns: 500_000,
+            slow_turn: 0,
+            current_turn: 0,
+            counters: Counters::default(),
+        })
+    }
+
+    /// The line's name.
+    pub fn name(&self) -> &Arc<str> {
+        self.line.name()
+    }
+
+    /// The line.
+    pub fn line(&self) -> &T {
+        &self.line
+    }
+
+    /// The line. Bytes written to it past this driver bring the driver out of step, which it will notice.
+    pub fn line_mut(&mut self) -> &mut T {
+        &mut self.line
+    }
+
+    /// Number of units.
+    pub fn unit_count(&self) -> usize {
+        self.units.len()
+    }
+
+    /// Who the units are.
+    pub fn identities(&self) -> impl Iterator<Item = UnitIdentity> {
+        self.units.iter().map(|unit| UnitIdentity { address: unit.config.address, version: unit.version })
+    }
+
+    /// The newest known values of a unit.
+    pub fn report(&self, unit: usize) -> Option<&UnitReport> {
+        self.units.get(unit).map(|unit| &unit.report)
+    }
+
+    /// What happened on this line so far.
+    pub fn counters(&self) -> Counters {
+        self.counters
+    }
+
+    /// True where every unit is in use and the line in step: nothing is left to do between cycles.
+    pub fn is_settled(&self) -> bool {
+        self.step == sync::Step::InStep && self.units.iter().all(|unit| unit.phase == Phase::Ready)
+    }
+
+    fn port(&self) -> Arc<str> {
+        Arc::clone(self.line.name())
+    }
+}

@@ -1,0 +1,324 @@
+//! Getting in step with the units, and back in step after an error.
+
+use serial::Transport;
+
+use super::{Bus, Phase};
+use crate::codec::{BYTE_GAP_NS, Read, Reply, ReplyLength, Write};
+use crate::error::{Command, Error};
+use crate::packet::MAX_PACKET;
+
+/// So long without a byte, the line is empty and so are the units' parsers.
+const QUIET_NS: u64 = BYTE_GAP_NS + 2_000_000;
+
+/// A unit that has left this many fences unanswered is asked less often,
+const FENCES_BEFORE_SILENT: u32 = 2;
+/// namely twice a second: each attempt costs the other units of the line a few cycles.
+const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
+
+/// Questions that neither the cycle nor the setup asks. Two in a row are never the same, so that the late answer to one fence
+/// cannot be taken for the answer to the next.
+const FENCES: [Read; 4] = [Read::LogicBattery, Read::MaxCurrent1, Read::RawSpeed1, Read::VelocityPid1];
+
+/// Where the line is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Step {
+    /// Reading and forgetting until it is quiet; the last byte came at `quiet_from_ns` or before.
+    Draining { quiet_from_ns: u64 },
+    /// Waiting for the answer to a fence, whatever comes before it.
+    Fencing { unit: usize, read: Read, until_ns: u64, window: Window },
+    /// Empty, and nothing outstanding.
+    InStep,
+}
+
+/// What a unit is asked before it is used, in this order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Setup {
+    /// Is the watchdog still as it was set? Otherwise the unit has restarted. `whole`: ask for everything in any case.
+    Recognise {
+        whole: bool,
+    },
+    Version,
+    Status,
+    SetWatchdog,
+    CheckWatchdog,
+    Supply,
+    Encoders,
+}
+
+/// The last bytes received, to find an answer in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct Window {
+    bytes: [u8; MAX_PACKET],
+    len: usize,
+}
+
+impl Window {
+    const EMPTY: Window = Window { bytes: [0; MAX_PACKET], len: 0 };
+
+    fn push(&mut self, byte: u8) {
+        if self.len == MAX_PACKET {
+            self.bytes.copy_within(1.., 0);
+            self.len -= 1;
+        }
+        self.bytes[self.len] = byte;
+        self.len += 1;
+    }
+
+    fn last(&self, n: usize) -> Option<&[u8]> {
+        self.bytes.get(self.len.checked_sub(n)?..self.len)
+    }
+}
+
+impl<T: Transport> Bus<T> {
+    /// Get on with connecting, draining, fencing and setting up as far as `deadline_ns` allows; `Ok` once every unit is in use.
+    ///
+    /// A step that has begun may end later, by the time an answer may take. Call it between cycles, or in a loop to connect.
+    pub fn settle(&mut self, deadline_ns: u64) -> Result<(), Error> {
+        self.get_in_step(deadline_ns)?;
+        self.set_up_units(deadline_ns)
+    }
+
+    /// Connect where necessary, and empty the line.
+    pub(super) fn get_in_step(&mut self, deadline_ns: u64) -> Result<(), Error> {
+        match self.line.connection() {
+            Err(error) => return Err(self.line_failed(error)),
+            Ok(connection) if connection != self.connection => {
+                self.connection = connection;
+                self.counters.connections += 1;
+                self.lose_all();
+                self.step = Step::Draining { quiet_from_ns: self.line.now_ns() };
+            }
+            Ok(_) => {}
+        }
+        loop {
+            match self.step {
+                Step::InStep => return Ok(()),
+                Step::Draining { quiet_from_ns } => self.drain(quiet_from_ns, deadline_ns)?,
+                Step::Fencing { unit, read, until_ns, window } => {
+                    self.fence(unit, read, until_ns, window, deadline_ns)?
+                }
+            }
+        }
+    }
+
+    fn drain(&mut self, quiet_from_ns: u64, deadline_ns: u64) -> Result<(), Error> {
+        let quiet_at_ns = quiet_from_ns + QUIET_NS;
+        // Where the silence cannot be waited for in this call, it goes on by itself: do not hold up the caller.
+        let until_ns = if quiet_at_ns <= deadline_ns { quiet_at_ns } else { 0 };
+        let mut waste = [0; MAX_PACKET];
+        let got = self.line.read(&mut waste, until_ns).map_err(|error| self.line_failed(error))?;
+        let now_ns = self.line.now_ns();
+        if got > 0 {
+            self.counters.stray_bytes += got as u64;
+            self.step = Step::Draining { quiet_from_ns: now_ns };
+            // Noise without end must not hold the caller for ever.
+            if now_ns < deadline_ns { Ok(()) } else { Err(self.resynchronising()) }
+        } else if now_ns >= quiet_at_ns {
+            self.step = Step::InStep;
+            Ok(())
+        } else {
+            Err(self.resynchronising())
+        }
+    }
+
+    fn fence(
+        &mut self,
+        unit: usize,
+        read: Read,
+        until_ns: u64,
+        mut window: Window,
+        deadline_ns: u64,
+    ) -> Result<(), Error> {
+        let mut byte = [0];
+        loop {
+            // Byte by byte: what comes after the answer belongs to nobody and shows that the line is not empty.
+            let got = self.line.read(&mut byte, until_ns.min(deadline_ns)).map_err(|error| self.line_failed(error))?;
+            let now_ns = self.line.now_ns();
+            if got == 0 && now_ns >= until_ns {
+                self.fence_failed(unit, now_ns);
+                return Ok(());
+            }
+            if got == 0 {
+                self.step = Step::Fencing { unit, read, until_ns, window };
+                return Err(self.resynchronising());
+            }
+            window.push(byte[0]);
+            let ReplyLength::Bytes(length) = read.reply_length() else { return Ok(()) };
+            let Some(answer) = window.last(length + 2) else { continue };
+            if read.decode(self.address(unit), answer).is_err() {
+                continue;
+            }
+            if self.line.pending().map_err(|error| self.line_failed(error))? > 0 {
+                self.step = Step::Draining { quiet_from_ns: now_ns };
+                return Ok(());
+            }
+            self.step = Step::InStep;
+            if let Some(unit) = self.units.get_mut(unit) {
+                unit.phase = Phase::Setup(Setup::Recognise { whole: unit.report.setups == 0 || unit.interlocked });
+            }
+            return Ok(());
+        }
+    }
+
+    fn fence_failed(&mut self, unit: usize, now_ns: u64) {
+        self.counters.timeouts += 1;
+        self.step = Step::Draining { quiet_from_ns: now_ns };
+        if let Some(unit) = self.units.get_mut(unit)
+            && let Phase::Suspect { failed, .. } = unit.phase
+        {
+            let failed = failed + 1;
+            let pause_ns = if failed < FENCES_BEFORE_SILENT { 0 } else { ASK_SILENT_EVERY_NS };
+            unit.phase = Phase::Suspect { failed, due_ns: now_ns + pause_ns };
+        }
+    }
+
+    /// Fence and set up the units that need it, while the time lasts.
+    pub(super) fn set_up_units(&mut self, deadline_ns: u64) -> Result<(), Error> {
+        let mut index = 0;
+        let mut verdict = Ok(());
+        while index < self.units.len() {
+            let now_ns = self.line.now_ns();
+            let Some(phase) = self.units.get(index).map(|unit| unit.phase) else { break };
+            let due = match phase {
+                Phase::Ready => false,
+                Phase::Setup(_) => true,
+                Phase::Suspect { due_ns, .. } | Phase::Unusable { due_ns, .. } => now_ns >= due_ns,
+            };
+            if !due {
+                if verdict.is_ok()
+                    && let Some(error) = self.not_ready(index)
+                {
+                    verdict = Err(error);
+                }
+                index += 1;
+                continue;
+            }
+            // The longest of these exchanges is a version text; the others are about as long as this.
+            if now_ns + self.likely_ns(20) > deadline_ns {
+                return Err(self.not_ready(index).unwrap_or_else(|| self.resynchronising()));
+            }
+            match phase {
+                Phase::Suspect { .. } => {
+                    self.begin_fence(index)?;
+                    self.get_in_step(deadline_ns)?;
+                }
+                Phase::Unusable { .. } => self.set_phase(index, Phase::Setup(Setup::SetWatchdog)),
+                Phase::Setup(setup) => {
+                    if self.set_up(index, setup).is_err() {
+                        self.get_in_step(deadline_ns)?;
+                    }
+                }
+                Phase::Ready => {}
+            }
+        }
+        verdict
+    }
+
+    fn begin_fence(&mut self, unit: usize) -> Result<(), Error> {
+        let read = FENCES[self.next_fence % FENCES.len()];
+        self.next_fence = (self.next_fence + 1) % FENCES.len();
+        let packet = read.encode(self.address(unit));
+        let sent_ns = self.send(unit, &packet, Command::Read(read))?;
+        // Long enough for the longest of the fences.
+        let until_ns = sent_ns + self.wire_ns(2 + 18) + self.margin_ns;
+        self.step = Step::Fencing { unit, read, until_ns, window: Window::EMPTY };
+        Ok(())
+    }
+
+    /// Ask the next thing and say what comes after it.
+    fn set_up(&mut self, index: usize, setup: Setup) -> Result<(), Error> {
+        let Some(wanted) = self.units.get(index).map(|unit| unit.config.watchdog_tenths) else { return Ok(()) };
+        let next = match setup {
+            Setup::Recognise { whole } => {
+                let same = self.ask(index, Read::Watchdog)?.0 == Reply::Watchdog(wanted);
+                if !same {
+                    self.has_restarted(index);
+                }
+                if same && !whole { Phase::Ready } else { Phase::Setup(Setup::Version) }
+            }
+            Setup::Version => {
+                if let Reply::Version(version) = self.ask(index, Read::Version)?.0
+                    && let Some(unit) = self.units.get_mut(index)
+                {
+                    unit.version = Some(version);
+                    unit.width = None;
+                }
+                Phase::Setup(Setup::Status)
+            }
+            Setup::Status => {
+                self.read_slow(index, Read::Status)?;
+                Phase::Setup(Setup::SetWatchdog)
+            }
+            Setup::SetWatchdog => {
+                self.tell(index, Write::Watchdog(wanted))?;
+                Phase::Setup(Setup::CheckWatchdog)
+            }
+            Setup::CheckWatchdog => match self.ask(index, Read::Watchdog)?.0 {
+                Reply::Watchdog(got) if got != wanted => {
+                    let due_ns = self.line.now_ns() + ASK_SILENT_EVERY_NS;
+                    Phase::Unusable { wanted, got, due_ns }
+                }
+                _ => Phase::Setup(Setup::Supply),
+            },
+            Setup::Supply => {
+                self.read_slow(index, Read::MainBattery)?;
+                Phase::Setup(Setup::Encoders)
+            }
+            Setup::Encoders => {
+                self.read_encoders(index)?;
+                if let Some(unit) = self.units.get_mut(index) {
+                    unit.report.setups += 1;
+                    unit.doubtful = false;
+                }
+                Phase::Ready
+            }
+        };
+        self.set_phase(index, next);
+        Ok(())
+    }
+
+    fn set_phase(&mut self, index: usize, phase: Phase) {
+        if let Some(unit) = self.units.get_mut(index) {
+            unit.phase = phase;
+        }
+    }
+
+    /// The unit has begun again: encoders at zero, watchdog off.
+    pub(super) fn has_restarted(&mut self, index: usize) {
+        if let Some(unit) = self.units.get_mut(index) {
+            unit.interlocked = true;
+            unit.doubtful = false;
+            // What it counts now has nothing to do with what it counted before: the totals stay where they were.
+            unit.last_raw = None;
+            unit.refused_raw = None;
+            if unit.report.setups > 0 {
+                unit.report.reboots += 1;
+            }
+        }
+    }
+
+    /// Everything on this line is unknown from here on.
+    pub(super) fn lose_all(&mut self) {
+        for unit in &mut self.units {
+            unit.phase = Phase::Suspect { failed: 0, due_ns: 0 };
+            unit.interlocked = true;
+        }
+    }
+
+    /// Why a unit cannot be used at the moment.
+    pub(super) fn not_ready(&self, index: usize) -> Option<Error> {
+        let unit = self.units.get(index)?;
+        let (port, address) = (self.port(), unit.config.address);
+        match unit.phase {
+            Phase::Ready => None,
+            Phase::Setup(_) => Some(Error::Preparing { port, address }),
+            Phase::Suspect { failed: 0, .. } => Some(Error::Resynchronising { port }),
+            Phase::Suspect { .. } => Some(Error::Silent { port, address }),
+            Phase::Unusable { wanted, got, .. } => Some(Error::WatchdogRefused { port, address, wanted, got }),
+        }
+    }
+
+    pub(super) fn resynchronising(&self) -> Error {
+        Error::Resynchronising { port: self.port() }
+    }
+}

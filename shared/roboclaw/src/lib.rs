@@ -1,0 +1,15 @@
+//! RoboClaw packet serial: codec, driver, and the unit's side of the protocol.
+#![forbid(unsafe_code)]
+
+pub mod codec;
+mod crc;
+pub mod driver;
+mod error;
+mod packet;
+mod status;
+
+pub use crc::{Crc, crc16};
+pub use driver::{Bus, BusConfig, Counters, Drive, Timed, UnitAnswer, UnitConfig, UnitReport};
+pub use error::{Command, Error};
+pub use packet::{MAX_PACKET, Packet};
+pub use status::{Status, StatusWidth};
