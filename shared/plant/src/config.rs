@@ -39,8 +39,9 @@ pub struct PlantConfig {
     pub start_tensions_n: Option<Vec<f64>>,
     /// Smallest and largest tension at the start, N.
     pub start_limits_n: [f64; 2],
-    /// Largest integration step, s. The fastest mode of a usual plant (a rigid line of 3 m on a node of 1 kg) is near
-    /// 250 rad/s and the speed loop runs at 300 Hz; a quarter of a millisecond resolves both.
+    /// Largest integration step, s; stiff lines on a light node make it finer by themselves. The fastest mode of a usual
+    /// plant (a rigid line of 3 m on a node of 1 kg) is near 250 rad/s and the speed loop runs at 300 Hz; a quarter of a
+    /// millisecond resolves both.
     pub substep_s: f64,
     /// Chooses the irregularities of the lay on the drums.
     pub seed: u64,

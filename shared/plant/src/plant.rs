@@ -16,6 +16,9 @@ const CURRENT_FILTER_S: f64 = 0.005;
 /// A line shorter than this has no direction, m.
 const SHORTEST_M: f64 = 1e-6;
 
+/// The shortest free line that the step size and the damping are made for, m.
+const SHORTEST_FREE_M: f64 = 0.3;
+
 /// Something that goes wrong, or is put right again. Cables are numbered from 0.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fault {
@@ -92,6 +95,7 @@ pub struct Plant {
     supply_v: f64,
     supply_current_a: f64,
     time_ns: u64,
+    substep_ns: u64,
 }
 
 impl Plant {
@@ -99,8 +103,13 @@ impl Plant {
     ///
     /// # Errors
     /// What is wrong with the configuration, or that the node cannot hang there.
-    pub fn new(config: PlantConfig) -> Result<Self, PlantError> {
+    pub fn new(mut config: PlantConfig) -> Result<Self, PlantError> {
         config.validate()?;
+        // Stiff lines on a light node ask for finer steps: an eighth of a radian of the fastest mode there can be. Damping
+        // of such a mode stays below a tenth of critical, which is more than any line has.
+        let fastest_rad_s = fastest_mode_rad_s(&config);
+        let substep_ns = ((config.substep_s.min(0.125 / fastest_rad_s)) * 1e9) as u64;
+        config.line.damping_s = config.line.damping_s.min(0.2 / fastest_rad_s);
         let position_m = Vector3::from(config.start_m);
         let pulls: Vec<Vector3<f64>> = config
             .anchors_m
@@ -160,6 +169,7 @@ impl Plant {
             supply_v,
             supply_current_a: 0.0,
             time_ns: 0,
+            substep_ns: substep_ns.max(1),
         })
     }
 
@@ -183,12 +193,12 @@ impl Plant {
             cable.drive.command(self.time_ns, input);
         }
         let dt_ns = (dt_s * 1e9).round() as u64;
-        let steps = dt_ns.div_ceil((self.config.substep_s * 1e9) as u64).max(1);
-        let start_ns = self.time_ns;
-        let h = dt_ns as f64 * 1e-9 / steps as f64;
-        if dt_ns == 0 {
+        let steps = dt_ns.div_ceil(self.substep_ns);
+        if steps == 0 {
             return Ok(());
         }
+        let start_ns = self.time_ns;
+        let h = dt_ns as f64 * 1e-9 / steps as f64;
         let smoothing = self.cables[0].drive.smoothing(h);
         for k in 1..=steps {
             self.time_ns = start_ns + dt_ns * k / steps;
@@ -417,4 +427,11 @@ impl Plant {
             .sum();
         motion + weight_n * self.position_m.z + stretch
     }
+}
+
+/// An upper bound on the frequency of the node on its lines, rad/s: all of them pulling one way, the shortest they get.
+fn fastest_mode_rad_s(config: &PlantConfig) -> f64 {
+    let stiffness_n_m: f64 =
+        config.routed_length_m.iter().map(|routed| config.line.stiffness_n / (routed + SHORTEST_FREE_M)).sum();
+    (stiffness_n_m / config.node.mass_kg).sqrt()
 }

@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use proptest::prelude::*;
+
 use plant::drive::DriveConfig;
 use plant::line::{LineConfig, RIGID_STIFFNESS_N};
 use plant::motor::MotorConfig;
@@ -74,7 +76,7 @@ fn a_plucked_node_settles_where_hookes_law_puts_it() {
     // One line straight down with the motor jammed: after the swing the weight W stretches it to U (1 + W / EA).
     let mut config = PlantConfig::new(vec![[0.0, 0.0, 5.0]], [0.0, 0.0, 2.0]);
     config.node.drag_n_s2_m2 = 5.0;
-    config.line.damping_s = 0.05;
+    config.line.damping_s = 0.02;
     let mut plant = Plant::new(config).unwrap();
     plant.apply(Fault::Stall { cable: 0, on: true }).unwrap();
     plant.push_node([0.0, 0.0, 2.3], [0.0; 3]);
@@ -362,4 +364,37 @@ fn bad_input_is_refused_in_one_sentence() {
     assert!(plant.step(0.01, &[MotorInput::Speed(f64::INFINITY); 3]).is_err());
     assert!(plant.apply(Fault::Stall { cable: 3, on: true }).is_err());
     assert_eq!(plant, three(), "nothing moved");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, ..ProptestConfig::default() })]
+
+    /// Whatever the lines are made of and whatever the drives are told, the motion stays that of a robot: the node is where
+    /// its lines let it be, and what is paid out and wound in is what the motors can do.
+    #[test]
+    fn no_configuration_blows_up(
+        stiffness in 500.0..1e6f64,
+        mass in 0.05..20.0f64,
+        routed in 0.0..10.0f64,
+        inertia in 0.1..50.0f64,
+        commands in proptest::collection::vec(-0.5..0.5f64, 12),
+        seed in 0u64..1000,
+    ) {
+        let mut config = PlantConfig::new(FOUR.to_vec(), [4.0, 4.2, 1.1]);
+        config.line.stiffness_n = stiffness;
+        config.node.mass_kg = mass;
+        config.routed_length_m = vec![routed; 4];
+        config.motor.inertia_kg = inertia;
+        config.start_limits_n = [0.0, 1000.0];
+        config.seed = seed;
+        let mut plant = Plant::new(config).unwrap();
+        for chunk in commands.chunks(4) {
+            run(&mut plant, 0.3, chunk);
+            let tensions = plant.tensions_n();
+            prop_assert!(tensions.iter().all(|t| (0.0..5000.0).contains(t)), "{tensions:?}");
+            prop_assert!(distance(plant.velocity_m_s(), [0.0; 3]) < 20.0, "{:?}", plant.velocity_m_s());
+            prop_assert!(plant.position_m()[2] > -0.5 && plant.position_m()[2] < 6.0, "{:?}", plant.position_m());
+            prop_assert!(plant.line_speeds_m_s().iter().all(|v| v.abs() < 1.5), "{:?}", plant.line_speeds_m_s());
+        }
+    }
 }
