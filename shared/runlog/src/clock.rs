@@ -1,0 +1,98 @@
+//! One offset per run between the clock of the control cycle and the clock on the wall.
+
+use rustix::time::{ClockId, clock_gettime};
+use serde::{Deserialize, Serialize};
+
+/// An instant on both clocks; every stamp of a run is mapped with it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RunClock {
+    /// UNIX time, ns.
+    pub t0_unix_ns: u64,
+    /// CLOCK_MONOTONIC of the same instant, ns.
+    pub t0_mono_ns: u64,
+}
+
+impl RunClock {
+    /// Reads both clocks.
+    #[must_use]
+    pub fn now() -> Self {
+        // between two readings of the one clock lies the reading of the other; the closest of five pairs is the least disturbed one
+        (0..5)
+            .map(|_| {
+                let before = nanoseconds(ClockId::Monotonic);
+                let unix = nanoseconds(ClockId::Realtime);
+                let after = nanoseconds(ClockId::Monotonic);
+                (after - before, Self { t0_unix_ns: unix, t0_mono_ns: before + (after - before) / 2 })
+            })
+            .min_by_key(|(width, _)| *width)
+            .map_or(Self { t0_unix_ns: 0, t0_mono_ns: 0 }, |(_, clock)| clock)
+    }
+
+    /// UNIX time of a CLOCK_MONOTONIC stamp, ns.
+    #[must_use]
+    pub fn unix_of(&self, mono_ns: u64) -> u64 {
+        shift(mono_ns, self.t0_mono_ns, self.t0_unix_ns)
+    }
+
+    /// CLOCK_MONOTONIC stamp of a UNIX time, ns.
+    #[must_use]
+    pub fn mono_of(&self, unix_ns: u64) -> u64 {
+        shift(unix_ns, self.t0_unix_ns, self.t0_mono_ns)
+    }
+}
+
+fn shift(value: u64, from: u64, to: u64) -> u64 {
+    let shifted = i128::from(value) - i128::from(from) + i128::from(to);
+    u64::try_from(shifted.clamp(0, i128::from(u64::MAX))).unwrap_or(u64::MAX)
+}
+
+fn nanoseconds(clock: ClockId) -> u64 {
+    let time = clock_gettime(clock);
+    (time.tv_sec as u64).wrapping_mul(1_000_000_000).wrapping_add(time.tv_nsec as u64)
+}
+
+/// `2026-03-01 14:05:09 UTC` for a UNIX time in ns.
+#[must_use]
+pub fn utc(unix_ns: u64) -> String {
+    let seconds = unix_ns / 1_000_000_000;
+    let (days, rest) = (seconds / 86_400, seconds % 86_400);
+    // the calendar repeats every 400 years of 146,097 days; years are counted from March, so that the leap day is the last of a year
+    let shifted = days + 719_468;
+    let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
+    let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = if month_from_march < 10 { month_from_march + 3 } else { month_from_march - 9 };
+    let year = year_of_era + era * 400 + u64::from(month <= 2);
+    format!("{year:04}-{month:02}-{day:02} {:02}:{:02}:{:02} UTC", rest / 3600, rest / 60 % 60, rest % 60)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stamps_go_to_the_wall_clock_and_back() {
+        let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: 5_000_000_000 };
+        assert_eq!(clock.unix_of(5_000_000_001), 1_700_000_000_000_000_001);
+        assert_eq!(clock.unix_of(4_000_000_000), 1_699_999_999_000_000_000);
+        assert_eq!(clock.mono_of(clock.unix_of(123)), 123);
+        assert_eq!(clock.mono_of(0), 0, "before the machine was on: the beginning");
+    }
+
+    #[test]
+    fn the_calendar_agrees_with_known_dates() {
+        assert_eq!(utc(0), "1970-01-01 00:00:00 UTC");
+        assert_eq!(utc(951_782_400_000_000_000), "2000-02-29 00:00:00 UTC");
+        assert_eq!(utc(1_700_000_000_123_456_789), "2023-11-14 22:13:20 UTC");
+        assert_eq!(utc(4_107_542_399_000_000_000), "2100-02-28 23:59:59 UTC");
+    }
+
+    #[test]
+    fn both_clocks_are_read_at_one_instant() {
+        let clock = RunClock::now();
+        let later = RunClock::now();
+        assert!(later.unix_of(later.t0_mono_ns).abs_diff(clock.unix_of(later.t0_mono_ns)) < 100_000_000);
+    }
+}

@@ -1,0 +1,197 @@
+//! Under which schema a channel is written, so that no reader of the file stumbles.
+
+use std::borrow::Cow;
+use std::collections::{BTreeMap, HashMap};
+
+use messages::schema::{Schema, is_type_name, split};
+use messages::{Message, hash_of, schema_name};
+
+/// A channel as it is found on the bus.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ChannelSpec {
+    /// e.g. `motor/state`; the topic in the file is `/motor/state`.
+    pub name: String,
+    /// e.g. `nims_msgs/MotorState/1a2b3c4d`.
+    pub type_name: String,
+    /// Complete definition; empty if the channel has none.
+    pub schema: String,
+    /// Bytes of every sample.
+    pub size: usize,
+}
+
+impl ChannelSpec {
+    /// A channel of a type this build knows.
+    #[must_use]
+    pub fn of<T: Message>(name: &str) -> Self {
+        Self { name: name.into(), type_name: T::type_name().into(), schema: T::schema().into(), size: size_of::<T>() }
+    }
+}
+
+/// What goes into the file for a channel.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(crate) struct Definition {
+    /// `pkg/msg/Type`.
+    pub schema_name: String,
+    pub text: String,
+    /// Of the channel.
+    pub metadata: BTreeMap<String, String>,
+}
+
+/// The type names used in one file: each may stand for one text only, nested types included.
+#[derive(Debug, Default)]
+pub(crate) struct Definitions {
+    texts: HashMap<String, String>,
+}
+
+/// More renames than any text has types.
+const ROUNDS: usize = 64;
+
+impl Definitions {
+    /// The schema for a channel: its own, its own under another name, or plain bytes.
+    pub(crate) fn of(&mut self, spec: &ChannelSpec) -> Definition {
+        match check(spec) {
+            Ok(name) => self.unique(spec, name),
+            Err(why) => opaque(spec, &why),
+        }
+    }
+
+    /// Renames whatever stands for another text in this file already.
+    fn unique(&mut self, spec: &ChannelSpec, name: String) -> Definition {
+        let (mut own, mut text) = (name, Cow::Borrowed(spec.schema.as_str()));
+        for _ in 0..ROUNDS {
+            // from the innermost type outwards: the name of a type depends on the names in its text
+            let clash = split(&text).into_iter().rev().find_map(|(name, lines)| {
+                let known = self.texts.get(if name.is_empty() { own.as_str() } else { name })?;
+                (known != lines.trim_end()).then(|| (name.to_owned(), format!("X{:08x}", hash_of(lines.trim_end()))))
+            });
+            match clash {
+                None => break,
+                Some((name, ending)) if name.is_empty() => own.push_str(&ending),
+                Some((name, ending)) => text = Cow::Owned(rename(&text, &name, &format!("{name}{ending}"))),
+            }
+        }
+        for (name, lines) in split(&text) {
+            let name = if name.is_empty() { own.as_str() } else { name };
+            self.texts.entry(name.to_owned()).or_insert_with(|| lines.trim_end().to_owned());
+        }
+        let mut metadata = BTreeMap::from([("type".to_owned(), spec.type_name.clone())]);
+        if text != spec.schema {
+            metadata.insert("original_schema".to_owned(), spec.schema.clone());
+        }
+        Definition { schema_name: own.replacen('/', "/msg/", 1), text: text.into_owned(), metadata }
+    }
+}
+
+/// The two-part type name, if the definition is one that every reader decodes and that describes just the sample's bytes.
+fn check(spec: &ChannelSpec) -> Result<String, String> {
+    let name = schema_name(&spec.type_name)
+        .map(|name| name.replacen("/msg/", "/", 1))
+        .filter(|name| is_type_name(name))
+        .ok_or_else(|| format!("the type name `{}` is not `package/Type/hash`", spec.type_name))?;
+    if spec.schema.is_empty() {
+        return Err("the channel has no definition".to_owned());
+    }
+    let schema = Schema::parse(&spec.schema).map_err(|error| error.to_string())?;
+    if schema.size() != spec.size {
+        return Err(format!(
+            "the definition describes {} bytes, a sample has {}: is there hidden padding?",
+            schema.size(),
+            spec.size
+        ));
+    }
+    Ok(name)
+}
+
+fn opaque(spec: &ChannelSpec, why: &str) -> Definition {
+    Definition {
+        schema_name: format!("nims_msgs/msg/Opaque{}", spec.size),
+        text: format!("uint8[{}] data\n", spec.size.max(1)),
+        metadata: BTreeMap::from([
+            ("type".to_owned(), spec.type_name.clone()),
+            ("original_schema".to_owned(), spec.schema.clone()),
+            ("refused".to_owned(), why.to_owned()),
+        ]),
+    }
+}
+
+/// Renames a nested type, where it is defined and where it is used.
+fn rename(text: &str, from: &str, to: &str) -> String {
+    let mut renamed = String::with_capacity(text.len() + 64);
+    for line in text.split_inclusive('\n') {
+        let (head, rest) = match line.strip_prefix("MSG: ") {
+            Some(rest) => ("MSG: ", rest),
+            None => ("", line),
+        };
+        let used = rest.strip_prefix(from).filter(|rest| rest.starts_with([' ', '\t', '[', '\n']) || rest.is_empty());
+        match used {
+            Some(rest) => renamed.extend([head, to, rest]),
+            None => renamed.push_str(line),
+        }
+    }
+    renamed
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::{MotorCommand, MotorInput, MotorState};
+
+    fn foreign(type_name: &str, schema: &str, size: usize) -> ChannelSpec {
+        ChannelSpec { name: "sensor/x".into(), type_name: type_name.into(), schema: schema.into(), size }
+    }
+
+    #[test]
+    fn known_types_keep_their_text_also_where_they_are_nested() {
+        let mut definitions = Definitions::default();
+        for spec in [
+            ChannelSpec::of::<MotorInput>("motor/input"),
+            ChannelSpec::of::<MotorCommand>("motor/command/a"),
+            ChannelSpec::of::<MotorCommand>("motor/command/b"),
+            ChannelSpec::of::<MotorState>("motor/state"),
+        ] {
+            let definition = definitions.of(&spec);
+            assert_eq!(definition.text, spec.schema);
+            assert_eq!(definition.schema_name, schema_name(&spec.type_name).unwrap());
+            assert!(!definition.metadata.contains_key("refused"));
+        }
+    }
+
+    #[test]
+    fn one_name_stands_for_one_text() {
+        let separator = "=".repeat(80);
+        let mut definitions = Definitions::default();
+        definitions.of(&ChannelSpec::of::<MotorState>("motor/state"));
+        let text = format!(
+            "nims_msgs/Header header\nnims_msgs/Header[2] more\n{separator}\nMSG: nims_msgs/Header\nuint64 other\n"
+        );
+        let definition = definitions.of(&foreign("nims_msgs/MotorState/00000000", &text, 24));
+        assert!(definition.schema_name.starts_with("nims_msgs/msg/MotorStateX"), "{}", definition.schema_name);
+        assert_eq!(definition.metadata["original_schema"], text);
+        let nested = split(&definition.text)[1].0.to_owned();
+        assert!(nested.starts_with("nims_msgs/HeaderX"), "{nested}");
+        assert!(definition.text.contains(&format!("{nested}[2] more\n")));
+        let parsed = Schema::parse(&definition.text).unwrap();
+        assert_eq!(parsed.size(), 24);
+        assert!(is_type_name(&nested));
+        // the same type again finds the same names
+        assert_eq!(definitions.of(&foreign("nims_msgs/MotorState/00000000", &text, 24)), definition);
+    }
+
+    #[test]
+    fn a_definition_that_is_wrong_becomes_plain_bytes_with_the_reason() {
+        let mut definitions = Definitions::default();
+        for (spec, why) in [
+            (foreign("wind", "float64 x\n", 8), "package/Type"),
+            (foreign("my-pkg/Wind/1", "float64 x\n", 8), "package/Type"),
+            (foreign("my_pkg/Wind/1", "", 8), "no definition"),
+            (foreign("my_pkg/Wind/1", "string x\n", 8), "line 1"),
+            (foreign("my_pkg/Wind/1", "float64 x\nuint8 y\n", 16), "hidden padding"),
+        ] {
+            let definition = definitions.of(&spec);
+            assert_eq!(definition.schema_name, format!("nims_msgs/msg/Opaque{}", spec.size));
+            assert_eq!(definition.text, format!("uint8[{}] data\n", spec.size));
+            assert!(definition.metadata["refused"].contains(why), "{}", definition.metadata["refused"]);
+            assert_eq!(definition.metadata["original_schema"], spec.schema);
+        }
+    }
+}

@@ -1,0 +1,83 @@
+//! What can go wrong with a run file, one sentence each.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+/// A run file could not be written, recovered or read.
+#[derive(Debug, thiserror::Error)]
+pub enum RunError {
+    /// The operating system refused.
+    #[error("{}: could not {what}: {source}", path.display())]
+    Io {
+        /// The file or folder.
+        path: PathBuf,
+        /// What was tried.
+        what: &'static str,
+        /// Why not.
+        source: io::Error,
+    },
+    /// The writer failed, and stays failed: open a new file. What was written up to the last whole chunk can be recovered.
+    #[error("{}: writing stopped ({why}); what is in the file can be recovered with `nims recover`", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// The writer's own words.
+        why: String,
+    },
+    /// Not a run file, or not a run folder.
+    #[error("{}: {what}", path.display())]
+    NotARun {
+        /// The file or folder.
+        path: PathBuf,
+        /// What it is instead.
+        what: String,
+    },
+    /// A recorder holds the file.
+    #[error("{} is being recorded right now; stop the recording first", path.display())]
+    Busy {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A sample has not the size that its channel announced.
+    #[error("channel {channel}: a sample of {got} bytes, where the channel's type has {expected}")]
+    Size {
+        /// The channel's name.
+        channel: String,
+        /// Bytes that came.
+        got: usize,
+        /// Bytes of the type.
+        expected: usize,
+    },
+    /// The channel is there, but holds another type.
+    #[error("channel {channel} holds {found}, not {wanted} as this program knows it")]
+    Type {
+        /// The channel's name.
+        channel: String,
+        /// What the file says.
+        found: String,
+        /// What was asked for.
+        wanted: String,
+    },
+}
+
+impl RunError {
+    pub(crate) fn io(path: &Path, what: &'static str) -> impl FnOnce(io::Error) -> Self {
+        move |source| Self::Io { path: path.to_owned(), what, source }
+    }
+
+    pub(crate) fn write(path: &Path) -> impl FnOnce(mcap::McapError) -> Self {
+        move |error| Self::Write { path: path.to_owned(), why: words(&error) }
+    }
+
+    pub(crate) fn not_a_run(path: &Path, what: impl Into<String>) -> Self {
+        Self::NotARun { path: path.to_owned(), what: what.into() }
+    }
+}
+
+/// The cause itself where the library only says that there was one.
+pub(crate) fn words(error: &mcap::McapError) -> String {
+    match error {
+        mcap::McapError::Io(cause) => cause.to_string(),
+        other => other.to_string(),
+    }
+}

@@ -1,0 +1,93 @@
+//! The files of a run folder, and the room that is left for them.
+
+use std::ffi::OsStr;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::RunError;
+
+/// Ending of a finished file.
+pub const FILE_ENDING: &str = ".mcap";
+/// Ending of a file that is being written, or was when the power went.
+pub const PART_ENDING: &str = ".mcap.part";
+
+/// Bytes that an unprivileged process can still write where `path` is.
+///
+/// # Errors
+/// The file system did not answer.
+pub fn free_bytes(path: &Path) -> Result<u64, RunError> {
+    let state = rustix::fs::statvfs(path).map_err(|error| RunError::io(path, "ask for free space")(error.into()))?;
+    Ok(state.f_bavail.saturating_mul(state.f_frsize))
+}
+
+/// The run files of a folder, in the order in which they were written: `run`, `run-0002`, ...
+///
+/// # Errors
+/// The folder cannot be read, or holds no run file.
+pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
+    let mut found: Vec<(String, PathBuf)> = fs::read_dir(folder)
+        .map_err(RunError::io(folder, "read the folder"))?
+        .filter_map(Result::ok)
+        .filter_map(|entry| Some((stem(&entry.file_name())?, entry.path())))
+        .collect();
+    if found.is_empty() {
+        return Err(RunError::not_a_run(folder, "the folder holds no run file (*.mcap or *.mcap.part)"));
+    }
+    found.sort();
+    Ok(found.into_iter().map(|(_, path)| path).collect())
+}
+
+/// The final name of the next file of a run: `run.mcap`, then `run-0002.mcap`, ... Names that exist, finished or not, are skipped.
+#[must_use]
+pub fn next_file(folder: &Path) -> PathBuf {
+    let free = |stem: &str| {
+        !folder.join(format!("{stem}{FILE_ENDING}")).exists() && !folder.join(format!("{stem}{PART_ENDING}")).exists()
+    };
+    let stem = std::iter::once("run".to_owned())
+        .chain((2..10_000).map(|number| format!("run-{number:04}")))
+        .find(|stem| free(stem))
+        .unwrap_or_else(|| format!("run-{}", std::process::id()));
+    folder.join(format!("{stem}{FILE_ENDING}"))
+}
+
+/// `NAME` of `NAME.mcap` or `NAME.mcap.part`.
+pub(crate) fn stem(name: &OsStr) -> Option<String> {
+    let name = name.to_str()?;
+    let stem = name.strip_suffix(PART_ENDING).or_else(|| name.strip_suffix(FILE_ENDING))?;
+    Some(stem.to_owned())
+}
+
+/// `NAME.mcap.part` for `NAME.mcap`.
+pub(crate) fn part_of(path: &Path) -> PathBuf {
+    let mut name = path.as_os_str().to_owned();
+    name.push(".part");
+    PathBuf::from(name)
+}
+
+/// Makes a rename in this folder survive a power cut.
+pub(crate) fn sync_folder(file: &Path) -> Result<(), RunError> {
+    let folder = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(RunError::io(folder, "synchronise the folder"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_come_in_the_order_of_writing_and_names_are_not_used_twice() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(segments(folder.path()).unwrap_err().to_string().contains("no run file"));
+        for expected in ["run", "run-0002", "run-0003"] {
+            let path = next_file(folder.path());
+            assert_eq!(path, folder.path().join(format!("{expected}.mcap")));
+            fs::write(if expected == "run" { path } else { part_of(&path) }, "").unwrap();
+        }
+        fs::write(folder.path().join("box.toml"), "").unwrap();
+        let names: Vec<_> =
+            segments(folder.path()).unwrap().iter().map(|path| path.file_name().unwrap().to_owned()).collect();
+        assert_eq!(names, ["run.mcap", "run-0002.mcap.part", "run-0003.mcap.part"]);
+        assert!(free_bytes(folder.path()).unwrap() > 0);
+        assert!(free_bytes(Path::new("/no/such/folder")).unwrap_err().to_string().contains("/no/such/folder"));
+    }
+}

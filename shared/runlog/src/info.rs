@@ -1,0 +1,229 @@
+//! What is in a run, and whether it can be trusted.
+
+use std::collections::{BTreeMap, HashMap};
+use std::fmt;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use messages::schema::Schema;
+use serde::Serialize;
+
+use crate::read::{RecordedChannel, RunReader};
+use crate::{Damage, RunError, Sequence, utc};
+
+/// One file of the run.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct FileReport {
+    /// Where it is.
+    pub path: PathBuf,
+    /// Its size.
+    pub bytes: u64,
+    /// It was closed properly.
+    pub finished: bool,
+    /// What could not be read.
+    pub damage: Vec<Damage>,
+}
+
+/// One channel of the run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct ChannelReport {
+    /// e.g. `motor/state`.
+    pub name: String,
+    /// e.g. `nims_msgs/msg/MotorState`.
+    pub schema: String,
+    /// Samples.
+    pub messages: u64,
+    /// Bytes of all samples.
+    pub bytes: u64,
+    /// Mean rate between the first and the last sample.
+    pub rate_hz: Option<f64>,
+    /// First and last sample, s since the run began.
+    pub first_s: f64,
+    /// Last sample.
+    pub last_s: f64,
+    /// Longest time between two samples.
+    pub longest_silence_s: f64,
+    /// Samples missing by number.
+    pub lost: u64,
+    /// Times that samples were missing.
+    pub gaps: u64,
+    /// Why it was recorded as plain bytes, if it was.
+    pub refused: Option<String>,
+}
+
+/// A run file or a run folder.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunReport {
+    /// Nothing is missing or damaged, and every file was closed properly.
+    pub healthy: bool,
+    /// One sentence per thing that is wrong, or one that says that nothing is.
+    pub verdict: Vec<String>,
+    /// When the first sample was published.
+    pub started: Option<String>,
+    /// The same, UNIX time.
+    pub started_unix_ns: Option<u64>,
+    /// From the first to the last sample.
+    pub duration_s: f64,
+    /// Samples.
+    pub messages: u64,
+    /// Bytes of all samples.
+    pub sample_bytes: u64,
+    /// Its files.
+    pub files: Vec<FileReport>,
+    /// Its channels, by name.
+    pub channels: Vec<ChannelReport>,
+    /// Names of the files kept inside.
+    pub attachments: Vec<String>,
+    /// Who, what, with which versions.
+    pub about: BTreeMap<String, String>,
+    /// Why it ended, as the recorder wrote it.
+    pub ended: Option<String>,
+}
+
+#[derive(Default)]
+struct Count {
+    messages: u64,
+    bytes: u64,
+    first_ns: u64,
+    last_ns: u64,
+    silence_ns: u64,
+    sequence: Sequence,
+    seq_at: Option<usize>,
+}
+
+/// Reads a whole run, finished or not, and reports on it.
+///
+/// # Errors
+/// There is no run file, or it cannot be read.
+pub fn info(path: &Path) -> Result<RunReport, RunError> {
+    let mut reader = RunReader::open(path)?;
+    let mut counts: HashMap<*const RecordedChannel, (Arc<RecordedChannel>, Count)> = HashMap::new();
+    let mut bounds: Option<(u64, u64)> = None;
+    while let Some(recorded) = reader.next_sample()? {
+        let (_, count) = counts.entry(Arc::as_ptr(recorded.channel)).or_insert_with(|| {
+            let seq_at = Schema::parse(&recorded.channel.schema).ok().filter(Schema::has_header).map(|_| 8);
+            (Arc::clone(recorded.channel), Count { seq_at, first_ns: recorded.log_time_ns, ..Count::default() })
+        });
+        let now = recorded.log_time_ns;
+        if count.messages > 0 {
+            count.silence_ns = count.silence_ns.max(now.saturating_sub(count.last_ns));
+        }
+        count.messages += 1;
+        count.bytes += recorded.sample.len() as u64;
+        count.first_ns = count.first_ns.min(now);
+        count.last_ns = count.last_ns.max(now);
+        let seq = count.seq_at.and_then(|at| recorded.sample.get(at..at + 8)?.try_into().ok());
+        if let Some(seq) = seq {
+            count.sequence.note(u64::from_le_bytes(seq));
+        }
+        bounds = Some(bounds.map_or((now, now), |(first, last)| (first.min(now), last.max(now))));
+    }
+    Ok(report(&reader, counts.into_values().collect(), bounds))
+}
+
+fn report(reader: &RunReader, counts: Vec<(Arc<RecordedChannel>, Count)>, bounds: Option<(u64, u64)>) -> RunReport {
+    let begin = bounds.map_or(0, |(first, _)| first);
+    let seconds = |ns: u64| ns as f64 * 1e-9;
+    let mut channels: Vec<ChannelReport> = counts
+        .into_iter()
+        .map(|(channel, count)| {
+            let span = seconds(count.last_ns - count.first_ns);
+            let regular = count.messages > 1 && span > 0.0;
+            ChannelReport {
+                name: channel.name.clone(),
+                schema: channel.schema_name.clone(),
+                messages: count.messages,
+                bytes: count.bytes,
+                rate_hz: regular.then(|| (count.messages - 1) as f64 / span),
+                first_s: seconds(count.first_ns - begin),
+                last_s: seconds(count.last_ns - begin),
+                longest_silence_s: seconds(count.silence_ns),
+                lost: count.sequence.lost,
+                gaps: count.sequence.gaps,
+                refused: channel.refused.clone(),
+            }
+        })
+        .collect();
+    channels.sort_by(|a, b| (&a.name, &a.schema).cmp(&(&b.name, &b.schema)));
+    let files: Vec<FileReport> = reader
+        .files()
+        .iter()
+        .map(|(path, finished, bytes)| {
+            let damage = reader.damage().iter().filter(|(file, _)| file == path).map(|(_, one)| one.clone()).collect();
+            FileReport { path: path.clone(), bytes: *bytes, finished: *finished, damage }
+        })
+        .collect();
+    let verdict = verdict(&files, &channels, reader.orphaned());
+    RunReport {
+        healthy: verdict.is_empty(),
+        verdict: if verdict.is_empty() { vec!["complete, nothing missing".into()] } else { verdict },
+        started: bounds.map(|(first, _)| utc(first)),
+        started_unix_ns: bounds.map(|(first, _)| first),
+        duration_s: bounds.map_or(0.0, |(first, last)| seconds(last - first)),
+        messages: channels.iter().map(|channel| channel.messages).sum(),
+        sample_bytes: channels.iter().map(|channel| channel.bytes).sum(),
+        files,
+        channels,
+        attachments: reader.attachments().iter().map(|attachment| attachment.name.clone()).collect(),
+        about: reader.about().clone(),
+        ended: reader.ends().last().and_then(|end| end.get("reason").cloned()),
+    }
+}
+
+fn verdict(files: &[FileReport], channels: &[ChannelReport], orphaned: u64) -> Vec<String> {
+    let mut found = Vec::new();
+    for file in files {
+        let holes = file.damage.iter().filter(|damage| !damage.torn_end).count();
+        if holes > 0 {
+            found.push(format!("{}: {holes} damaged places; run `nims recover`", file.path.display()));
+        } else if !file.finished {
+            found.push(format!("{}: not closed properly; run `nims recover`", file.path.display()));
+        }
+    }
+    for channel in channels.iter().filter(|channel| channel.lost > 0) {
+        found.push(format!("{}: {} samples missing in {} gaps", channel.name, channel.lost, channel.gaps));
+    }
+    if orphaned > 0 {
+        found.push(format!("{orphaned} samples of channels that nothing in the file describes"));
+    }
+    if channels.is_empty() {
+        found.push("no samples".into());
+    }
+    found
+}
+
+impl fmt::Display for RunReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let started = self.started.as_deref().unwrap_or("never");
+        let megabytes = |bytes: u64| bytes as f64 / 1e6;
+        writeln!(f, "started   {started}, {:.1} s long", self.duration_s)?;
+        if let Some(ended) = &self.ended {
+            writeln!(f, "ended     {ended}")?;
+        }
+        for file in &self.files {
+            let state = if file.finished { "" } else { ", not finished" };
+            writeln!(f, "file      {} ({:.2} MB{state})", file.path.display(), megabytes(file.bytes))?;
+        }
+        writeln!(f, "samples   {} ({:.2} MB)", self.messages, megabytes(self.sample_bytes))?;
+        if !self.attachments.is_empty() {
+            writeln!(f, "inside    {}", self.attachments.join(", "))?;
+        }
+        writeln!(f, "\n{:<28} {:>9} {:>9} {:>10} {:>6}  type", "channel", "samples", "rate/Hz", "silence/s", "lost")?;
+        for channel in &self.channels {
+            let rate = channel.rate_hz.map_or_else(|| "-".to_owned(), |rate| format!("{rate:.1}"));
+            writeln!(
+                f,
+                "{:<28} {:>9} {:>9} {:>10.3} {:>6}  {}",
+                channel.name, channel.messages, rate, channel.longest_silence_s, channel.lost, channel.schema
+            )?;
+            if let Some(refused) = &channel.refused {
+                writeln!(f, "{:<28} recorded as plain bytes: {refused}", "")?;
+            }
+        }
+        writeln!(f)?;
+        for sentence in &self.verdict {
+            writeln!(f, "{sentence}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,399 @@
+//! Walks through a run file record by record, finished or not, and past what is damaged.
+//!
+//! A chunk counts as a whole: its checksum is verified before anything of it is handed on. Where a record makes no sense, the walk goes on
+//! at the next place that looks like a chunk in every field of its head.
+
+use std::fs::File;
+use std::io;
+use std::os::unix::fs::FileExt;
+use std::path::{Path, PathBuf};
+
+use mcap::MAGIC;
+use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use serde::Serialize;
+
+use crate::RunError;
+use crate::error::words;
+
+/// Bytes of one chunk or record at most. Chunks have about one MiB; this bounds what a damaged length can make the reader allocate.
+const RECORD_BYTES: u64 = 256 << 20;
+/// Opcode and length in front of each record.
+const HEAD: u64 = 9;
+/// A chunk's fixed fields before the name of its compression, and after it.
+const CHUNK_BEFORE: u64 = 32;
+/// Bytes looked at in one go while searching for the next chunk.
+const WINDOW: usize = 256 * 1024;
+/// A message record's fields before its data.
+const MESSAGE_HEAD: usize = 22;
+
+/// A stretch of the file that could not be read.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Damage {
+    /// Where it begins.
+    pub offset: u64,
+    /// How long it is.
+    pub bytes: u64,
+    /// What is wrong there.
+    pub why: String,
+    /// The file ends in the middle of a record: a kill or a power cut, not a flaw of the disk.
+    pub torn_end: bool,
+}
+
+/// What the walk meets.
+pub(crate) enum Item<'a> {
+    /// A definition, metadata or an attachment.
+    Record(Record<'a>),
+    Message(MessageRecord<'a>),
+    Damage(Damage),
+}
+
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct MessageRecord<'a> {
+    pub channel_id: u16,
+    pub sequence: u32,
+    pub log_time: u64,
+    pub publish_time: u64,
+    pub data: &'a [u8],
+}
+
+#[derive(Clone, Copy)]
+enum Entry {
+    Record { opcode: u8, begin: usize, end: usize },
+    Damage(usize),
+}
+
+pub(crate) struct Scanner {
+    path: PathBuf,
+    file: File,
+    length: u64,
+    at: u64,
+    /// Behind the last record that a checksum vouches for; the length of any later one may be wrong.
+    vouched: u64,
+    /// The end mark was reached: the file was finished.
+    complete: bool,
+    chunks: LinearReader,
+    raw: Vec<u8>,
+    bytes: Vec<u8>,
+    entries: Vec<Entry>,
+    next: usize,
+    damage: Vec<Damage>,
+    window: Vec<u8>,
+}
+
+fn chunk_reader() -> LinearReader {
+    LinearReader::new_with_options(
+        LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(RECORD_BYTES as usize),
+    )
+}
+
+impl Scanner {
+    pub(crate) fn open(path: &Path) -> Result<Self, RunError> {
+        let file = File::open(path).map_err(RunError::io(path, "open the run file"))?;
+        let meta = file.metadata().map_err(RunError::io(path, "read the run file"))?;
+        if !meta.is_file() {
+            return Err(RunError::not_a_run(path, "not a file"));
+        }
+        let mut scanner = Self {
+            path: path.to_owned(),
+            file,
+            length: meta.len(),
+            at: 0,
+            vouched: 0,
+            complete: false,
+            chunks: chunk_reader(),
+            raw: Vec::new(),
+            bytes: Vec::new(),
+            entries: Vec::new(),
+            next: 0,
+            damage: Vec::new(),
+            window: Vec::new(),
+        };
+        let mut magic = [0; MAGIC.len()];
+        let wrong = scanner.length < MAGIC.len() as u64 || {
+            scanner.read_at(0, &mut magic)?;
+            magic != *MAGIC
+        };
+        if !wrong {
+            scanner.at = MAGIC.len() as u64;
+        } else if scanner.find_chunk(0)?.is_none() {
+            let what = if scanner.length == 0 { "the file is empty" } else { "not an MCAP file" };
+            return Err(RunError::not_a_run(path, what));
+        }
+        Ok(scanner)
+    }
+
+    /// Whether the file was finished properly; known after the walk.
+    pub(crate) fn complete(&self) -> bool {
+        self.complete
+    }
+
+    pub(crate) fn length(&self) -> u64 {
+        self.length
+    }
+
+    /// How far the walk is, in bytes of the file.
+    pub(crate) fn position(&self) -> u64 {
+        self.at
+    }
+
+    /// The next item; `None` at the end.
+    pub(crate) fn next(&mut self) -> Result<Option<Item<'_>>, RunError> {
+        while self.next >= self.entries.len() {
+            if !self.advance()? {
+                return Ok(None);
+            }
+        }
+        let entry = self.entries[self.next];
+        self.next += 1;
+        Ok(Some(match entry {
+            Entry::Damage(index) => Item::Damage(self.damage[index].clone()),
+            Entry::Record { opcode, begin, end } => {
+                let body = &self.bytes[begin..end];
+                match message(opcode, body) {
+                    Some(message) => Item::Message(message),
+                    None => match mcap::parse_record(opcode, body) {
+                        Ok(record) => Item::Record(record),
+                        Err(error) => Item::Damage(Damage {
+                            offset: self.at,
+                            bytes: (end - begin) as u64,
+                            why: words(&error),
+                            torn_end: false,
+                        }),
+                    },
+                }
+            }
+        }))
+    }
+
+    /// The data of the message that [`Scanner::next`] gave last.
+    pub(crate) fn last_data(&self) -> Option<&[u8]> {
+        match *self.entries.get(self.next.checked_sub(1)?)? {
+            Entry::Record { begin, end, .. } => self.bytes.get(begin + MESSAGE_HEAD..end),
+            Entry::Damage(_) => None,
+        }
+    }
+
+    /// Reads the next record of the file, or all of the next chunk; false at the end.
+    fn advance(&mut self) -> Result<bool, RunError> {
+        self.entries.clear();
+        self.bytes.clear();
+        self.next = 0;
+        let begin = self.at;
+        if begin >= self.length || self.complete {
+            return Ok(false);
+        }
+        let mut head = [0_u8; HEAD as usize];
+        if begin + HEAD > self.length {
+            return match self.find_chunk(self.doubtful(begin))? {
+                Some(_) => self.skip(begin, "less than a record's head".into()),
+                None => self.torn(begin),
+            };
+        }
+        self.read_at(begin, &mut head)?;
+        // a chunk is told by the fields of its head, in case that its opcode is what is damaged
+        let opcode = if self.is_chunk(begin)? { op::CHUNK } else { head[0] };
+        let mut wide = [0_u8; 8];
+        wide.copy_from_slice(&head[1..]);
+        let length = u64::from_le_bytes(wide);
+        if let Err(why) = plausible(opcode, length) {
+            return self.skip(begin, why);
+        }
+        let end = begin + HEAD + length;
+        if end > self.length {
+            return match self.find_chunk(self.doubtful(begin))? {
+                Some(_) => self.skip(begin, "a record that is longer than the file".into()),
+                None => self.torn(begin),
+            };
+        }
+        match opcode {
+            op::FOOTER => {
+                self.complete = true;
+                self.at = self.length;
+                return Ok(false);
+            }
+            op::CHUNK => {
+                self.raw.resize((HEAD + length) as usize, 0);
+                let mut raw = std::mem::take(&mut self.raw);
+                let read = self.read_at(begin, &mut raw).map(|()| {
+                    raw[0] = op::CHUNK;
+                    self.unpack(&raw)
+                });
+                self.raw = raw;
+                if let Err(why) = read? {
+                    self.chunks = chunk_reader();
+                    self.entries.clear();
+                    self.bytes.clear();
+                    self.vouched = self.vouched.max(begin);
+                    return self.skip(begin, why);
+                }
+                self.vouched = end;
+            }
+            op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::ATTACHMENT | op::METADATA => {
+                let mut body = std::mem::take(&mut self.bytes);
+                body.resize(length as usize, 0);
+                let read = self.read_at(begin + HEAD, &mut body);
+                self.bytes = body;
+                read?;
+                if let Err(error) = mcap::parse_record(opcode, &self.bytes) {
+                    return self.skip(begin, words(&error));
+                }
+                if opcode == op::ATTACHMENT {
+                    self.vouched = end;
+                }
+                self.entries.push(Entry::Record { opcode, begin: 0, end: length as usize });
+            }
+            // indexes, statistics, private records: of no use to a walk
+            _ => {}
+        }
+        self.at = end;
+        Ok(true)
+    }
+
+    /// Decompresses a chunk, verifies it, and lines up its records.
+    fn unpack(&mut self, raw: &[u8]) -> Result<(), String> {
+        check_chunk_head(&raw[HEAD as usize..], raw.len() as u64 - HEAD)?;
+        let mut rest = raw;
+        while let Some(event) = self.chunks.next_event() {
+            match event.map_err(|error| words(&error))? {
+                LinearReadEvent::ReadRequest(_) if rest.is_empty() => return Ok(()),
+                LinearReadEvent::ReadRequest(need) => {
+                    let count = need.min(rest.len());
+                    self.chunks.insert(count)[..count].copy_from_slice(&rest[..count]);
+                    self.chunks.notify_read(count);
+                    rest = &rest[count..];
+                }
+                LinearReadEvent::Record { data, opcode } => {
+                    let begin = self.bytes.len();
+                    self.bytes.extend_from_slice(data);
+                    self.entries.push(Entry::Record { opcode, begin, end: self.bytes.len() });
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Goes on behind damage that begins at `begin`.
+    fn skip(&mut self, begin: u64, why: String) -> Result<bool, RunError> {
+        // where the walk stumbles is not always where it went wrong: a record before may have led it astray
+        let end = self.find_chunk(self.doubtful(begin))?.unwrap_or(self.length);
+        let begin = if end < begin { self.vouched } else { begin };
+        self.note(Damage { offset: begin, bytes: end - begin, why, torn_end: false });
+        self.at = end;
+        Ok(true)
+    }
+
+    /// From where to look for the next chunk when the record at `begin` makes no sense.
+    fn doubtful(&self, begin: u64) -> u64 {
+        if self.vouched < begin { self.vouched.max(MAGIC.len() as u64) } else { begin + 1 }
+    }
+
+    fn torn(&mut self, begin: u64) -> Result<bool, RunError> {
+        let bytes = self.length - begin;
+        self.note(Damage {
+            offset: begin,
+            bytes,
+            why: "the file ends in the middle of a record".into(),
+            torn_end: true,
+        });
+        self.at = self.length;
+        Ok(true)
+    }
+
+    fn note(&mut self, damage: Damage) {
+        self.damage.push(damage);
+        self.entries.push(Entry::Damage(self.damage.len() - 1));
+    }
+
+    /// The next offset from `from` where every field of a chunk's head fits.
+    fn find_chunk(&mut self, from: u64) -> Result<Option<u64>, RunError> {
+        let mut window = std::mem::take(&mut self.window);
+        let mut at = from;
+        let mut found = None;
+        while found.is_none() && at + HEAD + CHUNK_BEFORE < self.length {
+            window.resize(WINDOW.min((self.length - at) as usize), 0);
+            self.read_at(at, &mut window)?;
+            for offset in window.iter().enumerate().filter(|(_, byte)| **byte == op::CHUNK).map(|(offset, _)| offset) {
+                if self.is_chunk(at + offset as u64)? {
+                    found = Some(at + offset as u64);
+                    break;
+                }
+            }
+            at += window.len() as u64;
+        }
+        self.window = window;
+        Ok(found)
+    }
+
+    fn is_chunk(&self, at: u64) -> Result<bool, RunError> {
+        let mut head = [0_u8; 64];
+        let there = (self.length - at).min(head.len() as u64) as usize;
+        if (there as u64) < HEAD + CHUNK_BEFORE + 8 {
+            return Ok(false);
+        }
+        self.read_at(at, &mut head[..there])?;
+        let mut wide = [0_u8; 8];
+        wide.copy_from_slice(&head[1..HEAD as usize]);
+        let length = u64::from_le_bytes(wide);
+        Ok(at.checked_add(HEAD + length.min(RECORD_BYTES + 1)).is_some_and(|end| end <= self.length)
+            && check_chunk_head(&head[HEAD as usize..there], length).is_ok())
+    }
+
+    fn read_at(&self, at: u64, into: &mut [u8]) -> Result<(), RunError> {
+        let read = self.file.read_exact_at(into, at);
+        read.map_err(|error: io::Error| RunError::io(&self.path, "read the run file")(error))
+    }
+}
+
+fn message(opcode: u8, body: &[u8]) -> Option<MessageRecord<'_>> {
+    if opcode != op::MESSAGE {
+        return None;
+    }
+    let (head, data) = body.split_at_checked(MESSAGE_HEAD)?;
+    Some(MessageRecord {
+        channel_id: u16::from_le_bytes([head[0], head[1]]),
+        sequence: u32::from_le_bytes([head[2], head[3], head[4], head[5]]),
+        log_time: u64_at(head, 6)?,
+        publish_time: u64_at(head, 14)?,
+        data,
+    })
+}
+
+fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
+    Some(u64::from_le_bytes(bytes.get(at..at + 8)?.try_into().ok()?))
+}
+
+/// Whether a record's opcode and length can be.
+fn plausible(opcode: u8, length: u64) -> Result<(), String> {
+    let fits = match opcode {
+        op::FOOTER => length == 20,
+        op::DATA_END => length == 4,
+        op::MESSAGE_INDEX => length >= 6 && (length - 6).is_multiple_of(16),
+        0 => return Err("zeros where a record should be".into()),
+        op::HEADER..=op::DATA_END | 0x80.. => true,
+        _ => return Err(format!("no record has the opcode {opcode:#04x}")),
+    };
+    // attachments can be larger than a chunk; the length of the file bounds them
+    match fits && (length <= RECORD_BYTES || opcode == op::ATTACHMENT) && length < i64::MAX as u64 {
+        true => Ok(()),
+        false => Err(format!("a record (opcode {opcode:#04x}) with the impossible length {length}")),
+    }
+}
+
+/// Whether the fields in front of a chunk's data fit each other and the record's length.
+fn check_chunk_head(body: &[u8], length: u64) -> Result<(), String> {
+    let fields = || {
+        let (start, end) = (u64_at(body, 0)?, u64_at(body, 8)?);
+        let name_length = u32::from_le_bytes(body.get(28..32)?.try_into().ok()?) as usize;
+        let name = body.get(32..32_usize.checked_add(name_length)?)?;
+        let compressed = u64_at(body, 32 + name_length)?;
+        let known = [&b""[..], b"zstd", b"lz4"].contains(&name);
+        let whole = compressed.checked_add(CHUNK_BEFORE + 8 + name_length as u64)?;
+        (known && start <= end && whole == length && length <= RECORD_BYTES).then_some(())
+    };
+    fields().ok_or_else(|| "a chunk whose head does not fit itself".into())
+}

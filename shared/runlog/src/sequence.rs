@@ -1,0 +1,67 @@
+//! Losses by sequence number, where the samples do not say which publisher they come from.
+
+/// Publishers that may take turns on one channel at most; the channel table allows no more.
+const STREAMS: usize = 8;
+
+/// Counts what is missing on one channel.
+///
+/// Every publisher numbers its samples from its own beginning. A sample continues the publisher whose last number is nearest below its own;
+/// a number that is below all of them is a new publisher. With one publisher this is exact; with several that restart and lose at the
+/// same time, a loss can be booked on the wrong one.
+#[derive(Debug, Clone, Default)]
+pub struct Sequence {
+    last: [u64; STREAMS],
+    known: usize,
+    /// Samples missing.
+    pub lost: u64,
+    /// Times that samples were missing.
+    pub gaps: u64,
+}
+
+impl Sequence {
+    /// Takes the next number and returns how many are missing before it.
+    pub fn note(&mut self, seq: u64) -> u64 {
+        let known = &mut self.last[..self.known];
+        let missing = match known.iter_mut().filter(|last| **last < seq).max_by_key(|last| **last) {
+            Some(last) => {
+                let missing = seq - *last - 1;
+                *last = seq;
+                missing
+            }
+            None => {
+                let slot = self.known % STREAMS;
+                self.known = (self.known + 1).min(STREAMS);
+                self.last[slot] = seq;
+                0
+            }
+        };
+        if missing > 0 {
+            self.lost += missing;
+            self.gaps += 1;
+        }
+        missing
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn count(numbers: &[u64]) -> (u64, u64) {
+        let mut sequence = Sequence::default();
+        for number in numbers {
+            sequence.note(*number);
+        }
+        (sequence.lost, sequence.gaps)
+    }
+
+    #[test]
+    fn losses_are_counted_and_new_publishers_are_not_losses() {
+        assert_eq!(count(&[1, 2, 3]), (0, 0));
+        assert_eq!(count(&[7, 8, 11, 12, 14]), (3, 2));
+        assert_eq!(count(&[1, 2, 3, 1, 2, 3]), (0, 0), "the publisher was started again");
+        assert_eq!(count(&[5, 6, 1, 7, 2, 8, 3]), (0, 0), "two publishers take turns");
+        assert_eq!(count(&[100, 101, 1, 102, 2, 105]), (2, 1));
+        assert!(count(&[9, 8, 7, 6, 5, 4, 3, 2, 1, 10]).0 <= 1, "more publishers than slots: the oldest is forgotten");
+    }
+}

@@ -1,0 +1,87 @@
+//! Brings what was flushed onto the disk, in a thread of its own: fdatasync takes milliseconds, and now and then far more.
+
+use std::fs::File;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Instant;
+
+/// Stack of the thread: it calls one system call.
+const STACK_BYTES: usize = 64 * 1024;
+
+/// What synchronising has cost so far.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct SyncReport {
+    /// Times that the disk confirmed.
+    pub done: u64,
+    /// Longest, ns.
+    pub worst_ns: u64,
+    /// Times that the disk refused.
+    pub failed: u64,
+}
+
+#[derive(Default)]
+struct State {
+    wanted: bool,
+    stop: bool,
+    report: SyncReport,
+}
+
+/// The thread; asks in between coalesce.
+pub(crate) struct Syncer {
+    shared: Arc<(Mutex<State>, Condvar)>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Syncer {
+    pub(crate) fn start(file: File) -> std::io::Result<Self> {
+        let shared = Arc::new((Mutex::new(State::default()), Condvar::new()));
+        let theirs = Arc::clone(&shared);
+        let thread = thread::Builder::new().name("sync".into()).stack_size(STACK_BYTES).spawn(move || {
+            let (state, wake) = &*theirs;
+            loop {
+                let mut guard = lock(state);
+                while !guard.wanted && !guard.stop {
+                    guard = wake.wait(guard).unwrap_or_else(PoisonError::into_inner);
+                }
+                if guard.stop {
+                    return;
+                }
+                guard.wanted = false;
+                drop(guard);
+                let begin = Instant::now();
+                let result = file.sync_data();
+                let took = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
+                let mut guard = lock(state);
+                match result {
+                    Ok(()) => guard.report.done += 1,
+                    Err(_) => guard.report.failed += 1,
+                }
+                guard.report.worst_ns = guard.report.worst_ns.max(took);
+            }
+        })?;
+        Ok(Self { shared, thread: Some(thread) })
+    }
+
+    pub(crate) fn ask(&self) {
+        lock(&self.shared.0).wanted = true;
+        self.shared.1.notify_one();
+    }
+
+    pub(crate) fn report(&self) -> SyncReport {
+        lock(&self.shared.0).report
+    }
+}
+
+impl Drop for Syncer {
+    fn drop(&mut self) {
+        lock(&self.shared.0).stop = true;
+        self.shared.1.notify_one();
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
+    state.lock().unwrap_or_else(PoisonError::into_inner)
+}

@@ -1,0 +1,262 @@
+//! A run file gives back what was written; damage costs what it hits and nothing else.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use messages::{Message, MotorState, NodeEstimate, TruthNode};
+use runlog::*;
+
+/// A generator of test data that needs no crate (xorshift64).
+struct Random(u64);
+
+impl Random {
+    fn next(&mut self) -> u64 {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        self.0
+    }
+
+    fn sample<T: Message>(&mut self, seq: u64, stamp_ns: u64) -> T {
+        let mut sample = T::zeroed();
+        for byte in bytemuck::bytes_of_mut(&mut sample) {
+            *byte = self.next() as u8;
+        }
+        let header = sample.header_mut();
+        (header.seq, header.stamp_ns) = (seq, stamp_ns);
+        sample
+    }
+}
+
+fn write<T: Message>(writer: &mut RunWriter, channel: ChannelId, sample: &T) {
+    let header = sample.header();
+    writer.write(channel, header.seq, header.stamp_ns + 100, header.stamp_ns, bytemuck::bytes_of(sample)).unwrap();
+}
+
+const START: u64 = 1_000_000_000_000;
+const PERIOD: u64 = 10_000_000;
+
+/// `cycles` samples of two channels at 100 Hz, flushed twice a second; ends as `end` says.
+fn run(folder: &Path, cycles: u64) -> (RunWriter, PathBuf) {
+    let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: START };
+    let path = next_file(folder);
+    let about = BTreeMap::from([("robot".to_owned(), "lab3".to_owned())]);
+    let config = Attachment { name: "box.toml".into(), media_type: "application/toml".into(), data: b"a = 1".to_vec() };
+    let mut writer = RunWriter::create(&path, clock, &about, &[config]).unwrap();
+    let state = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
+    let truth = writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap();
+    let mut random = Random(42);
+    for cycle in 1..=cycles {
+        write(&mut writer, state, &random.sample::<MotorState>(cycle, START + cycle * PERIOD));
+        write(&mut writer, truth, &random.sample::<TruthNode>(cycle, START + cycle * PERIOD));
+        if cycle % 50 == 0 {
+            writer.flush().unwrap();
+        }
+    }
+    (writer, path)
+}
+
+fn states(path: &Path) -> Vec<u64> {
+    read_channel::<MotorState>(path, "motor/state").unwrap().iter().map(|(_, state)| state.header.seq).collect()
+}
+
+fn quiet(_: u64, _: u64) {}
+
+#[test]
+fn samples_come_back_bit_for_bit_with_their_times() {
+    let folder = tempfile::tempdir().unwrap();
+    let (writer, path) = run(folder.path(), 300);
+    assert!(!path.exists());
+    assert_eq!(writer.path(), path);
+    let end = BTreeMap::from([("reason".to_owned(), "stopped".to_owned())]);
+    assert_eq!(writer.finish(&end).unwrap(), path);
+    assert_eq!(segments(folder.path()).unwrap(), [path.clone()], "no .part is left");
+
+    let mut random = Random(42);
+    let mut reader = RunReader::open(&path).unwrap();
+    for cycle in 1..=300_u64 {
+        let stamp = START + cycle * PERIOD;
+        let expected: MotorState = random.sample(cycle, stamp);
+        let recorded = reader.next_sample().unwrap().unwrap();
+        assert_eq!(recorded.sample, bytemuck::bytes_of(&expected));
+        assert!(recorded.to::<TruthNode>().is_none());
+        assert_eq!(recorded.channel.type_name, MotorState::type_name());
+        assert_eq!(recorded.sequence, cycle as u32);
+        assert_eq!(recorded.publish_time_ns, 1_700_000_000_000_000_000 + cycle * PERIOD);
+        assert_eq!(recorded.log_time_ns, recorded.publish_time_ns + 100);
+        let expected: TruthNode = random.sample(cycle, stamp);
+        let recorded = reader.next_sample().unwrap().unwrap();
+        assert_eq!(bytemuck::bytes_of(&recorded.to::<TruthNode>().unwrap()), bytemuck::bytes_of(&expected));
+    }
+    assert!(reader.next_sample().unwrap().is_none());
+    assert_eq!(reader.clock().unwrap().t0_mono_ns, START);
+    assert_eq!(reader.about()["robot"], "lab3");
+
+    let report = info(folder.path()).unwrap();
+    assert!(report.healthy, "{:?}", report.verdict);
+    assert_eq!(report.messages, 600);
+    assert_eq!(report.attachments, ["box.toml"]);
+    assert_eq!(report.ended.as_deref(), Some("stopped"));
+    assert_eq!(report.started.as_deref(), Some("2023-11-14 22:13:20 UTC"));
+    let state = &report.channels[0];
+    assert_eq!((state.name.as_str(), state.messages, state.lost), ("motor/state", 300, 0));
+    assert!((state.rate_hz.unwrap() - 100.0).abs() < 1e-6 && (state.longest_silence_s - 0.01).abs() < 1e-9);
+    let text = report.to_string();
+    assert!(text.contains("motor/state") && text.contains("nothing missing"), "{text}");
+    assert!(serde_json::to_value(&report).unwrap()["channels"][1]["name"] == "truth/node");
+}
+
+#[test]
+fn losses_are_seen_by_number() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let mut writer = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]).unwrap();
+    let channel = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
+    let mut random = Random(1);
+    for seq in [1_u64, 2, 5, 6, 9] {
+        write(&mut writer, channel, &random.sample::<MotorState>(seq, seq));
+    }
+    let short = writer.write(channel, 10, 1, 1, &[0; 8]).unwrap_err();
+    assert!(short.to_string().contains("motor/state: a sample of 8 bytes"), "{short}");
+    writer.finish(&BTreeMap::new()).unwrap();
+    let report = info(&path).unwrap();
+    assert_eq!((report.channels[0].lost, report.channels[0].gaps, report.messages), (4, 2, 5));
+    assert!(!report.healthy && report.verdict[0].contains("4 samples missing in 2 gaps"));
+    let wrong = read_channel::<NodeEstimate>(&path, "motor/state").unwrap_err().to_string();
+    assert!(wrong.contains("motor/state holds nims_msgs/MotorState/"), "{wrong}");
+}
+
+#[test]
+fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
+    let folder = tempfile::tempdir().unwrap();
+    let (writer, path) = run(folder.path(), 130);
+    let part = folder.path().join("run.mcap.part");
+    assert!(recover(&part, &mut quiet).unwrap_err().to_string().contains("being recorded right now"));
+    // as after a kill: nothing is closed, but the lock is gone
+    let abandoned = folder.path().join("run-0002.mcap.part");
+    fs::copy(&part, &abandoned).unwrap();
+    assert_eq!(states(&abandoned), (1..=100).collect::<Vec<_>>());
+    let report = info(&abandoned).unwrap();
+    assert!(!report.healthy && report.verdict[0].contains("not closed properly"), "{:?}", report.verdict);
+
+    let mut told = (0, 0);
+    let recovery = recover(&abandoned, &mut |done, all| told = (done, all)).unwrap();
+    assert_eq!(told.0, told.1);
+    assert_eq!(recovery.file, folder.path().join("run-0002.mcap"));
+    assert_eq!((recovery.messages, recovery.orphaned, recovery.damage.len()), (200, 0, 0));
+    assert!(recovery.kept.is_none() && !abandoned.exists());
+    let report = info(&recovery.file).unwrap();
+    assert!(report.healthy, "{:?}", report.verdict);
+    assert_eq!(report.attachments, ["box.toml"]);
+    assert_eq!(report.about["robot"], "lab3");
+    writer.finish(&BTreeMap::new()).unwrap();
+    assert_eq!(states(&path).len(), 130);
+    // of a finished file a copy is made; the file itself is left alone
+    let recovery = recover(&path, &mut quiet).unwrap();
+    assert_eq!(recovery.file, folder.path().join("run-recovered.mcap"));
+    assert_eq!(recovery.kept.as_deref(), Some(path.as_path()));
+    assert!(recover(&path, &mut quiet).unwrap_err().to_string().contains("exists already"));
+}
+
+#[test]
+fn a_cut_at_any_place_loses_only_what_is_behind_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (writer, _) = run(folder.path(), 200);
+    let whole = fs::read(folder.path().join("run.mcap.part")).unwrap();
+    drop(writer);
+    fs::remove_file(folder.path().join("run.mcap.part")).unwrap();
+    let mut random = Random(7);
+    let mut best = 0;
+    for _ in 0..40 {
+        let cut = 8 + (random.next() as usize) % (whole.len() - 8);
+        let part = folder.path().join("cut.mcap.part");
+        fs::write(&part, &whole[..cut]).unwrap();
+        let recovery = recover(&part, &mut quiet).unwrap();
+        assert!(recovery.damage.iter().all(|damage| damage.torn_end), "{:?}", recovery.damage);
+        let numbers = states(&recovery.file);
+        assert_eq!(numbers, (1..=numbers.len() as u64).collect::<Vec<_>>());
+        assert_eq!(numbers.len() % 50, 0, "whole chunks");
+        best = best.max(numbers.len());
+        fs::remove_file(recovery.file).unwrap();
+    }
+    assert!(best >= 100);
+    // power loss on some file systems leaves zeros behind the last block
+    let part = folder.path().join("zeros.mcap.part");
+    fs::write(&part, [whole.as_slice(), &[0; 10_000]].concat()).unwrap();
+    assert_eq!(states(&recover(&part, &mut quiet).unwrap().file).len(), 200);
+}
+
+#[test]
+fn a_flipped_byte_anywhere_costs_one_chunk_at_most() {
+    let folder = tempfile::tempdir().unwrap();
+    let (writer, path) = run(folder.path(), 400);
+    writer.finish(&BTreeMap::new()).unwrap();
+    let whole = fs::read(&path).unwrap();
+    let mut random = Random(99);
+    let (mut hit, mut spared) = (0, 0);
+    for round in 0..120_u64 {
+        // the ends, where everything hangs on few bytes, and anywhere
+        let at = if round < 40 { round as usize } else { (random.next() as usize) % whole.len() };
+        let mut flipped = whole.clone();
+        flipped[at] ^= 1 << (random.next() % 8);
+        let damaged = folder.path().join("damaged.mcap");
+        fs::write(&damaged, &flipped).unwrap();
+        let recovery = recover(&damaged, &mut quiet).unwrap();
+        let numbers = states(&recovery.file);
+        let missing = 400 - numbers.len();
+        assert!(missing <= 50, "byte {at}: {missing} samples of one channel lost; {:?}", recovery.damage);
+        assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]));
+        assert!(info(&recovery.file).unwrap().files[0].damage.is_empty());
+        hit += usize::from(missing > 0);
+        spared += usize::from(missing == 0);
+        fs::remove_file(recovery.file).unwrap();
+    }
+    assert!(hit > 20 && spared > 5, "{hit} hits, {spared} elsewhere");
+}
+
+#[test]
+fn a_type_nobody_can_read_spoils_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let mut writer = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]).unwrap();
+    let spec = |name: &str, type_name: &str, schema: &str, size| ChannelSpec {
+        name: name.into(),
+        type_name: type_name.into(),
+        schema: schema.into(),
+        size,
+    };
+    let bad = writer.add_channel(&spec("sensor/bad", "x/Bad/1", "float64 a\nuint8 b\n", 16)).unwrap();
+    let good = writer.add_channel(&spec("sensor/good", "x/Good/1", "float64 a\nuint8[8] b\n", 16)).unwrap();
+    assert!(writer.refusal(bad).unwrap().contains("hidden padding"));
+    assert!(writer.refusal(good).is_none());
+    for channel in [bad, good] {
+        writer.write(channel, 1, 5, 5, &[7; 16]).unwrap();
+    }
+    writer.finish(&BTreeMap::new()).unwrap();
+    let report = info(&path).unwrap();
+    assert_eq!(report.channels[0].schema, "nims_msgs/msg/Opaque16");
+    assert!(report.channels[0].refused.is_some() && report.channels[1].refused.is_none());
+}
+
+#[test]
+fn what_is_not_a_run_file_is_refused_with_a_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("note.mcap");
+    for (content, why) in [(&b""[..], "empty"), (b"hello", "not an MCAP file"), (&[0x89; 100_000], "not an MCAP file")]
+    {
+        fs::write(&path, content).unwrap();
+        let error = info(&path).unwrap_err().to_string();
+        assert!(error.contains(why) && error.contains("note.mcap"), "{error}");
+    }
+    assert!(info(&folder.path().join("absent.mcap")).unwrap_err().to_string().contains("could not open"));
+    let other = folder.path().join("note.txt");
+    fs::write(&other, "x").unwrap();
+    assert!(recover(&other, &mut quiet).unwrap_err().to_string().contains(".mcap"));
+    let writer = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]).unwrap();
+    let twice = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]);
+    assert!(twice.err().unwrap().to_string().contains("could not create the run file"));
+    drop(writer);
+}
