@@ -1,1 +1,5 @@
 //! Tests across crates and processes.
+#![forbid(unsafe_code)]
+
+pub mod lockstep;
+pub mod scenarios;

@@ -1,1 +1,20 @@
 //! Missions and requests to checked motion segments.
+//!
+//! [`mission`] reads what the operator wants, [`plan`] makes segments of it and checks each against the robot's limits,
+//! [`Planner`] keeps track of the one mission that is flown, [`dry_run`] says what would happen.
+//!
+//! Invariants:
+//! * A mission is checked whole before its first segment is published: a refused mission moves nothing.
+//! * Segments follow each other without a gap, each from rest to rest, so a motion without a successor ends at rest.
+//! * [`Planner`] is pure: time and samples come with every call.
+#![forbid(unsafe_code)]
+
+mod dry_run;
+pub mod mission;
+pub mod plan;
+mod planner;
+
+pub use dry_run::{Summary, dry_run};
+pub use mission::Mission;
+pub use plan::{Plan, PlanError, PlannerConfig};
+pub use planner::{Planner, Refusal, Seen};

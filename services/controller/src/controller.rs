@@ -1,0 +1,239 @@
+//! One step per cycle: an answer for every live estimate.
+
+use cable_robot::elastic::{self, Realisation};
+use cable_robot::limits::scale_to_limits;
+use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
+use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion, SLOTS};
+use service::motion::motion_of;
+
+use crate::law::Law;
+
+/// Cycles by which motor/authority may lag behind an estimate: it is published just after motor/state, so one is
+/// ordinary; the plan clock is carried forward over the gap.
+const AUTHORITY_LAG: u64 = 3;
+
+/// What the controller is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControllerConfig {
+    /// The robot; [`Robot::with_rigid_lines`] leaves stretch uncorrected.
+    pub robot: Robot,
+    /// The law.
+    pub law: Law,
+    /// Δ, cycles, 1 to 200.
+    pub horizon: u32,
+    /// How the tensions of more than three cables are chosen.
+    pub distribution: Distribution,
+    /// Time constant of the loop on the redundant lengths, s.
+    pub redundant_s: f64,
+    /// Largest velocity of a cable, m/s.
+    pub cable_speed_limit_m_s: f64,
+    /// Farther than this from the setpoint the controller gives no answer, m.
+    pub error_limit_m: f64,
+    /// Cycles for which a command may be used.
+    pub ttl_cycles: u32,
+    /// Non-zero number of this process's life.
+    pub incarnation: u32,
+}
+
+/// What a step works on.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Seen<'a> {
+    /// Newest estimate of each slot, if it is alive.
+    pub estimates: [Option<&'a NodeEstimate>; SLOTS],
+    /// Newest plan/motion.
+    pub motion: Option<&'a PlanMotion>,
+    /// Newest motor/authority.
+    pub authority: Option<&'a MotorAuthority>,
+}
+
+/// Node estimates and motion to cable velocities: steps 3 and 4 of the paper's section VI.
+#[derive(Debug, Clone)]
+pub struct Controller {
+    config: ControllerConfig,
+    /// Decoded plan/motion and the beat it had.
+    motion: Option<(u64, u32, Option<Motion>)>,
+}
+
+/// Where the node should be now and at the end of the horizon, and the lengths that put it there.
+struct Target {
+    now: Setpoint,
+    ahead: Setpoint,
+    now_held: Option<Realisation>,
+    ahead_held: Option<Realisation>,
+}
+
+impl Controller {
+    /// A controller that has not seen a motion.
+    pub fn new(config: ControllerConfig) -> Self {
+        Self { config, motion: None }
+    }
+
+    /// The answer to the newest cycle among the estimates: one row per estimate of that cycle. Nothing is allocated.
+    ///
+    /// Without a motion the answer is valid and zero: stand still. Without a position, a way to follow, or a finite
+    /// result a row is not valid; motor-io then has no answer from this pair.
+    pub fn step(&mut self, seen: &Seen<'_>) -> (MotorCommand, ControlStatus) {
+        let cycle = seen.estimates.iter().flatten().map(|estimate| estimate.header.cycle).max().unwrap_or(0);
+        let first = seen.estimates.iter().flatten().find(|estimate| estimate.header.cycle == cycle);
+        let header = first.map_or_else(Header::default, |estimate| Header { seq: 0, ..estimate.header });
+        let config = self.config;
+        let mut command = MotorCommand {
+            header,
+            based_on_cycle: cycle,
+            epoch: seen.authority.map_or(0, |authority| authority.epoch),
+            incarnation: config.incarnation,
+            ttl_cycles: config.ttl_cycles,
+            ..MotorCommand::default()
+        };
+        let mut status = ControlStatus {
+            header,
+            horizon: config.horizon,
+            incarnation: config.incarnation,
+            law: config.law.number(),
+            cable_count: config.robot.cable_count() as u8,
+            ..ControlStatus::default()
+        };
+        let Some(authority) = seen.authority else { return (command, status) };
+        let target = self.target(seen.motion, authority, cycle);
+        if let Some(target) = &target {
+            command.segment = target.now.segment_id as u32;
+            status.describe(target);
+        }
+        status.segment = command.segment;
+        for (slot, estimate) in seen.estimates.iter().enumerate() {
+            let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) else { continue };
+            let Some(answer) = self.answer(estimate, target.as_ref(), authority.period_s) else { continue };
+            for (i, velocity) in answer.velocities_m_s.iter().enumerate() {
+                command.velocity_m_s[8 * slot + i] = *velocity;
+            }
+            command.valid[slot] = 1;
+            // The status speaks of the estimate that motor-io uses; of the other one if that is all there is.
+            if usize::from(authority.active_estimator) == slot || status.valid == 0 {
+                status.error_m = answer.error_m.into();
+                status.error_norm_m = answer.error_m.norm();
+                status.saturation = answer.saturation;
+                status.redundant_m = answer.redundant_m;
+                status.valid = 1;
+            }
+        }
+        (command, status)
+    }
+
+    /// The target of this cycle; `None` without a motion of the present epoch.
+    fn target(&mut self, message: Option<&PlanMotion>, authority: &MotorAuthority, cycle: u64) -> Option<Target> {
+        let message = message.filter(|message| message.motion != 0 && message.epoch == authority.epoch)?;
+        let fresh = self.motion.is_some_and(|(beat, number, _)| beat == message.beat && number == message.motion);
+        if !fresh {
+            self.motion = Some((message.beat, message.motion, motion_of(message)));
+        }
+        let motion = self.motion.and_then(|(_, _, motion)| motion)?;
+        let period_s = authority.period_s;
+        let lag = cycle.saturating_sub(authority.header.cycle);
+        let rate = authority.plan_rate;
+        if !(period_s > 0.0 && period_s < 1.0 && (0.0..=1.0).contains(&rate) && lag <= AUTHORITY_LAG) {
+            return None;
+        }
+        let now_s = authority.plan_time_s + rate * period_s * lag as f64;
+        let setpoint = |time_s: f64| {
+            // On the plan clock a slower rate is a slower motion along the same path.
+            let at = motion.setpoint(time_s);
+            Setpoint { velocity: at.velocity * rate, acceleration: at.acceleration * (rate * rate), ..at }
+        };
+        let now = setpoint(now_s);
+        let ahead = setpoint(now_s + rate * period_s * f64::from(self.config.horizon));
+        Some(Target { now_held: self.held(&now), ahead_held: self.held(&ahead), now, ahead })
+    }
+
+    /// Lengths and tensions at a setpoint. At the very limit of what the lines can hold the acceleration is left out
+    /// rather than giving up: the planner has checked the motion as planned.
+    fn held(&self, setpoint: &Setpoint) -> Option<Realisation> {
+        let ControllerConfig { robot, distribution, .. } = &self.config;
+        elastic::realise(robot, &setpoint.position, &setpoint.acceleration, *distribution)
+            .or_else(|_| elastic::realise(robot, &setpoint.position, &Vector3::zeros(), *distribution))
+            .ok()
+    }
+
+    fn answer(&self, estimate: &NodeEstimate, target: Option<&Target>, period_s: f64) -> Option<Answer> {
+        let config = &self.config;
+        let n = config.robot.cable_count();
+        if estimate.valid == 0 || usize::from(estimate.cable_count) != n {
+            return None;
+        }
+        let Some(target) = target else {
+            let velocities_m_s = CableVec::zeros(n);
+            return Some(Answer { velocities_m_s, error_m: Vector3::zeros(), saturation: 0.0, redundant_m: 0.0 });
+        };
+        let position = Vector3::from(estimate.position_m);
+        let error_m = target.now.position - position;
+        // Also refuses NaN.
+        if !(error_m.norm() <= config.error_limit_m) {
+            return None;
+        }
+        let jacobian = Jacobian::at(config.robot.anchors(), &position).ok()?;
+        let node_jacobian = jacobian.node_jacobian()?;
+        let mut u =
+            config.law.velocity(&node_jacobian, &(target.ahead.position - position), period_s, config.horizon)?;
+        let mut redundant_m = 0.0;
+        if let (Some(now), Some(ahead)) = (&target.now_held, &target.ahead_held) {
+            // The law moves the node as if lines were rigid and straight moves had constant Jacobians. What the
+            // unstretched lengths do beyond that over the horizon is known in advance and goes along.
+            let horizon_s = period_s * f64::from(config.horizon);
+            let straight = jacobian.cable_velocity(&(target.ahead.position - target.now.position));
+            for i in 0..n {
+                u[i] += (ahead.unstretched_m[i] - now.unstretched_m[i] - straight[i]) / horizon_s;
+            }
+            if n > 3 {
+                let behind = redundant(&jacobian, &node_jacobian, now, estimate);
+                redundant_m = behind.norm_squared().sqrt();
+                for i in 0..n {
+                    u[i] += behind[i] / config.redundant_s;
+                }
+            }
+        }
+        if !u.is_finite() {
+            return None;
+        }
+        let limits = CableVec::repeat(n, config.cable_speed_limit_m_s);
+        let scaled = scale_to_limits(&u, &limits);
+        Some(Answer {
+            velocities_m_s: scaled.velocities_m_s,
+            error_m,
+            saturation: u.max_abs() / config.cable_speed_limit_m_s,
+            redundant_m,
+        })
+    }
+}
+
+/// What the lengths lack in the directions that do not move the node: (I - J B)(l* - l), m. For four cables that is one
+/// direction, the null vector of Jᵀ, which is also the direction in which tensions trade places.
+fn redundant(
+    jacobian: &Jacobian,
+    node_jacobian: &NodeJacobian,
+    now: &Realisation,
+    estimate: &NodeEstimate,
+) -> CableVec {
+    let missing = now.unstretched_m.zip_map(&estimate.predicted_m, |wanted, is| wanted - is);
+    let moving = jacobian.cable_velocity(&node_jacobian.node_velocity(&missing));
+    missing.zip_map(&moving, |all, part| all - part)
+}
+
+struct Answer {
+    velocities_m_s: CableVec,
+    error_m: Vector3<f64>,
+    saturation: f64,
+    redundant_m: f64,
+}
+
+trait Describe {
+    fn describe(&mut self, target: &Target);
+}
+
+impl Describe for ControlStatus {
+    fn describe(&mut self, target: &Target) {
+        self.setpoint_m = target.now.position.into();
+        self.setpoint_velocity_m_s = target.now.velocity.into();
+        if let Some(held) = &target.now_held {
+            self.tension_n = held.tensions_n.to_array8();
+        }
+    }
+}

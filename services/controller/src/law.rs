@@ -1,0 +1,80 @@
+//! Control laws: from where the node is and should be to the velocity the cables answer with.
+
+use cable_robot::law::{InputWeight, LqGain};
+use cable_robot::{CableVec, Matrix3, NodeJacobian, Vector3};
+use messages::ControlStatus;
+use thiserror::Error;
+
+/// A law that can be chosen by its name in the configuration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Law {
+    /// The paper's fixed-endpoint fixed-time law: e is brought to zero in `horizon` cycles.
+    LqEndpoint {
+        /// Q, times identity.
+        state_weight: f64,
+        /// R, times identity.
+        input_weight: f64,
+    },
+}
+
+/// A law or a parameter that does not exist.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum LawError {
+    /// No such law.
+    #[error("law is \"{0}\"; accepted: \"lq-endpoint\"")]
+    Unknown(String),
+    /// A parameter out of range.
+    #[error("{key} is {value}; accepted: {accepted}")]
+    Parameter {
+        /// The key of `[controller]`.
+        key: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is accepted.
+        accepted: &'static str,
+    },
+}
+
+impl Law {
+    /// The law of this name with these weights.
+    ///
+    /// # Errors
+    /// One sentence: which key, what is accepted.
+    pub fn by_name(name: &str, state_weight: f64, input_weight: f64) -> Result<Self, LawError> {
+        if name != "lq-endpoint" {
+            return Err(LawError::Unknown(name.to_owned()));
+        }
+        if !(state_weight.is_finite() && state_weight >= 0.0) {
+            return Err(LawError::Parameter { key: "state_weight", value: state_weight, accepted: "0 or more" });
+        }
+        if !(input_weight.is_finite() && input_weight > 0.0) {
+            return Err(LawError::Parameter { key: "input_weight", value: input_weight, accepted: "above 0" });
+        }
+        Ok(Self::LqEndpoint { state_weight, input_weight })
+    }
+
+    /// Its number in `control/status`.
+    pub fn number(&self) -> u8 {
+        match self {
+            Self::LqEndpoint { .. } => ControlStatus::LAW_LQ_ENDPOINT,
+        }
+    }
+
+    /// Cable velocities (m/s) that bring the node by `error_m` in `horizon` cycles of `period_s`; `None` where the
+    /// geometry gives none.
+    pub fn velocity(
+        &self,
+        node_jacobian: &NodeJacobian,
+        error_m: &Vector3<f64>,
+        period_s: f64,
+        horizon: u32,
+    ) -> Option<CableVec> {
+        match *self {
+            Self::LqEndpoint { state_weight, input_weight } => {
+                let (q, r) = (Matrix3::identity() * state_weight, InputWeight::Scalar(input_weight));
+                let gain = LqGain::new(node_jacobian, period_s, &q, &r, horizon).ok()?;
+                Some(gain.velocity(error_m))
+            }
+        }
+    }
+}

@@ -1,0 +1,49 @@
+//! What a mission would do, without doing it.
+
+use cable_robot::Vector3;
+
+use crate::mission::Mission;
+use crate::plan::{Plan, PlanError, PlannerConfig};
+
+/// What a mission amounts to, if it may be flown.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Summary {
+    /// Its name.
+    pub mission: String,
+    /// Legs as written.
+    pub legs: usize,
+    /// Segments made of them, each from rest to rest.
+    pub segments: usize,
+    /// Length of the path, m.
+    pub length_m: f64,
+    /// Time on the plan clock, s.
+    pub duration_s: f64,
+    /// Where it ends, m.
+    pub end_m: [f64; 3],
+    /// Highest tension of any line, N.
+    pub peak_tension_n: f64,
+    /// Lowest tension of any line, N.
+    pub least_tension_n: f64,
+    /// Highest speed of any cable, m/s.
+    pub peak_cable_speed_m_s: f64,
+}
+
+/// Plans and checks a whole mission that would start at `start_m` (m).
+///
+/// # Errors
+/// The same sentence with which the planner would refuse it.
+pub fn dry_run(mission: &Mission, config: &PlannerConfig, start_m: [f64; 3]) -> Result<Summary, PlanError> {
+    let plan = Plan::new(mission, config, Vector3::from(start_m), 0.0, 1)?;
+    let highest = |f: fn(&cable_robot::motion::Report) -> f64| plan.reports.iter().map(f).fold(0.0, f64::max);
+    Ok(Summary {
+        mission: mission.name.clone(),
+        legs: mission.leg.len(),
+        segments: plan.segments.len(),
+        length_m: plan.length_m(),
+        duration_s: plan.end_s(),
+        end_m: plan.end().into(),
+        peak_tension_n: highest(|report| report.peak_tension_n),
+        least_tension_n: plan.reports.iter().map(|report| report.least_tension_n).fold(f64::INFINITY, f64::min),
+        peak_cable_speed_m_s: highest(|report| report.peak_cable_speed_m_s),
+    })
+}

@@ -1,0 +1,332 @@
+//! Mission files: what the operator wants flown, leg by leg.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use thiserror::Error;
+
+/// Most legs of a mission; more is a scan pattern that belongs into one polyline.
+pub const MAX_LEGS: usize = 200;
+
+/// Most points of a polyline.
+pub const MAX_POINTS: usize = 1000;
+
+/// A mission file as written; lengths in metres, z up.
+///
+/// ```
+/// let mission = planner::mission::Mission::parse(r#"
+/// name = "up and round"
+/// speed_m_s = 0.2
+/// [[leg]]
+/// line = { to_m = [4.8, 3.0, 0.5] }
+/// [[leg]]
+/// spiral = { rise_m = 1.125, radius_m = 0.60, turns = 4.0 }
+/// [[leg]]
+/// dwell = { duration_s = 2.0 }
+/// "#)?;
+/// assert_eq!(mission.leg.len(), 3);
+/// # Ok::<(), planner::mission::MissionError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Mission {
+    /// What people call it.
+    pub name: String,
+    /// Cruise speed of the node for legs that name none, m/s; default: the planner's.
+    pub speed_m_s: Option<f64>,
+    /// Tangential acceleration, m/s²; default: the planner's.
+    pub acceleration_m_s2: Option<f64>,
+    /// All points count from where the mission starts, instead of from the origin; default false.
+    #[serde(default)]
+    pub relative: bool,
+    /// The legs, flown in this order; the node comes to rest between them.
+    pub leg: Vec<Leg>,
+}
+
+/// One `[[leg]]`: exactly one of these keys.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Leg {
+    /// A straight line.
+    Line(Line),
+    /// Straight lines from point to point, at rest at each.
+    Polyline(Polyline),
+    /// A parabola in a vertical plane.
+    Parabola(Parabola),
+    /// A spiral that begins in its own axis.
+    Spiral(Spiral),
+    /// Staying where it is.
+    Dwell(Dwell),
+}
+
+/// `line = { .. }`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Line {
+    /// Where to, m.
+    pub to_m: [f64; 3],
+    /// Cruise speed, m/s.
+    pub speed_m_s: Option<f64>,
+}
+
+/// `polyline = { .. }`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Polyline {
+    /// The points one after the other, m.
+    pub points_m: Vec<[f64; 3]>,
+    /// Cruise speed, m/s.
+    pub speed_m_s: Option<f64>,
+}
+
+/// `parabola = { .. }`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Parabola {
+    /// Where to, m.
+    pub to_m: [f64; 3],
+    /// How much it sags below the straight line: µ of (25), 1/m.
+    pub mu_per_m: f64,
+    /// Cruise speed, m/s.
+    pub speed_m_s: Option<f64>,
+}
+
+/// `spiral = { .. }`: from the present point, the radius grows from 0 while it rises.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spiral {
+    /// Height gained, m; negative descends.
+    pub rise_m: f64,
+    /// Radius at the end, m.
+    pub radius_m: f64,
+    /// Turns, counter-clockwise seen from above; negative is clockwise.
+    pub turns: f64,
+    /// Cruise speed, m/s; less where the curvature asks for it.
+    pub speed_m_s: Option<f64>,
+}
+
+/// `dwell = { .. }`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Dwell {
+    /// For how long, s.
+    pub duration_s: f64,
+}
+
+/// A mission file that cannot be used.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum MissionError {
+    /// The file cannot be read.
+    #[error("mission file {path} cannot be read: {why}; give the path of a TOML file")]
+    Unreadable {
+        /// As given.
+        path: String,
+        /// What the system said.
+        why: String,
+    },
+    /// It is not a mission.
+    #[error("{0}")]
+    Malformed(String),
+    /// It is one, but a value makes no sense.
+    #[error("mission \"{mission}\"{leg}: {key} is {value}; accepted: {accepted}")]
+    Value {
+        /// Its name.
+        mission: String,
+        /// `, leg 3`, or nothing.
+        leg: String,
+        /// The key.
+        key: &'static str,
+        /// Its value.
+        value: String,
+        /// What is accepted.
+        accepted: &'static str,
+    },
+}
+
+impl Mission {
+    /// Reads and checks a mission file.
+    ///
+    /// # Errors
+    /// One sentence: the file, the line, the key and what is accepted there.
+    pub fn read(path: &Path) -> Result<Self, MissionError> {
+        let text = std::fs::read_to_string(path)
+            .map_err(|why| MissionError::Unreadable { path: path.display().to_string(), why: why.to_string() })?;
+        Self::parse(&text).map_err(|error| match error {
+            MissionError::Malformed(why) => MissionError::Malformed(format!("{}: {why}", path.display())),
+            other => other,
+        })
+    }
+
+    /// Reads and checks the text of a mission file.
+    ///
+    /// # Errors
+    /// One sentence: the line, the key and what is accepted there.
+    pub fn parse(text: &str) -> Result<Self, MissionError> {
+        let mission: Self = toml::from_str(text).map_err(|error| {
+            let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+            let why = error.message().replace('\n', " ");
+            MissionError::Malformed(format!("line {line}: {why}"))
+        })?;
+        mission.checked()
+    }
+
+    /// The mission itself, if every value makes sense.
+    ///
+    /// # Errors
+    /// One sentence: the leg, the key and what is accepted there.
+    pub fn checked(self) -> Result<Self, MissionError> {
+        self.check()?;
+        Ok(self)
+    }
+
+    fn check(&self) -> Result<(), MissionError> {
+        let nowhere = String::new;
+        if self.name.trim().is_empty() {
+            return Err(self.wrong(nowhere(), "name", "empty".into(), "a name"));
+        }
+        if self.leg.is_empty() || self.leg.len() > MAX_LEGS {
+            return Err(self.wrong(nowhere(), "leg", format!("there {} times", self.leg.len()), "1 to 200 legs"));
+        }
+        self.speed(nowhere(), self.speed_m_s)?;
+        if let Some(a) = self.acceleration_m_s2
+            && !(a.is_finite() && a > 0.0)
+        {
+            return Err(self.wrong(nowhere(), "acceleration_m_s2", a.to_string(), "above 0, in m/s²"));
+        }
+        for (i, leg) in self.leg.iter().enumerate() {
+            let here = || format!(", leg {}", i + 1);
+            match leg {
+                Leg::Line(l) => {
+                    self.point(here(), "to_m", &l.to_m)?;
+                    self.speed(here(), l.speed_m_s)?;
+                }
+                Leg::Polyline(l) => {
+                    if l.points_m.is_empty() || l.points_m.len() > MAX_POINTS {
+                        let value = format!("a list of {} points", l.points_m.len());
+                        return Err(self.wrong(here(), "points_m", value, "1 to 1000 points"));
+                    }
+                    l.points_m.iter().try_for_each(|p| self.point(here(), "points_m", p))?;
+                    self.speed(here(), l.speed_m_s)?;
+                }
+                Leg::Parabola(l) => {
+                    self.point(here(), "to_m", &l.to_m)?;
+                    self.range(here(), "mu_per_m", l.mu_per_m, -10.0, 10.0, "-10 to 10 per metre")?;
+                    self.speed(here(), l.speed_m_s)?;
+                }
+                Leg::Spiral(l) => {
+                    self.range(here(), "rise_m", l.rise_m, -1000.0, 1000.0, "-1000 to 1000 m")?;
+                    self.range(here(), "radius_m", l.radius_m, 0.01, 1000.0, "0.01 to 1000 m")?;
+                    self.range(
+                        here(),
+                        "turns",
+                        l.turns.abs(),
+                        0.01,
+                        1000.0,
+                        "0.01 to 1000, or negative for clockwise",
+                    )?;
+                    self.speed(here(), l.speed_m_s)?;
+                }
+                Leg::Dwell(l) => self.range(here(), "duration_s", l.duration_s, 0.0, 86_400.0, "0 to 86400 s")?,
+            }
+        }
+        Ok(())
+    }
+
+    fn wrong(&self, leg: String, key: &'static str, value: String, accepted: &'static str) -> MissionError {
+        MissionError::Value { mission: self.name.clone(), leg, key, value, accepted }
+    }
+
+    fn range(
+        &self,
+        leg: String,
+        key: &'static str,
+        value: f64,
+        low: f64,
+        high: f64,
+        accepted: &'static str,
+    ) -> Result<(), MissionError> {
+        if (low..=high).contains(&value) { Ok(()) } else { Err(self.wrong(leg, key, value.to_string(), accepted)) }
+    }
+
+    fn point(&self, leg: String, key: &'static str, point: &[f64; 3]) -> Result<(), MissionError> {
+        let accepted = "[x, y, z] in metres, each within 10 km";
+        if point.iter().all(|x| x.abs() <= 1e4) {
+            return Ok(());
+        }
+        Err(self.wrong(leg, key, format!("{point:?}"), accepted))
+    }
+
+    fn speed(&self, leg: String, speed: Option<f64>) -> Result<(), MissionError> {
+        match speed {
+            Some(v) => self.range(leg, "speed_m_s", v, 1e-3, 100.0, "0.001 to 100 m/s"),
+            None => Ok(()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GOOD: &str = r#"
+name = "demo"
+speed_m_s = 0.2
+[[leg]]
+line = { to_m = [1.0, 2.0, 3.0], speed_m_s = 0.1 }
+[[leg]]
+polyline = { points_m = [[1.0, 2.0, 2.0], [2.0, 2.0, 2.0]] }
+[[leg]]
+parabola = { to_m = [3.0, 3.0, 2.0], mu_per_m = 0.1 }
+[[leg]]
+spiral = { rise_m = 1.125, radius_m = 0.60, turns = 4 }
+[[leg]]
+dwell = { duration_s = 2.0 }
+"#;
+
+    #[test]
+    fn every_kind_of_leg_is_read() {
+        let mission = Mission::parse(GOOD).unwrap();
+        assert_eq!(mission.leg.len(), 5);
+        assert_eq!(mission.leg[4], Leg::Dwell(Dwell { duration_s: 2.0 }));
+        assert!(!mission.relative);
+    }
+
+    #[test]
+    fn a_bad_file_is_answered_by_one_sentence_that_says_where() {
+        for (from, to, says) in [
+            ("speed_m_s = 0.2", "sped_m_s = 0.2", &["line 3", "sped_m_s", "speed_m_s"][..]),
+            ("name = \"demo\"", "", &["name"]),
+            ("name = \"demo\"", "name = \" \"", &["name", "accepted"]),
+            ("dwell = { duration_s = 2.0 }", "dwel = { duration_s = 2.0 }", &["line 13", "dwel", "dwell"]),
+            (
+                "dwell = { duration_s = 2.0 }",
+                "dwell = { duration_s = nan }",
+                &["leg 5", "duration_s", "NaN", "accepted"],
+            ),
+            ("duration_s = 2.0", "duration_ms = 2.0", &["line 13", "duration_ms", "duration_s"]),
+            ("[1.0, 2.0, 3.0]", "[1.0, 2.0]", &["line 5"]),
+            ("[1.0, 2.0, 3.0]", "[1.0, inf, 3.0]", &["leg 1", "to_m", "inf", "metres"]),
+            ("[1.0, 2.0, 3.0]", "[1.0, \"2\", 3.0]", &["line 5", "string"]),
+            ("speed_m_s = 0.1", "speed_m_s = -0.1", &["leg 1", "speed_m_s", "-0.1"]),
+            ("speed_m_s = 0.2", "speed_m_s = 0.0", &["speed_m_s is 0"]),
+            ("[[1.0, 2.0, 2.0], [2.0, 2.0, 2.0]]", "[]", &["leg 2", "points_m"]),
+            ("radius_m = 0.60", "radius_m = 0.0", &["leg 4", "radius_m"]),
+            ("turns = 4", "turns = 0", &["leg 4", "turns"]),
+            ("dwell = { duration_s = 2.0 }", "", &["line 12"]),
+            ("name = \"demo\"", "name = ", &["line 2"]),
+        ] {
+            assert!(GOOD.contains(from));
+            let sentence = Mission::parse(&GOOD.replace(from, to)).unwrap_err().to_string();
+            for word in says {
+                assert!(sentence.contains(word), "{word:?} is not in {sentence:?}");
+            }
+            assert!(!sentence.contains('\n'));
+        }
+    }
+
+    #[test]
+    fn a_missing_file_is_named() {
+        let sentence = Mission::read(Path::new("no/such.toml")).unwrap_err().to_string();
+        assert!(sentence.contains("no/such.toml") && sentence.contains("TOML"));
+    }
+}

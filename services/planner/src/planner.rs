@@ -1,0 +1,275 @@
+//! The planner's state: one mission at a time, from a request to the end of its last segment.
+
+use cable_robot::Vector3;
+use messages::{Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text};
+use service::motion::segment_message;
+use thiserror::Error;
+
+use crate::mission::{self, Leg, Mission};
+use crate::plan::{Plan, PlanError, PlannerConfig};
+
+/// An estimate this many cycles behind motor-io is no longer where the node is.
+const STALE_CYCLES: u64 = 20;
+
+/// A motion that is not taken up within this time is withdrawn, ns. Two controllers swapped in a row take three.
+const TAKE_UP_NS: u64 = 5_000_000_000;
+
+/// motor-io that has not been heard for this long is gone, ns. A shared machine stands still for up to 250 ms.
+const SILENT_NS: u64 = 1_000_000_000;
+
+/// What the planner knows when it is asked something.
+#[derive(Debug, Clone, Copy)]
+pub struct Seen<'a> {
+    /// Now, CLOCK_MONOTONIC, ns.
+    pub now_ns: u64,
+    /// Newest motor/authority.
+    pub authority: Option<&'a MotorAuthority>,
+    /// Newest node/estimate of the active estimator.
+    pub estimate: Option<&'a NodeEstimate>,
+}
+
+/// Why a request is not carried out.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum Refusal {
+    /// The robot is not ready.
+    #[error("{0}")]
+    NotReady(String),
+    /// The motion would break a limit, or is none.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+}
+
+/// A mission being flown.
+#[derive(Debug, Clone)]
+struct Flight {
+    plan: Plan,
+    name: String,
+    motion: u32,
+    epoch: u32,
+    current: usize,
+    accepted_ns: u64,
+    taken_up: bool,
+}
+
+/// Missions and requests to motion segments. Pure: time and samples come with every call.
+#[derive(Debug, Clone)]
+pub struct Planner {
+    config: PlannerConfig,
+    flight: Option<Flight>,
+    next_id: u32,
+    motions: u32,
+    beat: u64,
+    refused: u32,
+    status: PlanStatus,
+}
+
+impl Planner {
+    /// A planner without a mission.
+    pub fn new(config: PlannerConfig) -> Self {
+        Self { config, flight: None, next_id: 1, motions: 0, beat: 0, refused: 0, status: PlanStatus::default() }
+    }
+
+    /// Flies straight (or on a parabola with this µ, 1/m) to a point, m; speed 0 is the default.
+    ///
+    /// # Errors
+    /// One sentence: why not, and what to do.
+    pub fn goto(
+        &mut self,
+        to_m: [f64; 3],
+        speed_m_s: f64,
+        mu_per_m: Option<f64>,
+        seen: &Seen<'_>,
+    ) -> Result<String, Refusal> {
+        let speed_m_s = if speed_m_s == 0.0 { None } else { Some(speed_m_s) };
+        let leg = match mu_per_m {
+            None => Leg::Line(mission::Line { to_m, speed_m_s }),
+            Some(mu_per_m) => Leg::Parabola(mission::Parabola { to_m, mu_per_m, speed_m_s }),
+        };
+        let name = format!("goto {} {} {}", to_m[0], to_m[1], to_m[2]);
+        let mission = Mission { name, speed_m_s: None, acceleration_m_s2: None, relative: false, leg: vec![leg] };
+        self.run(&mission, seen)
+    }
+
+    /// Plans and checks a whole mission and, if nothing is wrong, offers it to motor-io.
+    ///
+    /// # Errors
+    /// One sentence: why not, and what to do. Nothing moves then.
+    pub fn run(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
+        let result = self.try_run(mission, seen);
+        if let Err(refusal) = &result {
+            self.refused = self.refused.wrapping_add(1);
+            self.status.refused = self.refused;
+            // A refusal while something flies must not hide that it flies.
+            if self.flight.is_none() {
+                self.status.state = PlanStatus::STATE_REFUSED;
+                put_text(&mut self.status.mission, &mission.name);
+            }
+            put_text(&mut self.status.reason, &refusal.to_string());
+        }
+        result
+    }
+
+    fn try_run(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
+        let mission = mission.clone().checked().map_err(|error| Refusal::NotReady(error.to_string()))?;
+        let (authority, estimate) = self.ready(seen)?;
+        let start = Vector3::from(estimate.position_m);
+        let plan = Plan::new(&mission, &self.config, start, authority.plan_time_s, self.next_id)?;
+        self.next_id = self.next_id.wrapping_add(plan.segments.len() as u32).max(1);
+        self.motions = self.motions.wrapping_add(1).max(1);
+        let sentence = format!(
+            "mission \"{}\" accepted: {} segments, {:.2} m, {:.1} s",
+            mission.name,
+            plan.segments.len(),
+            plan.length_m(),
+            plan.end_s() - plan.start_s()
+        );
+        self.status = PlanStatus { refused: self.refused, legs: plan.leg_count, leg: 1, ..PlanStatus::default() };
+        self.status.state = PlanStatus::STATE_READY;
+        self.status.target_m = plan.end().into();
+        put_text(&mut self.status.mission, &mission.name);
+        self.flight = Some(Flight {
+            plan,
+            name: mission.name.clone(),
+            motion: self.motions,
+            epoch: authority.epoch,
+            current: 0,
+            accepted_ns: seen.now_ns,
+            taken_up: false,
+        });
+        Ok(sentence)
+    }
+
+    /// Authority and estimate, if a motion may start now.
+    fn ready<'a>(&self, seen: &Seen<'a>) -> Result<(&'a MotorAuthority, &'a NodeEstimate), Refusal> {
+        let refuse = |sentence: &str| Err(Refusal::NotReady(sentence.to_owned()));
+        let silent = "motor-io does not answer; start the robot with nims up";
+        let Some(authority) = seen.authority else { return refuse(silent) };
+        if seen.now_ns.saturating_sub(authority.header.stamp_ns) > SILENT_NS {
+            return refuse(silent);
+        }
+        if let Some(flight) = &self.flight {
+            let name = &flight.name;
+            return Err(Refusal::NotReady(if self.status.state == PlanStatus::STATE_PAUSED {
+                format!("mission \"{name}\" is paused; resume it with nims resume, or give it up with nims stop")
+            } else {
+                format!("mission \"{name}\" is being flown; wait for its end, or give it up with nims stop")
+            }));
+        }
+        match authority.mode {
+            MotorAuthority::MODE_HOLDING => {}
+            MotorAuthority::MODE_DISARMED => return refuse("the robot is disarmed; arm it with nims arm"),
+            MotorAuthority::MODE_JOGGING => return refuse("a cable is being jogged; wait until it has stopped"),
+            MotorAuthority::MODE_FAULTED => {
+                return refuse(
+                    "the robot has a fault; nims status names it, nims reset clears it once its cause is gone",
+                );
+            }
+            MotorAuthority::MODE_EMERGENCY_STOP => {
+                return refuse("the emergency stop is on; release it and nims reset");
+            }
+            _ => return refuse("the robot is moving; wait until it holds, or stop it with nims stop"),
+        }
+        match authority.position_known {
+            MotorState::POSITION_KNOWN => {}
+            MotorState::POSITION_FROM_BEFORE_THE_CUT => {
+                return refuse(
+                    "the position is the one from before the last start; look whether the node is where nims status says, \
+                     then nims confirm-position, or nims zero --at x,y,z",
+                );
+            }
+            _ => return refuse("the position is not known; tell where the node hangs with nims zero --at x,y,z"),
+        }
+        let Some(estimate) = seen.estimate else {
+            return refuse("there is no position estimate; is the estimator running? See nims status");
+        };
+        if estimate.valid == 0 || estimate.header.cycle.saturating_add(STALE_CYCLES) < authority.header.cycle {
+            return refuse(
+                "the position estimate is missing or stale; see nims status for the estimator and the drives",
+            );
+        }
+        Ok((authority, estimate))
+    }
+
+    /// One pass, 10 to 20 times a second and after every request: where the mission stands.
+    pub fn step(&mut self, seen: &Seen<'_>) -> (PlanMotion, PlanStatus) {
+        if let Some(authority) = seen.authority {
+            self.advance(authority, seen.now_ns);
+        }
+        self.beat = self.beat.wrapping_add(1);
+        let cycle = seen.authority.map_or(0, |authority| authority.header.cycle);
+        let oldest_input_ns = seen.authority.map_or(seen.now_ns, |authority| authority.header.stamp_ns);
+        let header = Header { cycle, seq: 0, stamp_ns: seen.now_ns, oldest_input_ns };
+        let mut motion = PlanMotion { header, beat: self.beat, ..PlanMotion::default() };
+        if let Some(flight) = &self.flight {
+            let at = |i: usize| flight.plan.segments.get(i).map_or_else(PlanSegment::default, segment_message);
+            motion.current = at(flight.current);
+            motion.next = at(flight.current + 1);
+            motion.end_s = flight.plan.end_s();
+            motion.motion = flight.motion;
+            motion.epoch = flight.epoch;
+        }
+        self.status.header = header;
+        (motion, self.status)
+    }
+
+    /// The segments still planned, current first; for those who check what was planned.
+    pub fn segments(&self) -> &[cable_robot::Segment] {
+        self.flight.as_ref().map_or(&[], |flight| &flight.plan.segments[flight.current..])
+    }
+
+    fn advance(&mut self, authority: &MotorAuthority, now_ns: u64) {
+        let Some(flight) = &mut self.flight else { return };
+        let time_s = authority.plan_time_s;
+        while flight.current + 1 < flight.plan.segments.len() && time_s >= flight.plan.segments[flight.current].end_s()
+        {
+            flight.current += 1;
+        }
+        let (start_s, end_s) = (flight.plan.start_s(), flight.plan.end_s());
+        let status = &mut self.status;
+        status.elapsed_s = (time_s - start_s).clamp(0.0, end_s - start_s);
+        status.progress = if end_s > start_s { status.elapsed_s / (end_s - start_s) } else { 1.0 };
+        status.leg = flight.plan.legs[flight.current];
+        let rate = authority.plan_rate_target;
+        status.time_left_s = (end_s - time_s).max(0.0) / if rate > 0.0 { rate } else { 1.0 };
+        let ours = authority.motion == flight.motion;
+        flight.taken_up |= ours && authority.mode == MotorAuthority::MODE_FOLLOWING;
+        let moving = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);
+        let over = if authority.epoch != flight.epoch {
+            Some((PlanStatus::STATE_ABORTED, stopped_by(authority)))
+        } else if !moving && time_s >= end_s {
+            Some((PlanStatus::STATE_DONE, ""))
+        } else if !matches!(authority.mode, MotorAuthority::MODE_HOLDING) && !moving {
+            Some((PlanStatus::STATE_ABORTED, stopped_by(authority)))
+        } else if !flight.taken_up && now_ns.saturating_sub(flight.accepted_ns) > TAKE_UP_NS {
+            Some((
+                PlanStatus::STATE_ABORTED,
+                "the motion was not taken up within 5 s; is the controller running? See nims status",
+            ))
+        } else {
+            status.state = if !flight.taken_up {
+                PlanStatus::STATE_READY
+            } else if authority.plan_rate_target == 0.0 || !moving {
+                PlanStatus::STATE_PAUSED
+            } else {
+                PlanStatus::STATE_RUNNING
+            };
+            None
+        };
+        if let Some((state, reason)) = over {
+            status.state = state;
+            status.time_left_s = 0.0;
+            put_text(&mut status.reason, reason);
+            self.flight = None;
+        }
+    }
+}
+
+fn stopped_by(authority: &MotorAuthority) -> &'static str {
+    match authority.mode {
+        MotorAuthority::MODE_EMERGENCY_STOP => "emergency stop",
+        MotorAuthority::MODE_FAULTED => "a fault stopped the robot; nims status names it",
+        MotorAuthority::MODE_DISARMED => "the robot was disarmed or motor-io restarted",
+        _ if authority.faults != 0 => "the robot was stopped for a reason that nims status names",
+        _ => "the robot was stopped",
+    }
+}

@@ -1,0 +1,125 @@
+//! The flights that the accuracy of the robot is judged by.
+
+use anyhow::{Context, Result};
+use cable_robot::{Distribution, Robot, RobotParts};
+use plant::PlantConfig;
+use planner::Mission;
+use service::config::RobotFile;
+
+use crate::lockstep::{Flight, Scenario};
+
+/// Where the node hangs at the start, m.
+pub const START_M: [f64; 3] = [4.8, 3.0, 0.3];
+
+/// Encoder counts per metre of line: a wheel of 15 mm radius with 1024 counts per turn.
+pub const COUNTS_PER_M: f64 = 10_865.0;
+
+/// One flight.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Case {
+    /// Robot file in `configs/robots`, without its ending.
+    pub robot: &'static str,
+    /// Mission file in `configs/missions`, without its ending.
+    pub mission: &'static str,
+    /// Delay and lag of the drives, s.
+    pub motor_s: [f64; 2],
+}
+
+/// Three and four lines, spiral and polyline, quick and slow motors.
+pub fn all() -> Vec<Case> {
+    let mut cases = Vec::new();
+    for robot in ["lab3", "lab4"] {
+        for mission in ["spiral", "polyline"] {
+            for motor_s in [[0.030, 0.040], [0.060, 0.100]] {
+                cases.push(Case { robot, mission, motor_s });
+            }
+        }
+    }
+    cases
+}
+
+/// The robot of a robot file in `configs/robots`.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn robot(name: &str) -> Result<Robot> {
+    let path = format!("{}/../configs/robots/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let text = std::fs::read_to_string(&path).with_context(|| format!("{path} cannot be read"))?;
+    let file: RobotFile = toml::from_str(&text)?;
+    Ok(Robot::new(RobotParts {
+        anchors_m: file.robot.anchors_m.clone(),
+        node_mass_kg: file.robot.node_mass_kg,
+        tension_limits_n: file.robot.tension_limits_n,
+        speed_limit_m_s: file.robot.speed_limit_m_s,
+        acceleration_limit_m_s2: file.robot.acceleration_limit_m_s2,
+        ground_m: file.robot.ground_m,
+        stiffness_n: file.lines.stiffness_n,
+        routed_length_m: Some(file.lines.routed_length_m.clone()),
+        ..RobotParts::default()
+    })?)
+}
+
+/// A mission of `configs/missions`.
+///
+/// # Errors
+/// What is wrong with the file.
+pub fn mission(name: &str) -> Result<Mission> {
+    let path = format!("{}/../configs/missions/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    Ok(Mission::read(std::path::Path::new(&path))?)
+}
+
+impl Case {
+    /// The flight, with or without correction for stretch.
+    ///
+    /// # Errors
+    /// What is wrong with the files.
+    pub fn scenario(&self, stretch: bool) -> Result<Scenario> {
+        let robot = robot(self.robot)?;
+        let anchors = robot.anchors().iter().map(|a| (*a).into()).collect();
+        let mut plant = PlantConfig::new(anchors, START_M);
+        plant.start_limits_n = robot.tension_limits_n();
+        plant.drive.delay_s = self.motor_s[0];
+        plant.drive.lag_s = self.motor_s[1];
+        plant.idlers.iter_mut().for_each(|idler| idler.counts_per_m = COUNTS_PER_M);
+        let period_s = 0.01;
+        let sluggish_s = self.motor_s[0] + self.motor_s[1];
+        Ok(Scenario {
+            robot,
+            plant,
+            mission: mission(self.mission)?,
+            period_s,
+            horizon: std::env::var("HORIZON").ok().and_then(|h| h.parse().ok()).unwrap_or((sluggish_s / period_s + 0.5) as u32 + 2),
+            stretch,
+            distribution: Distribution::default_for(robot.cable_count()),
+            longest_s: 300.0,
+        })
+    }
+}
+
+/// Heads the rows of [`row`].
+pub const HEADING: &str = "robot mission  motor ms stretch  estimate rms/max mm   truth rms/max mm    between rms/max  tension rms/max N share  range N        slack missed saturation  s";
+
+/// One flight as a line of text.
+pub fn row(case: &Case, stretch: bool, flight: &Flight) -> String {
+    let mm = |d: crate::lockstep::Deviation| format!("{:6.2} / {:6.2}", d.rms_m * 1e3, d.max_m * 1e3);
+    format!(
+        "{}  {:8} {:>3.0}/{:<3.0}  {:5}    {}     {}   {}   {:5.2} / {:5.2} {:5.2}  {:5.2}..{:5.2}   {:3} {:3}  {:4.2} {:6.1}",
+        case.robot,
+        case.mission,
+        case.motor_s[0] * 1e3,
+        case.motor_s[1] * 1e3,
+        if stretch { "with" } else { "none" },
+        mm(flight.estimate),
+        mm(flight.truth),
+        mm(flight.between),
+        flight.tension_rms_n,
+        flight.tension_max_n,
+        flight.tension_share,
+        flight.tension_range_n[0],
+        flight.tension_range_n[1],
+        flight.slack_cycles,
+        flight.missed,
+        flight.saturation,
+        flight.moving_cycles as f64 * 0.01,
+    )
+}
