@@ -1,0 +1,316 @@
+//! Several lines at once: one thread each, all starting with the same cycle.
+//!
+//! Each line is owned by its thread, so a line that is slow, silent or unplugged holds up no other, and comes back by itself. The
+//! threads take over the scheduling policy, priority and processors of the thread that makes the fleet.
+
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use serial::{Line, Transport, monotonic_ns};
+
+use crate::driver::{Bus, BusConfig, Counters, Drive, MAX_UNITS, UnitAnswer, UnitIdentity};
+use crate::error::Error;
+
+/// Most units of a fleet: as many as there can be cables, if each had a unit of its own.
+pub const MAX_FLEET: usize = 8;
+
+/// Waking up so long after the deadline means that the machine stood still, and the answers with it,
+const STOOD_STILL_NS: u64 = 5_000_000;
+/// which are then waited for so much longer.
+const GRACE_NS: u64 = 10_000_000;
+
+/// How long a thread sleeps that has nothing to do; only commands wake it earlier.
+const IDLE: Duration = Duration::from_millis(500);
+/// How long it sleeps between two steps of getting a line or unit back.
+const BUSY: Duration = Duration::from_millis(1);
+/// How long it sleeps between two looks for a lost device.
+const LOST: Duration = Duration::from_millis(20);
+/// Time for one step between two cycles, ns: a question and its answer at the baud in use.
+const STEP_NS: u64 = 5_000_000;
+
+/// One line of a fleet.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PortConfig {
+    /// The device: a name that stays when it is plugged in again.
+    pub path: String,
+    /// Its speed and units.
+    pub bus: BusConfig,
+}
+
+/// What every unit is to do in a cycle; units in the order of the configuration, port after port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct FleetCommand {
+    /// The cycle's number, returned with the answer.
+    pub cycle: u64,
+    /// What each unit's motors are to do.
+    pub drives: [[Drive; 2]; MAX_FLEET],
+}
+
+/// How a line is.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct PortReport {
+    /// What happened on it so far.
+    pub counters: Counters,
+    /// Why the device is not there; `None` while it is.
+    pub lost: Option<Error>,
+    /// How long this cycle took on it, ns.
+    pub took_ns: u64,
+}
+
+/// What became of a cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FleetReply {
+    /// The cycle's number.
+    pub cycle: u64,
+    /// Each unit's answer; the outcome is an error where it has none in this cycle.
+    pub units: Vec<UnitAnswer>,
+    /// Each line's state.
+    pub ports: Vec<PortReport>,
+}
+
+/// Several lines, each with its thread.
+#[derive(Debug)]
+pub struct Fleet {
+    board: Arc<Board>,
+    threads: Vec<JoinHandle<()>>,
+    names: Vec<Arc<str>>,
+    /// Each unit's port, in the order of the units.
+    port_of_unit: Vec<usize>,
+    turn: u64,
+    reply: FleetReply,
+}
+
+/// Where the caller and the threads leave things for each other.
+#[derive(Debug)]
+struct Board {
+    slots: Mutex<Vec<Slot>>,
+    posted: Condvar,
+    answered: Condvar,
+}
+
+#[derive(Debug)]
+struct Slot {
+    stop: bool,
+    order: Option<Order>,
+    /// The order that `answers` belong to.
+    answered_turn: u64,
+    answers: Vec<UnitAnswer>,
+    identities: Vec<UnitIdentity>,
+    report: PortReport,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Order {
+    turn: u64,
+    deadline_ns: u64,
+    drives: [[Drive; 2]; MAX_UNITS],
+}
+
+impl Board {
+    fn slots(&self) -> MutexGuard<'_, Vec<Slot>> {
+        // A thread that panicked has left whole values here: they are only ever replaced.
+        self.slots.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl Fleet {
+    /// Start to look for these devices and to set up their units. Returns at once; a device that is not there is an error of the
+    /// exchanges, until it is.
+    pub fn open(ports: &[PortConfig]) -> Result<Fleet, Error> {
+        Fleet::over(ports.iter().map(|port| (Line::new(&port.path, port.bus.baud), port.bus.clone())).collect())
+    }
+
+    /// The same over any lines, for instance simulated ones. Deadlines are given on the monotonic clock all the same: what is left
+    /// of them is what a line with a clock of its own gets.
+    pub fn over<T: Transport + 'static>(lines: Vec<(T, BusConfig)>) -> Result<Fleet, Error> {
+        let buses: Vec<Bus<T>> =
+            lines.into_iter().map(|(line, config)| Bus::new(line, &config)).collect::<Result<_, _>>()?;
+        let names: Vec<Arc<str>> = buses.iter().map(|bus| Arc::clone(bus.name())).collect();
+        let wrong = |port: &Arc<str>, what| Err(Error::Configuration { port: Arc::clone(port), what });
+        for (index, name) in names.iter().enumerate() {
+            if names[..index].contains(name) {
+                return wrong(name, "named twice; list all units of a line under one port");
+            }
+        }
+        let port_of_unit: Vec<usize> =
+            buses.iter().enumerate().flat_map(|(port, bus)| std::iter::repeat_n(port, bus.unit_count())).collect();
+        if port_of_unit.len() > MAX_FLEET {
+            return wrong(&names[0], "more than 8 units in all; there are at most 8 cables");
+        }
+        let slot = |bus: &Bus<T>| Slot {
+            stop: false,
+            order: None,
+            answered_turn: 0,
+            answers: bus.blank_answers(),
+            identities: bus.identities().collect(),
+            report: PortReport::default(),
+        };
+        let board = Arc::new(Board {
+            slots: Mutex::new(buses.iter().map(slot).collect()),
+            posted: Condvar::new(),
+            answered: Condvar::new(),
+        });
+        let reply = FleetReply {
+            cycle: 0,
+            units: buses.iter().flat_map(Bus::blank_answers).collect(),
+            ports: vec![PortReport::default(); buses.len()],
+        };
+        let mut fleet = Fleet { board, threads: Vec::new(), names, port_of_unit, turn: 0, reply };
+        for (index, bus) in buses.into_iter().enumerate() {
+            let board = Arc::clone(&fleet.board);
+            let spawned =
+                std::thread::Builder::new().name(format!("port-{index}")).spawn(move || work(bus, &board, index));
+            match spawned {
+                Ok(thread) => fleet.threads.push(thread),
+                Err(_) => {
+                    return wrong(
+                        &fleet.names[index],
+                        "no thread could be started for it; the system is out of resources",
+                    );
+                }
+            }
+        }
+        Ok(fleet)
+    }
+
+    /// Number of units.
+    #[must_use]
+    pub fn unit_count(&self) -> usize {
+        self.port_of_unit.len()
+    }
+
+    /// The lines' names.
+    #[must_use]
+    pub fn port_names(&self) -> &[Arc<str>] {
+        &self.names
+    }
+
+    /// The port a unit is on.
+    #[must_use]
+    pub fn port_of(&self, unit: usize) -> Option<usize> {
+        self.port_of_unit.get(unit).copied()
+    }
+
+    /// Who the units are, as far as they have said.
+    #[must_use]
+    pub fn identities(&self) -> Vec<UnitIdentity> {
+        self.board.slots().iter().flat_map(|slot| slot.identities.clone()).collect()
+    }
+
+    /// Let all lines do their part of the cycle at the same time, and wait for all of them, but not beyond `deadline_ns` of the
+    /// monotonic clock. A line that is not done by then is [`Error::Busy`]; what it finds out is in the next cycle's report.
+    ///
+    /// Does not allocate.
+    pub fn exchange(&mut self, command: &FleetCommand, deadline_ns: u64) -> &FleetReply {
+        self.turn += 1;
+        let mut slots = self.board.slots();
+        let mut drives = command.drives.iter();
+        for slot in slots.iter_mut() {
+            let mut order = Order { turn: self.turn, deadline_ns, drives: Default::default() };
+            for (place, drive) in order.drives.iter_mut().zip(drives.by_ref().take(slot.answers.len())) {
+                *place = *drive;
+            }
+            slot.order = Some(order);
+        }
+        self.board.posted.notify_all();
+        let mut until_ns = deadline_ns;
+        while slots.iter().any(|slot| slot.answered_turn != self.turn) {
+            let now_ns = monotonic_ns();
+            if now_ns >= until_ns {
+                if until_ns == deadline_ns && now_ns > deadline_ns + STOOD_STILL_NS {
+                    until_ns = now_ns + GRACE_NS;
+                } else {
+                    break;
+                }
+            }
+            let left = Duration::from_nanos(until_ns - now_ns);
+            slots = self.board.answered.wait_timeout(slots, left).unwrap_or_else(PoisonError::into_inner).0;
+        }
+        self.reply.cycle = command.cycle;
+        let mut units = self.reply.units.iter_mut();
+        for ((slot, report), name) in slots.iter().zip(&mut self.reply.ports).zip(&self.names) {
+            report.clone_from(&slot.report);
+            let in_time = slot.answered_turn == self.turn;
+            for answer in &slot.answers {
+                let Some(unit) = units.next() else { break };
+                unit.clone_from(answer);
+                if !in_time {
+                    unit.outcome = Err(Error::Busy { port: Arc::clone(name) });
+                }
+            }
+        }
+        &self.reply
+    }
+}
+
+impl Drop for Fleet {
+    /// Ends the threads. The units' watchdogs stop the motors that were not stopped before.
+    fn drop(&mut self) {
+        for slot in self.board.slots().iter_mut() {
+            slot.stop = true;
+        }
+        self.board.posted.notify_all();
+        for thread in self.threads.drain(..) {
+            let _ = thread.join();
+        }
+    }
+}
+
+/// A line's thread: commands first, and between them whatever brings the line and its units back.
+fn work<T: Transport>(mut bus: Bus<T>, board: &Board, index: usize) {
+    let mut answers = bus.blank_answers();
+    let mut pause = Duration::ZERO;
+    while let Some(order) = next_order(board, index, pause) {
+        let mut lost = None;
+        if let Some(order) = order {
+            let began_ns = monotonic_ns();
+            let left_ns = order.deadline_ns.saturating_sub(began_ns);
+            let deadline_ns = bus.line().now_ns() + left_ns;
+            bus.cycle(&order.drives, deadline_ns, &mut answers);
+            lost = answers.iter().find_map(|answer| answer.outcome.clone().err().filter(Error::is_lost));
+            let mut slots = board.slots();
+            if let Some(slot) = slots.get_mut(index) {
+                std::mem::swap(&mut slot.answers, &mut answers);
+                slot.answered_turn = order.turn;
+                slot.report.took_ns = monotonic_ns() - began_ns;
+                slot.report.counters = bus.counters();
+                slot.report.lost.clone_from(&lost);
+            }
+            drop(slots);
+            board.answered.notify_all();
+        }
+        pause = IDLE;
+        if !bus.is_settled() || lost.is_some() {
+            let result = bus.settle(bus.line().now_ns() + STEP_NS);
+            let lost = result.err().filter(Error::is_lost);
+            pause = if lost.is_some() { LOST } else { BUSY };
+            if let Some(slot) = board.slots().get_mut(index) {
+                slot.report.lost = lost;
+                slot.report.counters = bus.counters();
+                for (place, identity) in slot.identities.iter_mut().zip(bus.identities()) {
+                    *place = identity;
+                }
+            }
+        }
+    }
+}
+
+/// The next order; `Some(None)` when there was none for so long, `None` at the end.
+fn next_order(board: &Board, index: usize, patience: Duration) -> Option<Option<Order>> {
+    let mut slots = board.slots();
+    let mut waited = patience.is_zero();
+    loop {
+        let slot = slots.get_mut(index)?;
+        if slot.stop {
+            return None;
+        }
+        let order = slot.order.take();
+        if order.is_some() || waited {
+            return Some(order);
+        }
+        let (guard, timeout) = board.posted.wait_timeout(slots, patience).unwrap_or_else(PoisonError::into_inner);
+        slots = guard;
+        waited = timeout.timed_out();
+    }
+}
