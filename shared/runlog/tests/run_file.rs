@@ -73,7 +73,7 @@ fn samples_come_back_bit_for_bit_with_their_times() {
     assert_eq!(writer.path(), path);
     let end = BTreeMap::from([("reason".to_owned(), "stopped".to_owned())]);
     assert_eq!(writer.finish(&end).unwrap(), path);
-    assert_eq!(segments(folder.path()).unwrap(), [path.clone()], "no .part is left");
+    assert_eq!(segments(folder.path()).unwrap(), std::slice::from_ref(&path), "no .part is left");
 
     let mut random = Random(42);
     let mut reader = RunReader::open(&path).unwrap();

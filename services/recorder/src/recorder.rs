@@ -1,0 +1,163 @@
+//! The loop of the process: hear, write, flush, report.
+
+use std::path::{Path, PathBuf};
+
+use bus::clock::{SECOND_NS, now_ns};
+use bus::{Bus, BusError, CHANNELS_EVENT, Publisher, Waiter};
+use messages::RecorderStatus;
+use runlog::{PART_ENDING, RunClock, RunError, free_bytes, recover, segments};
+
+use crate::batch::Batch;
+use crate::listen::{Listening, listen_to_known};
+use crate::session::{Session, Settings};
+
+/// Between two looks at the channels. Their buffers hold seconds; this bounds what a kill loses beyond the last flush.
+const LOOK_NS: u64 = 10_000_000;
+/// Between two searches for channels that did not announce themselves.
+const SEARCH_NS: u64 = SECOND_NS;
+/// Memory kept for the next batch.
+const KEEP_BYTES: usize = 256 * 1024;
+/// Stack of the thread that recovers.
+const STACK_BYTES: usize = 512 * 1024;
+
+/// Why the recorder cannot work.
+#[derive(Debug, thiserror::Error)]
+pub enum RecorderError {
+    /// Shared memory.
+    #[error(transparent)]
+    Bus(#[from] BusError),
+    /// The run file.
+    #[error(transparent)]
+    Run(#[from] RunError),
+}
+
+/// Listens to everything in a domain and writes it down.
+pub struct Recorder<'a> {
+    bus: &'a Bus,
+    session: Session,
+    listening: Listening,
+    waiter: Waiter,
+    status: Publisher<RecorderStatus>,
+    batch: Batch,
+    next_look_ns: u64,
+    next_search_ns: u64,
+    next_status_ns: u64,
+}
+
+impl<'a> Recorder<'a> {
+    /// Begins to record.
+    ///
+    /// # Errors
+    /// The folder cannot be written, or the domain cannot be used.
+    pub fn open(bus: &'a Bus, settings: Settings, exclude: Vec<String>) -> Result<Self, RecorderError> {
+        let now = now_ns();
+        let free = free_bytes(&settings.folder)?;
+        let mut session = Session::open(settings, RunClock::now(), now, free)?;
+        // before the first search, so that nothing can appear in between unnoticed
+        let waiter = bus.waiter(&[CHANNELS_EVENT])?;
+        let mut listening = Listening::new(exclude);
+        listen_to_known(bus, &mut listening, &mut session)?;
+        let status = bus.publisher::<RecorderStatus>("recorder/status")?;
+        listening.discover(bus, &mut session)?;
+        let (next_look_ns, next_search_ns, next_status_ns) = (now, now + SEARCH_NS, now + SECOND_NS);
+        Ok(Self {
+            bus,
+            session,
+            listening,
+            waiter,
+            status,
+            batch: Batch::default(),
+            next_look_ns,
+            next_search_ns,
+            next_status_ns,
+        })
+    }
+
+    /// Sleeps until the next look is due or a channel appears.
+    ///
+    /// # Errors
+    /// The domain cannot be used any more.
+    pub fn wait(&mut self) -> Result<(), RecorderError> {
+        let woken = self.waiter.wait_until(Some(self.next_look_ns))?.woken();
+        let now = now_ns();
+        if woken || now >= self.next_search_ns {
+            self.listening.discover(self.bus, &mut self.session)?;
+            self.next_search_ns = now + SEARCH_NS;
+        }
+        Ok(())
+    }
+
+    /// Takes and writes what has arrived, and does what is due.
+    ///
+    /// # Errors
+    /// The status cannot be published. Troubles with the disk are no error: they are said, and recording goes on as soon as it can.
+    pub fn look(&mut self) -> Result<(), RecorderError> {
+        let now = now_ns();
+        self.next_look_ns = (self.next_look_ns + LOOK_NS).max(now);
+        self.take();
+        let now = now_ns();
+        let free = self.session.wants_free_bytes(now).then(|| free_bytes(self.session.folder()).unwrap_or(0));
+        self.session.tick(now, free);
+        if now >= self.next_status_ns {
+            self.next_status_ns = now + SECOND_NS;
+            for mut row in self.session.status(now) {
+                self.status.send(&mut row)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn take(&mut self) {
+        loop {
+            let heard_ns = now_ns();
+            let more = self.listening.drain(&self.session, &mut self.batch, heard_ns);
+            if !self.batch.is_empty() {
+                self.batch.sort();
+                self.session.write(&self.batch, heard_ns, now_ns());
+                self.batch.clear(KEEP_BYTES);
+            }
+            if !more {
+                return;
+            }
+        }
+    }
+
+    /// The state of the recording.
+    #[must_use]
+    pub fn session(&self) -> &Session {
+        &self.session
+    }
+
+    /// Takes what is still there and finishes the file; `None` if nothing was being recorded.
+    ///
+    /// # Errors
+    /// The file could not be finished; it can be recovered.
+    pub fn close(mut self, reason: &str) -> Result<Option<PathBuf>, RecorderError> {
+        self.listening.discover(self.bus, &mut self.session)?;
+        self.take();
+        Ok(self.session.close(reason)?)
+    }
+}
+
+/// Recovers, in a thread of its own, what an earlier recorder of the same run has left unfinished.
+pub fn recover_leftovers(folder: &Path) {
+    let unfinished = |path: &PathBuf| path.to_string_lossy().ends_with(PART_ENDING);
+    let left: Vec<PathBuf> = segments(folder).unwrap_or_default().into_iter().filter(unfinished).collect();
+    if left.is_empty() {
+        return;
+    }
+    let work = move || {
+        // on Linux this is the thread's own niceness: the recording goes first
+        let _ = rustix::process::nice(10);
+        for path in left {
+            match recover(&path, &mut |_, _| {}) {
+                Ok(recovery) => tracing::warn!("an earlier recording had not been closed; {recovery}"),
+                Err(RunError::Busy { .. }) => {}
+                Err(error) => tracing::error!("{error}"),
+            }
+        }
+    };
+    if let Err(error) = std::thread::Builder::new().name("recover".into()).stack_size(STACK_BYTES).spawn(work) {
+        tracing::error!("an earlier recording could not be recovered: {error}");
+    }
+}
