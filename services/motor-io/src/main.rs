@@ -1,3 +1,3 @@
-//! tempfile.
+//! motor-io.
 
 fn main() {}

@@ -1,0 +1,184 @@
+//! What the core is built from, and the checks on it.
+
+use cable_robot::{Distribution, Robot};
+use messages::{CABLES, UNITS};
+use thiserror::Error;
+
+/// One key of the configuration that cannot be used, in one sentence.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[error("[motor_io] {key} {problem}; accepted: {accepted}")]
+pub struct ConfigError {
+    /// The key as the box file spells it.
+    pub key: &'static str,
+    /// What was given.
+    pub problem: String,
+    /// What is accepted.
+    pub accepted: &'static str,
+}
+
+fn refuse<T>(key: &'static str, problem: String, accepted: &'static str) -> Result<T, ConfigError> {
+    Err(ConfigError { key, problem, accepted })
+}
+
+/// Everything the core needs to know; made once, checked by [`CoreConfig::check`].
+///
+/// [`CoreConfig::new`] fills in the defaults of the box file, so that a simulation gives only what differs.
+#[derive(Debug, Clone)]
+pub struct CoreConfig {
+    /// The robot.
+    pub robot: Robot,
+    /// Control period, s.
+    pub period_s: f64,
+    /// Encoder counts per metre of line, one per cable; negative where the count falls as line pays out.
+    pub counts_per_m: [f64; CABLES],
+    /// The unit that drives each cable.
+    pub unit_of_cable: [usize; CABLES],
+    /// How many units there are.
+    pub unit_count: usize,
+    /// Largest cable velocity, m/s.
+    pub cable_speed_m_s: f64,
+    /// Largest change of a cable's velocity per time, m/s². Wider than the node's limit, because the controller's
+    /// corrections need room beside the planned motion.
+    pub cable_acceleration_m_s2: f64,
+    /// Time in which pause, hold and resume ramp the plan clock between standstill and full rate, s.
+    pub ramp_s: f64,
+    /// The same for stop, s.
+    pub stop_s: f64,
+    /// Rest after a motion's end before it counts as finished, s.
+    pub settle_s: f64,
+    /// Cycles for which the last command is used when none arrives.
+    pub ttl_cycles: u32,
+    /// Cable velocity of jogging, m/s.
+    pub jog_speed_m_s: f64,
+    /// A tension below this is slack, N.
+    pub slack_n: f64,
+    /// Cycles before slack or over-tension is a fault.
+    pub slack_cycles: u32,
+    /// Drive output above which a cable that hardly moves is stalled or slipping, 0 to 1.
+    pub stall_duty: f64,
+    /// Cycles before stall, runaway or over-current is a fault.
+    pub stall_cycles: u32,
+    /// Lowest supply voltage, V.
+    pub supply_min_v: f64,
+    /// Largest continuous current of a motor, A.
+    pub current_limit_a: f64,
+    /// The drives stop their motors after this time without a packet, s.
+    pub watchdog_s: f64,
+    /// Time without a beat after which the supervisor or the planner counts as lost, s.
+    pub beat_s: f64,
+    /// How the tension of more than three cables is chosen where `zero --at` turns a position into lengths.
+    pub distribution: Distribution,
+}
+
+/// Longest distance of one jog, m: further is a motion, and belongs to the planner.
+pub const JOG_LIMIT_M: f64 = 2.0;
+
+impl CoreConfig {
+    /// A configuration with the documented defaults; `counts_per_m` per cable, `units` lists the cables (from 0) of each unit.
+    ///
+    /// # Errors
+    /// Names the key that is missing or out of its range.
+    pub fn new(robot: Robot, period_s: f64, counts_per_m: &[f64], units: &[Vec<usize>]) -> Result<Self, ConfigError> {
+        let n = robot.cable_count();
+        if counts_per_m.len() != n {
+            let problem = format!("has {} values for a robot of {n} cables", counts_per_m.len());
+            return refuse("counts_per_m", problem, "one value per cable");
+        }
+        if units.is_empty() || units.len() > UNITS {
+            return refuse("ports", format!("name {} drive units", units.len()), "1 to 8 units in all");
+        }
+        let mut unit_of_cable = [usize::MAX; CABLES];
+        for (unit, cables) in units.iter().enumerate() {
+            for &cable in cables {
+                if cable >= n {
+                    let problem = format!("give cable {} to unit {}, and the robot has {n} cables", cable + 1, unit + 1);
+                    return refuse("ports", problem, "cables from 1 to the number of anchors");
+                }
+                if unit_of_cable[cable] != usize::MAX {
+                    let problem = format!("give cable {} to units {} and {}", cable + 1, unit_of_cable[cable] + 1, unit + 1);
+                    return refuse("ports", problem, "every cable on exactly one motor");
+                }
+                unit_of_cable[cable] = unit;
+            }
+        }
+        if let Some(cable) = unit_of_cable[..n].iter().position(|unit| *unit == usize::MAX) {
+            let problem = format!("give cable {} to no unit", cable + 1);
+            return refuse("ports", problem, "every cable on exactly one motor");
+        }
+        let mut counts = [1.0; CABLES];
+        counts[..n].copy_from_slice(counts_per_m);
+        let config = Self {
+            period_s,
+            counts_per_m: counts,
+            unit_of_cable: unit_of_cable.map(|unit| if unit == usize::MAX { 0 } else { unit }),
+            unit_count: units.len(),
+            cable_speed_m_s: 2.0 * robot.speed_limit_m_s(),
+            cable_acceleration_m_s2: 4.0 * robot.acceleration_limit_m_s2(),
+            ramp_s: 0.5,
+            stop_s: 0.25,
+            settle_s: 0.5,
+            ttl_cycles: 3,
+            jog_speed_m_s: 0.05,
+            slack_n: 0.5,
+            slack_cycles: 30,
+            stall_duty: 0.6,
+            stall_cycles: 20,
+            supply_min_v: 10.0,
+            current_limit_a: 5.0,
+            watchdog_s: 0.3,
+            beat_s: 2.0,
+            distribution: if n == 3 { Distribution::Unique } else { Distribution::LeastNorm },
+            robot,
+        };
+        config.check()?;
+        Ok(config)
+    }
+
+    /// How many cables.
+    #[must_use]
+    pub fn cable_count(&self) -> usize {
+        self.robot.cable_count()
+    }
+
+    /// A time as a whole number of cycles, at least 1.
+    #[must_use]
+    pub fn cycles(&self, seconds: f64) -> u32 {
+        (seconds / self.period_s + 0.5).clamp(1.0, 1e6) as u32
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// Names the first key out of its range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let inside = |key, value: f64, low: f64, high: f64, accepted| {
+            if value.is_finite() && (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                refuse(key, format!("is {value}"), accepted)
+            }
+        };
+        inside("period", self.period_s, 0.004, 0.1, "10 to 250 cycles per second (rate_hz)")?;
+        for (cable, counts) in self.counts_per_m[..self.cable_count()].iter().enumerate() {
+            if !(counts.is_finite() && (100.0..=1e7).contains(&counts.abs())) {
+                let problem = format!("is {counts} for cable {}", cable + 1);
+                return refuse("counts_per_m", problem, "100 to 10000000 counts per metre, negative for a reversed encoder");
+            }
+        }
+        inside("cable_speed_limit_m_s", self.cable_speed_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
+        inside("cable_acceleration_m_s2", self.cable_acceleration_m_s2, 1e-3, 100.0, "0.001 to 100 m/s²")?;
+        inside("ramp_s", self.ramp_s, 0.05, 10.0, "0.05 to 10 seconds")?;
+        inside("stop_s", self.stop_s, 0.05, 10.0, "0.05 to 10 seconds")?;
+        inside("settle_s", self.settle_s, 0.0, 10.0, "0 to 10 seconds")?;
+        inside("ttl_cycles", f64::from(self.ttl_cycles), 0.0, 50.0, "0 to 50 cycles")?;
+        inside("jog_speed_m_s", self.jog_speed_m_s, 1e-3, self.cable_speed_m_s, "0.001 m/s up to the cable speed limit")?;
+        inside("slack_n", self.slack_n, 0.0, 1e4, "0 to 10000 newtons")?;
+        inside("slack_cycles", f64::from(self.slack_cycles), 1.0, 1e4, "1 to 10000 cycles")?;
+        inside("stall_duty", self.stall_duty, 0.05, 1.0, "0.05 to 1")?;
+        inside("stall_cycles", f64::from(self.stall_cycles), 1.0, 1e4, "1 to 10000 cycles")?;
+        inside("supply_min_v", self.supply_min_v, 0.0, 100.0, "0 to 100 volts")?;
+        inside("current_limit_a", self.current_limit_a, 1e-3, 1e3, "0.001 to 1000 amperes")?;
+        inside("watchdog_s", self.watchdog_s, 0.1, 2.0, "0.1 to 2 seconds in steps of 0.1")?;
+        inside("beat_s", self.beat_s, 0.1, 60.0, "0.1 to 60 seconds")
+    }
+}

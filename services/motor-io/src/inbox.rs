@@ -1,0 +1,126 @@
+//! Collects what arrives between two cycles into the one [`MotorInput`] that the core sees.
+
+use crate::core::REQUESTS;
+use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanSegment, SLOTS, UNITS};
+
+/// ```
+/// use motor_io::inbox::Inbox;
+/// let mut inbox = Inbox::new(3, 2);
+/// inbox.request(7, messages::OperatorRequest::VERB_ARM, &[0.0; 8]);
+/// let input = inbox.begin(1, 10_000_000, 10_050_000); // then core.decide(input)
+/// input.unit[0] = messages::MotorInput::UNIT_OK; //        the drives' replies, then core.observe(input)
+/// inbox.finish();
+/// ```
+#[derive(Debug, Clone)]
+pub struct Inbox {
+    input: MotorInput,
+    requests: usize,
+}
+
+impl Inbox {
+    /// For a robot of so many cables and drive units.
+    #[must_use]
+    pub fn new(cables: usize, units: usize) -> Self {
+        let mut input = MotorInput { cable_count: cables as u8, unit_count: units as u8, ..MotorInput::default() };
+        // Not yet read, which is something else than 0 V.
+        input.supply_v = [f64::NAN; UNITS];
+        Self { input, requests: 0 }
+    }
+
+    /// For the first cycle: the epoch to begin with, and where the lines were in the last life of this process.
+    pub fn first(&mut self, epoch: u32, restored: Option<([f64; CABLES], [i64; CABLES])>) {
+        self.input.first_epoch = epoch;
+        if let Some((lengths_m, counts)) = restored {
+            self.input.restored = 1;
+            self.input.restored_m = lengths_m;
+            self.input.restored_counts = counts;
+        }
+    }
+
+    /// A controller's command; the newest of a cycle counts.
+    pub fn command(&mut self, slot: usize, command: &MotorCommand) {
+        self.input.command[slot] = *command;
+        self.input.command_arrived[slot] = 1;
+    }
+
+    /// An estimator's estimate.
+    pub fn estimate(&mut self, slot: usize, estimate: &NodeEstimate) {
+        self.input.estimate_cycle[slot] = estimate.header.cycle;
+        self.input.estimate_valid[slot] = estimate.valid;
+        self.input.estimate_tension_n[slot * CABLES..][..CABLES].copy_from_slice(&estimate.tension_n);
+    }
+
+    /// The planner's motion.
+    pub fn motion(&mut self, motion: &PlanMotion) {
+        let end = |segment: &PlanSegment| segment.start_s + segment.duration_s;
+        let carried = if motion.next.kind == PlanSegment::KIND_NONE { &motion.current } else { &motion.next };
+        self.input.motion = motion.motion;
+        self.input.motion_epoch = motion.epoch;
+        self.input.motion_segment = motion.current.id;
+        self.input.motion_start_s = motion.current.start_s;
+        self.input.motion_end_s = motion.end_s;
+        self.input.motion_known_s = end(carried);
+        self.input.planner_beat = motion.beat;
+    }
+
+    /// The supervisor's beat.
+    pub fn supervisor(&mut self, beat: u64) {
+        self.input.supervisor_beat = beat;
+    }
+
+    /// A request; false if this cycle has no room for it.
+    pub fn request(&mut self, id: u64, verb: u8, args: &[f64; 8]) -> bool {
+        let i = self.requests;
+        if i == REQUESTS {
+            return false;
+        }
+        self.input.request_id[i] = id;
+        self.input.request_verb[i] = verb;
+        self.input.request_args[i * 8..][..8].copy_from_slice(args);
+        self.requests += 1;
+        true
+    }
+
+    /// True while this cycle has room for another request.
+    #[must_use]
+    pub fn has_room(&self) -> bool {
+        self.requests < REQUESTS
+    }
+
+    /// The cycle begins: everything that arrived, and room for the drives' replies.
+    pub fn begin(&mut self, cycle: u64, tick_ns: u64, begin_ns: u64) -> &mut MotorInput {
+        self.input.header.cycle = cycle;
+        self.input.header.stamp_ns = begin_ns;
+        self.input.header.oldest_input_ns = begin_ns;
+        self.input.tick_ns = tick_ns;
+        self.input.begin_ns = begin_ns;
+        self.input.end_ns = begin_ns;
+        self.input.unit = [MotorInput::UNIT_ABSENT; UNITS];
+        self.input.slow_fresh = [0; UNITS];
+        &mut self.input
+    }
+
+    /// The input of the present cycle.
+    #[must_use]
+    pub fn input(&self) -> &MotorInput {
+        &self.input
+    }
+
+    /// The same, for the drives' replies.
+    pub fn input_mut(&mut self) -> &mut MotorInput {
+        &mut self.input
+    }
+
+    /// The cycle is over: what arrived has been used.
+    pub fn finish(&mut self) {
+        self.requests = 0;
+        self.input.request_id = [0; REQUESTS];
+        self.input.request_verb = [0; REQUESTS];
+        self.input.request_args = [0.0; REQUESTS * 8];
+        self.input.command_arrived = [0; SLOTS];
+        self.input.first_epoch = 0;
+        self.input.restored = 0;
+        self.input.restored_m = [0.0; CABLES];
+        self.input.restored_counts = [0; CABLES];
+    }
+}

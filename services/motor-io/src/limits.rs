@@ -1,0 +1,116 @@
+//! The last gate before the motors: limits on cable velocity and its change.
+//!
+//! The whole vector is scaled, never one cable alone: clamping one of the lines that hold one node bends the path and stresses
+//! the others.
+
+use messages::CABLES;
+
+/// Limits of all cables, and what was sent last.
+#[derive(Debug, Clone)]
+pub struct Limits {
+    speed_m_s: f64,
+    step_m_s: f64,
+    last: [f64; CABLES],
+}
+
+impl Limits {
+    /// `speed_m_s`: largest velocity of a cable; `acceleration_m_s2`: largest change of it per second; both above 0.
+    #[must_use]
+    pub fn new(speed_m_s: f64, acceleration_m_s2: f64, period_s: f64) -> Self {
+        Self { speed_m_s, step_m_s: acceleration_m_s2 * period_s, last: [0.0; CABLES] }
+    }
+
+    /// What was sent last, m/s.
+    #[must_use]
+    pub fn last(&self) -> &[f64; CABLES] {
+        &self.last
+    }
+
+    /// Largest magnitude of what was sent last, m/s.
+    #[must_use]
+    pub fn last_speed(&self) -> f64 {
+        largest(&self.last)
+    }
+
+    /// Largest change per cycle, m/s.
+    #[must_use]
+    pub fn step(&self) -> f64 {
+        self.step_m_s
+    }
+
+    /// The velocities to send for the wanted ones (finite), and the factor by which the velocity limit scaled them.
+    ///
+    /// The result lies between the last and the wanted vector, so it keeps the velocity limit too.
+    pub fn toward(&mut self, wanted: &[f64; CABLES]) -> ([f64; CABLES], f64) {
+        let fastest = largest(wanted);
+        let factor = if fastest > self.speed_m_s { self.speed_m_s / fastest } else { 1.0 };
+        let mut change = [0.0; CABLES];
+        for i in 0..CABLES {
+            change[i] = wanted[i] * factor - self.last[i];
+        }
+        let most = largest(&change);
+        if most <= self.step_m_s {
+            // Exactly the wanted vector, so that standstill is exactly zero.
+            self.last = wanted.map(|v| v * factor);
+        } else {
+            let share = self.step_m_s / most;
+            for (last, change) in self.last.iter_mut().zip(change) {
+                *last = (*last + change * share).clamp(-self.speed_m_s, self.speed_m_s);
+            }
+        }
+        (self.last, factor)
+    }
+
+    /// Zero at once, whatever it takes: for the emergency stop.
+    pub fn zero(&mut self) {
+        self.last = [0.0; CABLES];
+    }
+}
+
+/// Largest magnitude.
+#[must_use]
+pub fn largest(values: &[f64; CABLES]) -> f64 {
+    values.iter().fold(0.0, |most: f64, v| most.max(v.abs()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn neither_limit_is_ever_broken(wanted in prop::collection::vec(prop::array::uniform8(-5.0..5.0f64), 1..60)) {
+            let mut limits = Limits::new(0.8, 2.0, 0.01);
+            let mut last = [0.0; CABLES];
+            for w in &wanted {
+                let (v, factor) = limits.toward(w);
+                prop_assert!(factor > 0.0 && factor <= 1.0);
+                for i in 0..CABLES {
+                    prop_assert!(v[i].abs() <= 0.8 + 1e-12);
+                    prop_assert!((v[i] - last[i]).abs() <= 0.02 + 1e-12);
+                }
+                last = v;
+            }
+        }
+
+        #[test]
+        fn the_direction_of_the_change_is_kept(wanted in prop::array::uniform8(-0.5..0.5f64)) {
+            let mut limits = Limits::new(0.8, 2.0, 0.01);
+            let (v, _) = limits.toward(&wanted);
+            for i in 1..CABLES {
+                prop_assert!((v[0] * wanted[i] - v[i] * wanted[0]).abs() < 1e-12);
+            }
+        }
+    }
+
+    #[test]
+    fn standstill_is_reached_exactly() {
+        let mut limits = Limits::new(0.8, 2.0, 0.01);
+        limits.toward(&[0.1; CABLES]);
+        for _ in 0..3 {
+            limits.toward(&[0.0; CABLES]);
+        }
+        assert_eq!(limits.last_speed(), 0.0);
+    }
+}

@@ -1,0 +1,315 @@
+//! What the operator asks for, and what is answered in each mode.
+
+use crate::answer::{Answer, Sentence, sentence};
+use crate::config::JOG_LIMIT_M;
+use crate::core::{Core, Jog};
+use crate::faults::STOPS;
+use crate::plan_clock::SLOWEST;
+use crate::safety::Mode;
+use crate::sentences::FaultList;
+use cable_robot::{Vector3, elastic, kinematics, tension};
+use messages::{MotorInput, MotorState, OperatorRequest};
+
+/// Accepted or refused, with its sentence.
+type Outcome = Result<Sentence, Sentence>;
+
+macro_rules! yes { ($($text:tt)*) => { Ok(sentence(format_args!($($text)*))) }; }
+macro_rules! no { ($($text:tt)*) => { Err(sentence(format_args!($($text)*))) }; }
+
+impl Core {
+    /// Does what one request asks for, or says why not.
+    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, verb: u8, args: &[f64; 8]) -> Answer {
+        let outcome = match verb {
+            OperatorRequest::VERB_ARM => self.arm(),
+            OperatorRequest::VERB_DISARM => self.disarm(),
+            OperatorRequest::VERB_HOLD | OperatorRequest::VERB_PAUSE => self.pause(input),
+            OperatorRequest::VERB_STOP => self.stop_request(),
+            OperatorRequest::VERB_ESTOP => self.emergency_stop(),
+            OperatorRequest::VERB_RESET => self.reset(),
+            OperatorRequest::VERB_ZERO_AT => self.zero_at(args),
+            OperatorRequest::VERB_ZERO_LENGTHS => self.zero_lengths(args),
+            OperatorRequest::VERB_CONFIRM_POSITION => self.confirm_position(),
+            OperatorRequest::VERB_JOG => self.start_jog(args),
+            OperatorRequest::VERB_RESUME => self.resume(input),
+            OperatorRequest::VERB_SPEED => self.set_speed(args[0]),
+            OperatorRequest::VERB_GOTO | OperatorRequest::VERB_RUN => {
+                no!("Motions are planned by the planner; send this request to it.")
+            }
+            OperatorRequest::VERB_FAULT => no!("Faults are made by the virtual motor box; send this request to it."),
+            other => no!("There is no request number {other}; this program and the one that asked are of different versions."),
+        };
+        let (accepted, sentence) = match outcome {
+            Ok(sentence) => (true, sentence),
+            Err(sentence) => (false, sentence),
+        };
+        Answer { id, verb, accepted, sentence }
+    }
+
+    fn arm(&mut self) -> Outcome {
+        match self.safety.mode() {
+            Mode::Disarmed => {}
+            Mode::Faulted | Mode::EmergencyStop => return no!("Not armed: the robot is stopped by a fault; reset it first."),
+            _ => return yes!("Already armed."),
+        }
+        let lasting = self.safety.lasting();
+        if lasting.bits != 0 {
+            return no!("Not armed: {}.", FaultList(&lasting));
+        }
+        if !self.odometry.complete() {
+            return no!("Not armed: not every encoder has been read yet; try again in a second.");
+        }
+        self.safety.arm();
+        match self.odometry.position() {
+            MotorState::POSITION_KNOWN => yes!("Armed: the drives hold the lines."),
+            MotorState::POSITION_FROM_BEFORE_THE_CUT => {
+                yes!("Armed: the drives hold the lines; the position is from before the cut, so confirm it or zero before a motion.")
+            }
+            _ => yes!("Armed: the drives hold the lines; the position is unknown, so zero before a motion."),
+        }
+    }
+
+    fn disarm(&mut self) -> Outcome {
+        match self.safety.mode() {
+            Mode::Following | Mode::Stopping | Mode::Jogging => no!("Not disarmed: the robot moves; stop first."),
+            Mode::Disarmed => yes!("Already disarmed."),
+            _ if self.limits.last_speed() != 0.0 => no!("Not disarmed: the robot is still coming to rest; try again in a second."),
+            mode => {
+                self.abandon();
+                self.safety.disarm();
+                match mode {
+                    Mode::Holding => yes!("Disarmed: the drives have let go, and the node may sink."),
+                    _ => yes!("The drives have let go, and the node may sink; the fault stays until it is reset."),
+                }
+            }
+        }
+    }
+
+    fn pause(&mut self, input: &MotorInput) -> Outcome {
+        match self.safety.mode() {
+            Mode::Following => {
+                self.pausing = true;
+                yes!("Pausing: the robot comes to rest on its path and holds; resume goes on, stop gives the motion up.")
+            }
+            Mode::Jogging => {
+                self.cancel_jog();
+                yes!("The cable comes to rest and holds.")
+            }
+            Mode::Holding => {
+                // A motion that would begin in this very cycle begins paused.
+                if self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s) {
+                    self.motion.begin(input);
+                    self.motion.suspend();
+                }
+                yes!("Already holding.")
+            }
+            Mode::Stopping => yes!("Already coming to rest."),
+            Mode::Disarmed => no!("The drives are off, so nothing can be held; arm first."),
+            Mode::Faulted | Mode::EmergencyStop => yes!("Already stopped by a fault; reset it to go on."),
+        }
+    }
+
+    fn resume(&mut self, input: &MotorInput) -> Outcome {
+        match self.safety.mode() {
+            Mode::Following if self.pausing => {
+                self.pausing = false;
+                yes!("Going on.")
+            }
+            Mode::Following => yes!("The motion is running."),
+            Mode::Holding if self.motion.suspended() => {
+                if self.odometry.position() != MotorState::POSITION_KNOWN {
+                    return no!("Not resumed: the position needs confirmation; confirm it or zero, then start a new motion.");
+                }
+                if input.motion != self.motion.id() || input.motion_epoch != self.safety.epoch() {
+                    return no!("Not resumed: the planner no longer has this motion; stop, then start a new one.");
+                }
+                if !self.chosen.is_some_and(|chosen| self.motion.has(chosen.segment)) {
+                    return no!("Not resumed: no controller answers for this motion; look at nims status which process is missing.");
+                }
+                self.follow();
+                yes!("Going on where the motion was left.")
+            }
+            Mode::Holding => no!("There is no paused motion to go on with."),
+            Mode::Stopping => no!("The robot is coming to rest; resume when it holds."),
+            Mode::Jogging => no!("A cable is being jogged; there is no paused motion."),
+            Mode::Disarmed => no!("The drives are off and no motion is kept; arm and start a new one."),
+            Mode::Faulted | Mode::EmergencyStop => no!("A fault has ended the motion; reset it, then start a new one."),
+        }
+    }
+
+    fn stop_request(&mut self) -> Outcome {
+        match self.safety.mode() {
+            Mode::Following => {
+                self.begin_stop(true, 0);
+                yes!("Stopping on the path; the motion is given up.")
+            }
+            Mode::Stopping => {
+                self.drop_motion_after_stop();
+                yes!("Already coming to rest; the motion is given up.")
+            }
+            Mode::Jogging => {
+                self.cancel_jog();
+                yes!("The cable comes to rest and holds.")
+            }
+            Mode::Holding => {
+                let kept = self.motion.suspended();
+                self.abandon();
+                self.safety.clear_stops(STOPS);
+                self.safety.bump();
+                if kept { yes!("At rest; the paused motion is given up.") } else { yes!("Already at rest.") }
+            }
+            Mode::Disarmed => {
+                self.safety.bump();
+                yes!("Nothing moves: the drives are off.")
+            }
+            Mode::Faulted | Mode::EmergencyStop => yes!("Already stopped by a fault; reset it to go on."),
+        }
+    }
+
+    fn emergency_stop(&mut self) -> Outcome {
+        self.safety.enter(Mode::EmergencyStop);
+        self.safety.bump();
+        self.abandon();
+        if self.safety.energised() {
+            yes!("Emergency stop: every cable is held where it is; reset goes back to holding.")
+        } else {
+            yes!("Emergency stop: the drives are off and stay off until reset.")
+        }
+    }
+
+    fn reset(&mut self) -> Outcome {
+        match self.safety.mode() {
+            Mode::Following | Mode::Stopping | Mode::Jogging => no!("Nothing is reset while the robot moves; stop first."),
+            Mode::Holding => {
+                self.abandon();
+                self.safety.clear_stops(STOPS);
+                self.safety.bump();
+                yes!("Reset: the robot holds.")
+            }
+            _ if self.limits.last_speed() != 0.0 => no!("Not reset: the robot is still coming to rest; try again in a second."),
+            _ => {
+                if !self.safety.reset() {
+                    return no!("Not reset: {}.", FaultList(&self.safety.lasting()));
+                }
+                self.watch.forget();
+                if !self.safety.energised() {
+                    return yes!("Reset: the robot is disarmed.");
+                }
+                match self.odometry.position() {
+                    MotorState::POSITION_KNOWN => yes!("Reset: the robot holds."),
+                    _ => yes!("Reset: the robot holds; its position is not certain, so confirm it or zero before a motion."),
+                }
+            }
+        }
+    }
+
+    /// Zeroing changes what every length means, so nothing may move by the old ones.
+    fn may_zero(&self) -> Outcome {
+        match self.safety.mode() {
+            Mode::Following | Mode::Stopping | Mode::Jogging => no!("Not zeroed: the robot moves; stop first."),
+            Mode::Faulted | Mode::EmergencyStop => no!("Not zeroed: the robot is stopped by a fault; reset it first."),
+            Mode::Holding | Mode::Disarmed if !self.odometry.complete() => {
+                no!("Not zeroed: not every encoder has been read yet; try again in a second.")
+            }
+            Mode::Holding | Mode::Disarmed => yes!(""),
+        }
+    }
+
+    fn zero(&mut self, lengths_m: &[f64]) {
+        self.abandon();
+        self.odometry.set(lengths_m);
+        self.safety.bump();
+    }
+
+    fn zero_at(&mut self, args: &[f64; 8]) -> Outcome {
+        self.may_zero()?;
+        let at = Vector3::new(args[0], args[1], args[2]);
+        if !at.iter().all(|v| v.is_finite() && v.abs() < 1e5) {
+            return no!("Not zeroed: [{}, {}, {}] is no position; give x, y and z in metres.", at.x, at.y, at.z);
+        }
+        let robot = &self.config.robot;
+        let held = match tension::at(robot, &at, &Vector3::zeros(), self.config.distribution) {
+            Ok(held) => held,
+            Err(error) => return no!("Not zeroed: the node cannot hang freely at [{}, {}, {}]: {error}.", at.x, at.y, at.z),
+        };
+        let straight = kinematics::inverse_kinematics(robot.anchors(), &at);
+        let lengths = elastic::unstretched(robot, &straight, &held.tensions_n);
+        self.check_lengths(&lengths)?;
+        self.zero(&lengths);
+        yes!("The node is at [{}, {}, {}] now.", at.x, at.y, at.z)
+    }
+
+    fn zero_lengths(&mut self, args: &[f64; 8]) -> Outcome {
+        self.may_zero()?;
+        let n = self.config.cable_count();
+        self.check_lengths(&args[..n])?;
+        self.zero(&args[..n]);
+        yes!("The lengths of the {n} cables are set.")
+    }
+
+    fn check_lengths(&self, lengths_m: &[f64]) -> Outcome {
+        for (i, (length, [low, high])) in lengths_m.iter().zip(self.config.robot.length_limits_m()).enumerate() {
+            if !(*low..=*high).contains(length) {
+                return no!("Not zeroed: cable {} would be {length} m long; accepted: {low} to {high} m.", i + 1);
+            }
+        }
+        yes!("")
+    }
+
+    fn confirm_position(&mut self) -> Outcome {
+        match (self.safety.mode(), self.odometry.position()) {
+            (_, MotorState::POSITION_KNOWN) => yes!("The position is known; there is nothing to confirm."),
+            (_, MotorState::POSITION_UNKNOWN) => no!("There is no position to confirm; zero the robot where it is."),
+            (Mode::Following | Mode::Stopping | Mode::Jogging, _) => no!("Not confirmed: the robot moves; stop first."),
+            _ => {
+                self.abandon();
+                self.odometry.confirm();
+                self.safety.bump();
+                yes!("The position from before is confirmed.")
+            }
+        }
+    }
+
+    fn start_jog(&mut self, args: &[f64; 8]) -> Outcome {
+        let n = self.config.cable_count();
+        let [number, metres] = [args[0], args[1]];
+        if !(1..=n).any(|cable| cable as f64 == number) {
+            return no!("Not jogged: there is no cable {number}; accepted: 1 to {n}.");
+        }
+        if !metres.is_finite() || metres == 0.0 || metres.abs() > JOG_LIMIT_M {
+            return no!(
+                "Not jogged: {metres} m is no distance for a jog; accepted: up to {JOG_LIMIT_M} m, positive pays line out, negative reels in."
+            );
+        }
+        match self.safety.mode() {
+            Mode::Holding => {}
+            Mode::Jogging => return no!("Not jogged: a cable is being jogged; wait until it holds."),
+            Mode::Following | Mode::Stopping => return no!("Not jogged: the robot moves; stop first."),
+            Mode::Disarmed => return no!("Not jogged: the drives are off; arm first."),
+            Mode::Faulted | Mode::EmergencyStop => return no!("Not jogged: the robot is stopped by a fault; reset it first."),
+        }
+        if self.motion.suspended() {
+            return no!("Not jogged: a motion is paused; stop to give it up first.");
+        }
+        let cable = number as usize - 1;
+        if self.odometry.position() != MotorState::POSITION_UNKNOWN {
+            let [low, high] = self.config.robot.length_limits_m()[cable];
+            let (now, then) = (self.odometry.length_m(cable), self.odometry.length_m(cable) + metres);
+            if (then > high && metres > 0.0) || (then < low && metres < 0.0) {
+                return no!(
+                    "Not jogged: cable {number} is {now:.3} m long and would be {then:.3} m; accepted: {low} to {high} m."
+                );
+            }
+        }
+        self.jog = Some(Jog { cable, left_m: metres, cancelled: false });
+        self.safety.enter(Mode::Jogging);
+        yes!("Cable {number} {} {:.3} m.", if metres > 0.0 { "pays out" } else { "reels in" }, metres.abs())
+    }
+
+    fn set_speed(&mut self, fraction: f64) -> Outcome {
+        if self.clock.set_speed(fraction) {
+            yes!("Motions run at {:.0} % of their planned speed.", fraction * 100.0)
+        } else {
+            no!("{fraction} is no speed; accepted: a fraction from {SLOWEST} to 1.")
+        }
+    }
+}

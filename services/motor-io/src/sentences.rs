@@ -1,0 +1,216 @@
+//! What happened and what to do, one sentence per mode, fault and verdict: for whoever shows the robot's state.
+
+use crate::faults::Faults;
+use messages::{MotorAuthority, MotorState};
+use std::fmt;
+
+/// (bit, what is the case, what to do about it)
+const FAULTS: [(u32, &str, &str); 18] = [
+    (MotorAuthority::FAULT_LOST_UNIT, "a drive unit does not answer", "check its power and its cable, then reset"),
+    (
+        MotorAuthority::FAULT_UNIT_REBOOT,
+        "a drive unit was restarted and has lost its count",
+        "check the supply, reset, then look where the node is and confirm the position or zero",
+    ),
+    (
+        MotorAuthority::FAULT_STALL,
+        "a motor pushes hard and its line does not move, so this cable was let go",
+        "free the line, check the encoder, then reset",
+    ),
+    (MotorAuthority::FAULT_SLACK, "a line is slack", "look for what carries the node, jog the line taut, then reset"),
+    (MotorAuthority::FAULT_OVER_TENSION, "a line is too tight", "jog it out, check the calibration, then reset"),
+    (MotorAuthority::FAULT_OVER_CURRENT, "a motor draws too much current", "look for what blocks the line, then reset"),
+    (
+        MotorAuthority::FAULT_RUNAWAY,
+        "an encoder counts against the command, so this cable was let go",
+        "check the encoder's plug and the sign of counts_per_m, then reset",
+    ),
+    (
+        MotorAuthority::FAULT_ENCODER_JUMP,
+        "an encoder has jumped",
+        "check its plug, reset, then look where the node is and confirm the position or zero",
+    ),
+    (MotorAuthority::FAULT_DRIVE_ERROR, "a drive unit reports an error", "see its status bits, then reset"),
+    (
+        MotorAuthority::FAULT_COMMAND_LOST,
+        "the controller stopped answering, so the robot stopped and holds",
+        "start the controller, then resume",
+    ),
+    (
+        MotorAuthority::FAULT_LENGTH_LIMIT,
+        "a line has reached its length limit",
+        "reset, then move back inside",
+    ),
+    (
+        MotorAuthority::FAULT_ESTIMATE_LOST,
+        "there is no valid estimate of the position, so the robot stopped and holds",
+        "start the estimator, then resume",
+    ),
+    (MotorAuthority::FAULT_SUPPLY, "the supply voltage is low", "charge or change the battery, then reset"),
+    (
+        MotorAuthority::FAULT_LONG_GAP,
+        "the machine stood still for longer than the drives wait, so the robot waits a second and goes on",
+        "look for what else runs on this machine",
+    ),
+    (
+        MotorAuthority::FAULT_EMERGENCY_INPUT,
+        "the emergency stop of a drive unit is pressed",
+        "release it, then reset",
+    ),
+    (
+        MotorAuthority::FAULT_SUPERVISOR_LOST,
+        "the supervisor is gone, so the robot stopped and holds",
+        "start nims up again, then resume",
+    ),
+    (
+        MotorAuthority::FAULT_PLANNER_LOST,
+        "the planner is gone, so the robot holds after what was planned",
+        "start the planner, then start a new motion",
+    ),
+    (
+        MotorAuthority::FAULT_COMMAND_REFUSED,
+        "the controller's commands were no numbers or far beyond the limits, so the robot stopped and holds",
+        "look at the controller's log, then resume",
+    ),
+];
+
+/// One sentence per fault in `bits`: what is the case and what to do.
+pub fn fault_sentences(bits: u32) -> impl Iterator<Item = String> {
+    FAULTS.iter().filter(move |(bit, _, _)| bits & bit != 0).map(|(_, what, cure)| {
+        let mut chars = what.chars();
+        let first = chars.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
+        format!("{first}{}: {cure}.", chars.as_str())
+    })
+}
+
+/// The sentences of a sample's faults, each ending with the cables and units that are named.
+#[must_use]
+pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
+    let named = |marks: &[u8; 8]| marks.iter().enumerate().filter(|(_, m)| **m == 1).map(|(i, _)| (i + 1).to_string()).collect::<Vec<_>>();
+    let (cables, units) = (named(&authority.fault_cable).join(", "), named(&authority.fault_unit).join(", "));
+    let place = match (cables.is_empty(), units.is_empty()) {
+        (true, true) => String::new(),
+        (false, true) => format!(" (cable {cables})"),
+        (true, false) => format!(" (unit {units})"),
+        (false, false) => format!(" (cable {cables}; unit {units})"),
+    };
+    fault_sentences(authority.faults).map(|text| format!("{}{place}.", text.trim_end_matches('.'))).collect()
+}
+
+/// What is the case, without the cure, separated by commas; for use inside a sentence, without allocation.
+#[derive(Debug, Clone, Copy)]
+pub struct FaultList<'a>(pub &'a Faults);
+
+impl fmt::Display for FaultList<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut separator = "";
+        for (bit, what, cure) in FAULTS {
+            if self.0.bits & bit != 0 {
+                write!(f, "{separator}{what} ({cure})")?;
+                separator = ", and ";
+            }
+        }
+        let mut separator = " on unit ";
+        for (unit, named) in self.0.units.iter().enumerate() {
+            if *named {
+                write!(f, "{separator}{}", unit + 1)?;
+                separator = ", ";
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The mode's name, as commands print it.
+#[must_use]
+pub fn mode_name(mode: u8) -> &'static str {
+    match mode {
+        MotorAuthority::MODE_DISARMED => "disarmed",
+        MotorAuthority::MODE_HOLDING => "holding",
+        MotorAuthority::MODE_JOGGING => "jogging",
+        MotorAuthority::MODE_FOLLOWING => "following",
+        MotorAuthority::MODE_STOPPING => "stopping",
+        MotorAuthority::MODE_FAULTED => "faulted",
+        MotorAuthority::MODE_EMERGENCY_STOP => "emergency stop",
+        _ => "unknown",
+    }
+}
+
+/// What the mode means for who stands beside the robot.
+#[must_use]
+pub fn mode_sentence(mode: u8) -> &'static str {
+    match mode {
+        MotorAuthority::MODE_DISARMED => "The drives are off; arm to hold the lines.",
+        MotorAuthority::MODE_HOLDING => "The drives hold the lines, and nothing moves.",
+        MotorAuthority::MODE_JOGGING => "One cable moves slowly.",
+        MotorAuthority::MODE_FOLLOWING => "The robot follows its motion.",
+        MotorAuthority::MODE_STOPPING => "The robot is coming to rest.",
+        MotorAuthority::MODE_FAULTED => "The robot is stopped by a fault and holds; remove the cause, then reset.",
+        MotorAuthority::MODE_EMERGENCY_STOP => "Emergency stop: nothing moves until reset.",
+        _ => "This mode is unknown to this program; it is of another version than motor-io.",
+    }
+}
+
+/// What a verdict on a command means.
+#[must_use]
+pub fn verdict_sentence(verdict: u8) -> &'static str {
+    match verdict {
+        MotorAuthority::VERDICT_NONE => "No command has ever arrived in this slot.",
+        MotorAuthority::VERDICT_ACCEPTED => "The command is good.",
+        MotorAuthority::VERDICT_STALE => "The command answers an earlier cycle.",
+        MotorAuthority::VERDICT_EPOCH => "The command was computed before the last arm, stop, fault, reset or zero.",
+        MotorAuthority::VERDICT_INCARNATION => "The controller was started anew while the robot moved.",
+        MotorAuthority::VERDICT_NOT_FINITE => "The command holds something that is no number.",
+        MotorAuthority::VERDICT_OUT_OF_LIMITS => "The command is far beyond the cable speed limit.",
+        MotorAuthority::VERDICT_NO_ESTIMATE => "The controller has no valid estimate to answer for.",
+        MotorAuthority::VERDICT_ABSENT => "No command has arrived for this cycle.",
+        _ => "This verdict is unknown to this program; it is of another version than motor-io.",
+    }
+}
+
+/// How far the position can be trusted, and what to do.
+#[must_use]
+pub fn position_sentence(position_known: u8) -> &'static str {
+    match position_known {
+        MotorState::POSITION_KNOWN => "The position is known.",
+        MotorState::POSITION_FROM_BEFORE_THE_CUT => {
+            "The position is from before the cut: confirm it (nims confirm-position) or zero (nims zero)."
+        }
+        _ => "The position is unknown: zero where the node is (nims zero).",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_bit_has_its_own_sentence() {
+        let all = FAULTS.iter().fold(0, |all, (bit, _, _)| all | bit);
+        assert_eq!(all, crate::faults::HARD | crate::faults::STOPS);
+        assert_eq!(FAULTS.len() as u32, all.count_ones());
+        let sentences: std::collections::BTreeSet<String> = fault_sentences(all).collect();
+        assert_eq!(sentences.len(), FAULTS.len());
+        assert!(sentences.iter().all(|s| s.starts_with(|c: char| c.is_uppercase()) && s.ends_with('.')));
+    }
+
+    #[test]
+    fn the_cables_and_units_are_named() {
+        let mut authority = MotorAuthority { faults: MotorAuthority::FAULT_SLACK, ..Default::default() };
+        authority.fault_cable[1] = 1;
+        assert_eq!(
+            faults_of(&authority),
+            ["A line is slack: look for what carries the node, jog the line taut, then reset (cable 2)."]
+        );
+    }
+
+    #[test]
+    fn every_mode_and_verdict_has_a_sentence() {
+        for mode in 0..=6 {
+            assert!(!mode_sentence(mode).contains("unknown"));
+        }
+        for verdict in 0..=8 {
+            assert!(!verdict_sentence(verdict).contains("another version"));
+        }
+    }
+}
