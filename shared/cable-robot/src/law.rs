@@ -45,6 +45,7 @@ impl LawError {
 
 /// R, what a cable velocity costs; positive definite.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[allow(clippy::large_enum_variant, reason = "a box would allocate, and there is one of these per controller")]
 pub enum InputWeight {
     /// The same for every cable.
     Scalar(f64),

@@ -405,7 +405,8 @@ pub fn least_norm(
     let scale = 1.0 + wrench_n.norm() + low * n as f64;
     let tension = |y: &Vector3<f64>, i: usize| structure[i].dot(y).clamp(low, high);
     let mut y = Vector3::zeros();
-    let mut missing = f64::INFINITY;
+    // The best point so far: at its end the iteration may wander within rounding.
+    let (mut best, mut least_missing) = (y, f64::INFINITY);
     for _ in 0..MAX_ITERATIONS {
         let mut residual = *wrench_n;
         let mut hessian = Matrix3::identity() * 1e-9;
@@ -416,19 +417,21 @@ pub fn least_norm(
                 hessian += linalg::outer(&structure[i], &structure[i]);
             }
         }
-        missing = residual.norm();
+        let missing = residual.norm();
+        if missing < least_missing {
+            (best, least_missing) = (y, missing);
+        }
         if missing <= 1e-12 * scale {
             break;
         }
         let direction = linalg::solve_spd(&hessian, &residual).unwrap_or(residual);
-        let Some(step) = ascend(structure, wrench_n, limits_n, &y, &direction) else {
-            missing = f64::INFINITY;
-            break;
-        };
-        y += direction * step;
+        match ascend(structure, wrench_n, limits_n, &y, &direction) {
+            Some(step) => y += direction * step,
+            None => break,
+        }
     }
-    if missing <= TOLERANCE * scale {
-        return Ok(CableVec::from_fn(n, |i| tension(&y, i)));
+    if least_missing <= TOLERANCE * scale {
+        return Ok(CableVec::from_fn(n, |i| tension(&best, i)));
     }
     // Why not: the cable that is worst off without limits.
     let free = least_norm_unbounded(structure, wrench_n).unwrap_or_else(|_| CableVec::zeros(n));
