@@ -1,0 +1,179 @@
+//! Log events: to the terminal and to `system/log/NAME`, without ever holding up who logs.
+//!
+//! An event is formatted where it happens and put into two bounded queues: a thread of its own writes the terminal (a full pipe blocks only
+//! that thread), and the process's loop publishes the other when it is idle. What does not fit in a burst is counted, and the count is logged.
+
+use std::io::Write;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::{Arc, OnceLock};
+use std::time::Duration;
+
+use bus::{Bus, BusError, Publisher, clock};
+use messages::{LogEvent, put_text};
+use tracing::field::{Field, Visit};
+use tracing::level_filters::LevelFilter;
+use tracing::{Event, Level, Subscriber};
+use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
+
+/// Events waiting in each queue: a start-up's worth.
+const QUEUE: usize = 256;
+/// Events published per call, so that a burst is spread over the slack of several passes (1 µs each).
+const AT_ONCE: usize = 16;
+/// The terminal thread formats nothing and calls little.
+const STACK_BYTES: usize = 64 * 1024;
+/// How long the end of the process waits for the terminal.
+const FLUSH: Duration = Duration::from_millis(300);
+
+struct Line {
+    stamp_ns: u64,
+    level: Level,
+    target: &'static str,
+    text: String,
+}
+
+enum ToTerminal {
+    Line(String),
+    Flush(SyncSender<()>),
+}
+
+struct Queues {
+    terminal: SyncSender<ToTerminal>,
+    channel: SyncSender<Line>,
+    dropped: Arc<AtomicU64>,
+    process: String,
+}
+
+/// The thread's end of the terminal queue, for flushing.
+static TERMINAL: OnceLock<SyncSender<ToTerminal>> = OnceLock::new();
+
+/// Collects log events of this process; [`Log::publish`] hands them to the bus.
+pub(crate) struct Log {
+    lines: Receiver<Line>,
+    dropped: Arc<AtomicU64>,
+    publisher: Publisher<LogEvent>,
+    sample: LogEvent,
+}
+
+/// Begins logging for the process. Only the first call in a process takes the events (tests may have several).
+///
+/// # Errors
+/// Those of making the channel.
+pub(crate) fn start(bus: &Bus, verbose: bool) -> Result<Log, BusError> {
+    let process = bus.process().to_owned();
+    let (channel, lines) = sync_channel(QUEUE);
+    let dropped = Arc::new(AtomicU64::new(0));
+    let (terminal, to_print) = sync_channel(QUEUE);
+    let queues = Queues { terminal: terminal.clone(), channel, dropped: dropped.clone(), process: process.clone() };
+    let level = if verbose { LevelFilter::DEBUG } else { LevelFilter::INFO };
+    let registry = tracing_subscriber::registry().with(queues.with_filter(level));
+    if tracing::subscriber::set_global_default(registry).is_ok() {
+        let printing =
+            std::thread::Builder::new().name("log".to_owned()).stack_size(STACK_BYTES).spawn(move || print(&to_print));
+        if printing.is_ok() {
+            let _ = TERMINAL.set(terminal);
+        }
+        std::panic::set_hook(Box::new(|info| tracing::error!("{}", info.to_string().replace('\n', " "))));
+    }
+    let publisher = bus.publisher(&format!("system/log/{process}"))?;
+    let mut sample = LogEvent { pid: std::process::id(), ..LogEvent::default() };
+    put_text(&mut sample.process, &process);
+    Ok(Log { lines, dropped, publisher, sample })
+}
+
+fn print(queue: &Receiver<ToTerminal>) {
+    while let Ok(next) = queue.recv() {
+        match next {
+            // a terminal that has gone is no reason to stop
+            ToTerminal::Line(line) => _ = std::io::stderr().write_all(line.as_bytes()),
+            ToTerminal::Flush(done) => _ = done.send(()),
+        }
+    }
+}
+
+/// Waits until the terminal has everything logged so far, but not for long.
+pub(crate) fn flush() {
+    if let Some(terminal) = TERMINAL.get() {
+        let (done, wait) = sync_channel(1);
+        if terminal.try_send(ToTerminal::Flush(done)).is_ok() {
+            let _ = wait.recv_timeout(FLUSH);
+        }
+    }
+}
+
+impl Log {
+    /// Publishes some of what has been logged; true if nothing is left.
+    ///
+    /// # Errors
+    /// Those of [`Publisher::send`].
+    pub(crate) fn publish(&mut self) -> Result<bool, BusError> {
+        for _ in 0..AT_ONCE {
+            let Ok(line) = self.lines.try_recv() else {
+                self.admit_drops()?;
+                return Ok(true);
+            };
+            self.send(line.stamp_ns, line.level, line.target, &line.text)?;
+        }
+        Ok(false)
+    }
+
+    fn admit_drops(&mut self) -> Result<(), BusError> {
+        match self.dropped.swap(0, Ordering::Relaxed) {
+            0 => Ok(()),
+            count => self.send(
+                clock::now_ns(),
+                Level::WARN,
+                "service",
+                &format!("{count} log events were dropped in a burst"),
+            ),
+        }
+    }
+
+    fn send(&mut self, stamp_ns: u64, level: Level, target: &str, text: &str) -> Result<(), BusError> {
+        let sample = &mut self.sample;
+        (sample.header.stamp_ns, sample.header.oldest_input_ns) = (stamp_ns, stamp_ns);
+        sample.level = match level {
+            Level::ERROR => LogEvent::LEVEL_ERROR,
+            Level::WARN => LogEvent::LEVEL_WARN,
+            Level::INFO => LogEvent::LEVEL_INFO,
+            Level::DEBUG => LogEvent::LEVEL_DEBUG,
+            Level::TRACE => LogEvent::LEVEL_TRACE,
+        };
+        put_text(&mut sample.target, target);
+        put_text(&mut sample.text, text);
+        self.publisher.send(sample).map(|_| ())
+    }
+}
+
+impl<S: Subscriber> Layer<S> for Queues {
+    fn on_event(&self, event: &Event<'_>, _: Context<'_, S>) {
+        let mut text = Text::default();
+        event.record(&mut text);
+        let (level, target) = (*event.metadata().level(), event.metadata().target());
+        let line = format!("{level:5} {}: {}\n", self.process, text.0);
+        if matches!(self.terminal.try_send(ToTerminal::Line(line)), Err(TrySendError::Full(_))) {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+        let line = Line { stamp_ns: clock::now_ns(), level, target, text: text.0 };
+        if matches!(self.channel.try_send(line), Err(TrySendError::Full(_))) {
+            self.dropped.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+}
+
+/// The message, then `key=value` for every other field.
+#[derive(Default)]
+struct Text(String);
+
+impl Visit for Text {
+    fn record_debug(&mut self, field: &Field, value: &dyn std::fmt::Debug) {
+        use std::fmt::Write as _;
+        // writing into a String cannot fail
+        if field.name() == "message" {
+            let rest = std::mem::take(&mut self.0);
+            let _ = write!(self.0, "{value:?}{rest}");
+        } else {
+            let _ = write!(self.0, " {}={value:?}", field.name());
+        }
+    }
+}
