@@ -1,1 +1,168 @@
-//! The operator's command.
+//! The operator's command: supervisor, requests, live views, and tools that need no robot.
+//!
+//! Invariants:
+//! * It moves nothing itself: it asks motor-io and the planner, and prints their answer.
+//! * Exit code 0: answered (also "not feasible", which is an answer); 2: bad input; 1: it could not be done now. A failure is one
+//!   sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
+//! * Bad input is found before anything is started or asked.
+
+#![forbid(unsafe_code)]
+
+mod answers;
+mod channels;
+pub mod cli;
+pub mod demo;
+mod failure;
+pub mod findings;
+pub mod live;
+mod offline;
+mod operate;
+mod runs;
+mod status;
+pub mod supervisor;
+
+pub use failure::{Answer, Failure};
+
+use clap::Parser;
+use cli::{Channel, Cli, Command};
+use messages::OperatorRequest;
+use serde_json::json;
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+/// Parses, runs, and says in one sentence what went wrong.
+pub fn main(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let cli = match Cli::try_parse_from(args) {
+        Ok(cli) => cli,
+        Err(error) if error.exit_code() == 0 => {
+            // --help and --version
+            let _ = error.print();
+            return ExitCode::SUCCESS;
+        }
+        Err(error) => {
+            eprintln!("nims: {}", usage(&error));
+            return ExitCode::from(2);
+        }
+    };
+    match run(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("nims: {failure}");
+            ExitCode::from(failure.exit_code())
+        }
+    }
+}
+
+/// The first paragraph of a complaint about the arguments, on one line.
+fn usage(error: &clap::Error) -> String {
+    use clap::error::ErrorKind;
+    if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+        return "say what to do; `nims --help` lists the commands".to_owned();
+    }
+    let text = error.to_string();
+    let first: Vec<&str> =
+        text.lines().take_while(|line| !line.starts_with("Usage:") && !line.starts_with("For more")).collect();
+    let sentence = first.join(" ").split_whitespace().collect::<Vec<_>>().join(" ");
+    format!("{}; `nims --help` lists the commands", sentence.trim_start_matches("error: "))
+}
+
+/// Carries one command out and prints its answer.
+///
+/// # Errors
+/// One sentence.
+pub fn run(cli: &Cli) -> Answer {
+    let (domain, json) = (cli.domain.as_deref(), cli.json);
+    let print = |value: &serde_json::Value, words: &str| answers::print(json, value, words);
+    let ask = |process: &str, verb: u8| -> Answer {
+        let sentence = operate::send(&live::join(domain)?, process, &operate::plain(verb))?;
+        print(&operate::accepted(&sentence), &sentence);
+        Ok(())
+    };
+    let asked = |sentence: String| {
+        print(&operate::accepted(&sentence), &sentence);
+        Ok(())
+    };
+    match &cli.command {
+        Command::Demo(asked) => demo::run(asked, domain, json),
+        Command::Up(asked) => up(asked, domain, json),
+        Command::Status => {
+            let (value, words) = status::status(&live::join(domain)?)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Channel(channel) => channel_command(channel, domain, json),
+        Command::Arm => ask(operate::MOTOR_IO, OperatorRequest::VERB_ARM),
+        Command::Disarm => ask(operate::MOTOR_IO, OperatorRequest::VERB_DISARM),
+        Command::Hold => ask(operate::MOTOR_IO, OperatorRequest::VERB_HOLD),
+        Command::Stop => ask(operate::MOTOR_IO, OperatorRequest::VERB_STOP),
+        Command::Estop => ask(operate::MOTOR_IO, OperatorRequest::VERB_ESTOP),
+        Command::Reset => ask(operate::MOTOR_IO, OperatorRequest::VERB_RESET),
+        Command::ConfirmPosition => ask(operate::MOTOR_IO, OperatorRequest::VERB_CONFIRM_POSITION),
+        Command::Pause => ask(operate::MOTOR_IO, OperatorRequest::VERB_PAUSE),
+        Command::Resume => ask(operate::MOTOR_IO, OperatorRequest::VERB_RESUME),
+        Command::Zero(zero) => asked(operate::zero(&live::join(domain)?, zero)?),
+        Command::Jog { cable, metres } => asked(operate::jog(&live::join(domain)?, *cable, *metres)?),
+        Command::Speed { percent } => asked(operate::speed(&live::join(domain)?, *percent)?),
+        Command::Goto(goto) => asked(operate::goto(&live::join(domain)?, goto)?),
+        Command::Run(mission) if mission.dry_run => {
+            let (value, words) = operate::dry_run(domain, mission)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Run(mission) => asked(operate::run_checked(&live::join(domain)?, mission)?),
+        Command::Check { config, on } => check(config, on.as_deref(), json),
+        Command::Ik { config, at } => offline::ik(config, *at).map(|value| answers::print(true, &value, "")),
+        Command::Fk { config, lengths } => offline::fk(config, lengths).map(|value| answers::print(true, &value, "")),
+        Command::Tension(tension) => offline::tensions(tension).map(|value| answers::print(true, &value, "")),
+        Command::Recover { run } => {
+            let (value, words) = runs::recover(run)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Info { run } => {
+            let (value, words) = runs::info(run)?;
+            print(&value, &words);
+            Ok(())
+        }
+    }
+}
+
+fn up(asked: &cli::Up, domain: Option<&str>, json: bool) -> Answer {
+    let ending = supervisor::up(asked, domain)?;
+    let mode = ending.mode.map_or("unknown", status::mode_name);
+    let words = format!("the robot is left in mode {mode}; the run is in {}", ending.run.display());
+    answers::print(json, &json!({ "run": ending.run, "mode": mode, "died": ending.died }), &words);
+    match ending.died.as_slice() {
+        [] => Ok(()),
+        died => Err(Failure::NotNow(format!("died on the way: {}; see {}/log", died.join(", "), ending.run.display()))),
+    }
+}
+
+fn check(config: &std::path::Path, on: Option<&std::path::Path>, json: bool) -> Answer {
+    let found = findings::check(config, on)?;
+    let lines: Vec<String> = found
+        .iter()
+        .map(|finding| match (finding.level, finding.cure.as_str()) {
+            (findings::Level::Note, _) => format!("note: {}", finding.finding),
+            (findings::Level::Warning, cure) => format!("warning: {}; {cure}", finding.finding),
+            (findings::Level::Error, cure) => format!("error: {}; {cure}", finding.finding),
+        })
+        .collect();
+    answers::print(json, &findings::to_json(&found), &lines.join("\n"));
+    if findings::usable(&found) {
+        return Ok(());
+    }
+    let errors = found.iter().filter(|finding| finding.level == findings::Level::Error).count();
+    Err(Failure::BadInput(format!("{} cannot be used as it is: {errors} error(s), listed on stdout", config.display())))
+}
+
+fn channel_command(channel: &Channel, domain: Option<&str>, json: bool) -> Answer {
+    let bus = live::join(domain)?;
+    let (value, words) = match channel {
+        Channel::List => channels::list(&bus)?,
+        Channel::Hz { name, seconds } => channels::rates(&bus, name.as_deref(), *seconds)?,
+        Channel::Echo { name, count, seconds } => return channels::echo(&bus, name, *count, *seconds),
+    };
+    answers::print(json, &value, &words);
+    Ok(())
+}

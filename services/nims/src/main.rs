@@ -1,3 +1,7 @@
-//! tempfile.
+//! The operator's command; what it does stands in the library.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    nims::main(std::env::args_os())
+}

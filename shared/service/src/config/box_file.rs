@@ -7,7 +7,7 @@ use std::path::PathBuf;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoxFile {
-    /// What people call this box; also the name of its domain in shared memory (letters, digits, dash; at most 20).
+    /// What people call this box; also the name of its domain in shared memory (a-z, 0-9, dash; at most 16).
     pub name: String,
     /// The robot file.
     pub robot: PathBuf,

@@ -1,0 +1,154 @@
+//! `nims channel`: any channel, of a known type or not.
+
+use crate::answers;
+use crate::failure::{Answer, Failure};
+use bus::{Bus, Tap, clock};
+use messages::schema::{Number, Schema, Value as FieldValue};
+use serde_json::{Map, Value, json};
+use std::time::Duration;
+
+/// Longest time between two looks at the channels that are counted: less than any channel's buffer holds.
+const LOOK: Duration = Duration::from_millis(20);
+
+/// `nims channel list`: JSON and words.
+///
+/// # Errors
+/// Shared memory cannot be read.
+pub fn list(bus: &Bus) -> Answer<(Value, String)> {
+    let channels = bus.channels()?;
+    let width = channels.iter().map(|channel| channel.name.len()).max().unwrap_or(0);
+    let mut lines = Vec::new();
+    let mut rows = Vec::new();
+    for channel in &channels {
+        let holders: Vec<&str> =
+            channel.holders.iter().map(|node| node.name.as_str()).filter(|name| *name != bus.process()).collect();
+        lines.push(format!("{:width$}  {:6} B  {}", channel.name, channel.size, channel.type_name));
+        rows.push(json!({
+            "name": channel.name, "type": channel.type_name, "size_bytes": channel.size, "buffer": channel.buffer,
+            "history": channel.history, "has_schema": channel.schema.is_some(), "processes": holders,
+        }));
+    }
+    Ok((json!({ "channels": rows }), lines.join("\n")))
+}
+
+/// `nims channel hz`: JSON and words, after counting for some seconds.
+///
+/// # Errors
+/// No such channel, or a time that makes no sense.
+pub fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<(Value, String)> {
+    let time = duration(seconds)?;
+    let names = match name {
+        Some(name) => vec![name.to_owned()],
+        None => bus.channels()?.into_iter().map(|channel| channel.name).collect(),
+    };
+    let mut taps = names.iter().map(|name| bus.tap(name)).collect::<Result<Vec<Tap>, _>>()?;
+    // What was there before the counting began is history.
+    for tap in &mut taps {
+        while tap.receive(|_| ())?.is_some() {}
+    }
+    let mut counts = vec![(0_u64, 0_u64); taps.len()];
+    let started = clock::now_ns();
+    let end = started + time.as_nanos() as u64;
+    while clock::now_ns() < end {
+        clock::sleep_until(end.min(clock::now_ns() + LOOK.as_nanos() as u64));
+        for (tap, (received, lost)) in taps.iter_mut().zip(&mut counts) {
+            while let Some(missing) = tap.receive(|raw| raw.missing)? {
+                *received += 1;
+                *lost += missing;
+            }
+        }
+    }
+    let elapsed = (clock::now_ns() - started) as f64 * 1e-9;
+    let width = names.iter().map(String::len).max().unwrap_or(0);
+    let mut lines = Vec::new();
+    let mut rows = Vec::new();
+    for (name, (received, lost)) in names.iter().zip(&counts) {
+        let hz = *received as f64 / elapsed;
+        lines.push(format!("{name:width$}  {hz:7.1} Hz  {lost} lost"));
+        rows.push(json!({ "name": name, "hz": hz, "received": received, "lost": lost }));
+    }
+    Ok((json!({ "seconds": elapsed, "channels": rows }), lines.join("\n")))
+}
+
+/// `nims channel echo`: prints samples until enough have come, the time is over, nobody reads, or Ctrl-C.
+///
+/// # Errors
+/// No such channel.
+pub fn echo(bus: &Bus, name: &str, count: Option<u64>, seconds: Option<f64>) -> Answer {
+    let end = match seconds {
+        Some(seconds) => Some(clock::now_ns() + duration(seconds)?.as_nanos() as u64),
+        None => None,
+    };
+    let mut tap = bus.tap(name)?;
+    let schema = tap
+        .info()
+        .schema
+        .as_deref()
+        .and_then(|text| Schema::parse(text).ok())
+        .filter(|schema| schema.size() == tap.info().size);
+    let mut waiter = bus.waiter(&[name])?;
+    let mut left = count.unwrap_or(u64::MAX);
+    while left > 0 && end.is_none_or(|end| clock::now_ns() < end) {
+        while left > 0
+            && let Some(value) = tap.receive(|raw| sample(schema.as_ref(), raw.bytes))?
+        {
+            left -= 1;
+            if !answers::stream(&value.to_string()) {
+                return Ok(());
+            }
+        }
+        if left > 0 {
+            // A foreign publisher need not notify.
+            let look = clock::now_ns() + 50_000_000;
+            waiter.wait_until(Some(end.map_or(look, |end| end.min(look))))?;
+        }
+    }
+    Ok(())
+}
+
+fn duration(seconds: f64) -> Answer<Duration> {
+    if seconds > 0.0 && seconds <= 86_400.0 {
+        Ok(Duration::from_secs_f64(seconds))
+    } else {
+        Err(Failure::BadInput(format!("--for is {seconds}; accepted: above 0, at most 86400 s")))
+    }
+}
+
+/// A sample as JSON by its definition; bytes in hexadecimal if there is none that fits.
+fn sample(schema: Option<&Schema>, bytes: &[u8]) -> Value {
+    let Some(schema) = schema else {
+        let hex: String = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+        return json!({ "bytes": hex });
+    };
+    let mut fields = Map::new();
+    for (field, value) in schema.decode(bytes) {
+        // Padding says nothing.
+        if field.path.rsplit('.').next().is_some_and(|last| last.starts_with("pad") && last[3..].parse::<u8>().is_ok())
+        {
+            continue;
+        }
+        let shown = match (value.number(), field.count) {
+            (Some(number), None) => field.name_of(number).map_or_else(|| to_json(number), |name| json!(name)),
+            _ => array(&value),
+        };
+        fields.insert(field.path.clone(), shown);
+    }
+    Value::Object(fields)
+}
+
+fn array(value: &FieldValue<'_>) -> Value {
+    match value.text() {
+        Some(text) => json!(text),
+        None => Value::Array(value.numbers().map(to_json).collect()),
+    }
+}
+
+/// JSON has no NaN and no infinity: they become null.
+fn to_json(number: Number) -> Value {
+    match number {
+        Number::Unsigned(value) => json!(value),
+        Number::Signed(value) => json!(value),
+        Number::Float32(value) => json!(value),
+        Number::Float64(value) => json!(value),
+    }
+}

@@ -1,0 +1,49 @@
+//! How a command fails: with one sentence and an exit code.
+
+use std::fmt::Display;
+
+/// Why a command did not answer.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Failure {
+    /// What was given cannot be used; exit code 2.
+    #[error("{0}")]
+    BadInput(String),
+    /// It could not be done now; exit code 1.
+    #[error("{0}")]
+    NotNow(String),
+}
+
+impl Failure {
+    /// Bad input, in the words of another error.
+    pub fn bad(error: impl Display) -> Self {
+        Self::BadInput(one_line(&error))
+    }
+
+    /// Not now, in the words of another error.
+    pub fn not_now(error: impl Display) -> Self {
+        Self::NotNow(one_line(&error))
+    }
+
+    /// What the process returns to the shell.
+    #[must_use]
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::BadInput(_) => 2,
+            Self::NotNow(_) => 1,
+        }
+    }
+}
+
+impl From<bus::BusError> for Failure {
+    fn from(error: bus::BusError) -> Self {
+        if error.is_bad_input() { Self::bad(error) } else { Self::not_now(error) }
+    }
+}
+
+/// The result of a command.
+pub type Answer<T = ()> = Result<T, Failure>;
+
+/// A sentence stays on one line, whatever it quotes.
+fn one_line(error: &impl Display) -> String {
+    error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
+}

@@ -1,0 +1,348 @@
+//! `nims check`: what a configuration means for the robot, each finding with its cure.
+
+use crate::failure::{Answer, Failure};
+use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
+use planner::mission::Mission;
+use planner::plan::{Plan, PlannerConfig};
+use serde::Serialize;
+use serde_json::{Value, json};
+use service::config::{BoxFile, PlannerSection, RobotFile};
+use service::toml_file;
+use std::path::Path;
+
+/// Bytes of one cycle on the wire for a unit, with replies: speeds, encoders, currents; and once per port the slow slot.
+const UNIT_BYTES: f64 = 13.0 + 12.0 + 8.0;
+const SLOT_BYTES: f64 = 8.0;
+/// Exchanges of the same.
+const UNIT_EXCHANGES: f64 = 3.0;
+/// What an exchange costs besides its bytes on a native serial port: unit and host together, s.
+const TURNAROUND_S: f64 = 0.000_3;
+/// Part of a period that the bus may take, so that the control chain has the rest.
+const BUS_SHARE: f64 = 0.8;
+
+/// How bad it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// Good to know.
+    Note,
+    /// It works, with less margin than it should have.
+    Warning,
+    /// It cannot work.
+    Error,
+}
+
+/// One thing to know about a configuration.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// How bad it is.
+    pub level: Level,
+    /// What is so.
+    pub finding: String,
+    /// What to do; empty for a note that asks for nothing.
+    pub cure: String,
+}
+
+fn note(finding: String) -> Finding {
+    Finding { level: Level::Note, finding, cure: String::new() }
+}
+
+fn warning(finding: String, cure: &str) -> Finding {
+    Finding { level: Level::Warning, finding, cure: cure.to_owned() }
+}
+
+fn error(finding: String, cure: &str) -> Finding {
+    Finding { level: Level::Error, finding, cure: cure.to_owned() }
+}
+
+/// `nims check`: the findings, and whether the file can be used.
+///
+/// # Errors
+/// A file that cannot be read or holds values that are not accepted: one sentence.
+pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
+    match kind(path)? {
+        Kind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
+        Kind::Box => {
+            let file = BoxFile::load(path).map_err(Failure::bad)?;
+            let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
+            findings.extend(box_file(&file)?);
+            Ok(findings)
+        }
+        Kind::Mission => {
+            let mission = Mission::read(path).map_err(Failure::bad)?;
+            let Some(on) = on else {
+                let legs = mission.leg.len();
+                return Ok(vec![note(format!(
+                    "mission \"{}\" has {legs} legs; with --for BOX.toml it is also flown on paper",
+                    mission.name
+                ))]);
+            };
+            Ok(vec![match kind(on)? {
+                Kind::Box => {
+                    let file = BoxFile::load(on).map_err(Failure::bad)?;
+                    let start = file.motor_box.as_ref().map(|section| section.start_m);
+                    flown(
+                        &mission,
+                        &file.robot_file().map_err(Failure::bad)?,
+                        &file.planner,
+                        &file.controller.distribution,
+                        start,
+                    )
+                }
+                _ => {
+                    let robot = RobotFile::load(on).map_err(Failure::bad)?;
+                    flown(&mission, &robot, &PlannerSection::default(), "least-norm", None)
+                }
+            }?])
+        }
+    }
+}
+
+/// Findings as JSON.
+#[must_use]
+pub fn to_json(findings: &[Finding]) -> Value {
+    json!({ "usable": usable(findings), "findings": findings })
+}
+
+/// Whether none of the findings is an error.
+#[must_use]
+pub fn usable(findings: &[Finding]) -> bool {
+    findings.iter().all(|finding| finding.level != Level::Error)
+}
+
+enum Kind {
+    Robot,
+    Box,
+    Mission,
+}
+
+/// What kind of file it is, by the keys that only that kind has.
+fn kind(path: &Path) -> Answer<Kind> {
+    let table: toml::Table = toml_file::load(path).map_err(Failure::bad)?;
+    if table.contains_key("leg") {
+        Ok(Kind::Mission)
+    } else if table.contains_key("motor_io") || table.get("robot").is_some_and(toml::Value::is_str) {
+        Ok(Kind::Box)
+    } else if table.contains_key("robot") {
+        Ok(Kind::Robot)
+    } else {
+        Err(Failure::BadInput(format!(
+            "{} is no configuration file: a robot file has [robot], a box file [motor_io], a mission file [[leg]]",
+            path.display()
+        )))
+    }
+}
+
+/// Middle of the anchors' feet, at a quarter of the way up to the lowest anchor.
+fn middle(robot: &Robot) -> Vector3<f64> {
+    let anchors = robot.anchors();
+    let mut centre = anchors.iter().sum::<Vector3<f64>>() / anchors.len() as f64;
+    let lowest = anchors.iter().map(|anchor| anchor.z).fold(f64::INFINITY, f64::min);
+    centre.z = robot.ground_m() + 0.25 * (lowest - robot.ground_m());
+    centre
+}
+
+fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
+    let robot = file.robot().map_err(Failure::bad)?;
+    let distribution = Distribution::default_for(robot.cable_count());
+    let at = middle(&robot);
+    let place = format!("[{:.2}, {:.2}, {:.2}] m", at.x, at.y, at.z);
+    let mut findings = Vec::new();
+    match tension::at(&robot, &at, &Vector3::zeros(), distribution) {
+        Ok(found) => {
+            let list: Vec<String> = found.tensions_n.iter().map(|value| format!("{value:.1}")).collect();
+            findings.push(note(format!("at rest in the middle, {place}, the lines carry {} N", list.join(", "))));
+            findings.push(sinking(&robot, &at, &found.tensions_n));
+            findings.push(ceiling(&robot, &at, distribution));
+        }
+        Err(why) => findings.push(error(
+            format!("the node cannot hang in the middle of its own anchors, {place}: {why}"),
+            "check the units of anchors_m (metres), node_mass_kg (kilograms) and tension_limits_n (newtons)",
+        )),
+    }
+    findings.push(match robot.stiffness_n() {
+        Some(stiffness) => {
+            let longest = robot.routed_length_m().iter().fold(0.0_f64, |most, length| most.max(*length)) + 6.0;
+            let stretch = 1000.0 * 20.0 * longest / stiffness;
+            note(format!("20 N stretch {longest:.0} m of line by {stretch:.0} mm; that is corrected for"))
+        }
+        None => warning(
+            "the lines count as rigid: their stretch, some centimetres, becomes an error of the position".to_owned(),
+            "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",
+        ),
+    });
+    let current = robot.motor().current_a(robot.tension_limits_n()[1], robot.speed_limit_m_s());
+    if current > file.motor.current_limit_a {
+        findings.push(warning(
+            format!(
+                "reeling in at {} m/s under {} N takes {current:.1} A, above current_limit_a = {} A",
+                robot.speed_limit_m_s(),
+                robot.tension_limits_n()[1],
+                file.motor.current_limit_a
+            ),
+            "lower tension_limits_n or speed_limit_m_s, or fit larger motors; slower and lighter moves are not affected",
+        ));
+    }
+    Ok(findings)
+}
+
+/// What happens when the drives stop feeding the motors: leads shorted, only the gear and the motor's own braking hold.
+fn sinking(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
+    let pays_out: Vec<f64> = tensions_n.iter().map(|tension| unpowered_m_s(robot, *tension)).collect();
+    let fastest = pays_out.iter().fold(0.0_f64, |most, speed| most.max(*speed));
+    if fastest == 0.0 {
+        let motor = robot.motor();
+        let holds = if motor.gear_friction < 1.0 {
+            format!("up to {:.1} N per line", motor.coulomb_n / (1.0 - motor.gear_friction))
+        } else {
+            "whatever the load".to_owned()
+        };
+        return note(format!("unpowered, the gears hold the node ({holds}): sinking speed 0 mm/s"));
+    }
+    let node =
+        NodeJacobian::at(robot.anchors(), at).map_or(fastest, |jacobian| jacobian.node_velocity(&pays_out).norm());
+    warning(
+        format!(
+            "unpowered, a line runs out at {:.1} mm/s and the node sinks at {:.1} mm/s",
+            1000.0 * fastest,
+            1000.0 * node
+        ),
+        "support the node before `disarm`, before switching off and after a watchdog stop",
+    )
+}
+
+/// Speed at which a line runs out of a motor with shorted leads, m/s: the load less friction, against the motor's own braking.
+fn unpowered_m_s(robot: &Robot, tension_n: f64) -> f64 {
+    let motor = robot.motor();
+    let drives = tension_n - (motor.gear_friction * tension_n + motor.coulomb_n);
+    let braking = motor.viscous_n_s_m + motor.force_constant_n_a.powi(2) / motor.resistance_ohm;
+    drives.max(0.0) / braking
+}
+
+/// How high the node can go in the middle.
+fn ceiling(robot: &Robot, from: &Vector3<f64>, distribution: Distribution) -> Finding {
+    let mut at = *from;
+    while tension::at(robot, &at, &Vector3::zeros(), distribution).is_ok() {
+        at.z += 0.01;
+    }
+    note(format!("in the middle the node can go up to {:.2} m within tension_limits_n", at.z - 0.01))
+}
+
+fn box_file(file: &BoxFile) -> Answer<Vec<Finding>> {
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    let mut findings = Vec::new();
+    let (period, watchdog) = (file.period_s(), file.motor_io.watchdog_s);
+    let (cable, node) = (robot.cable_speed_limit_m_s(), robot.robot.speed_limit_m_s);
+    findings.push(note(format!(
+        "if motor-io dies, the drives stop after {watchdog} s: at most {:.0} mm of line at the robot's {node} m/s ({:.0} mm at the cable limit of {cable} m/s)",
+        1000.0 * watchdog * node,
+        1000.0 * watchdog * cable
+    )));
+    for (index, port) in file.motor_io.ports.iter().enumerate() {
+        let units = port.units.len() as f64;
+        let seconds = (units * UNIT_BYTES + SLOT_BYTES) * 10.0 / f64::from(port.baud)
+            + (units * UNIT_EXCHANGES + 1.0) * TURNAROUND_S;
+        let sentence =
+            format!("port {} needs {:.1} ms of each cycle of {:.1} ms", index + 1, 1000.0 * seconds, 1000.0 * period);
+        let cure = "lower rate_hz, raise baud (on the drives too), or give each unit a port of its own";
+        findings.push(if seconds > BUS_SHARE * period { error(sentence, cure) } else { note(sentence) });
+        if port.path.contains("{domain}") {
+            if file.motor_box.is_none() {
+                findings.push(error(
+                    format!("port {} is on the virtual motor box, and there is no [motor_box]", index + 1),
+                    "give the path of the real device, or add [motor_box]",
+                ));
+            }
+        } else if !Path::new(&port.path).exists() {
+            findings.push(error(
+                format!("port {}: there is no {}", index + 1, port.path),
+                "plug the drives in; stable names stand in /dev/serial/by-id",
+            ));
+        }
+    }
+    if let Some(section) = &file.motor_box {
+        let best = ((section.delay_s + section.lag_s) / period + 2.0).round() as usize;
+        let horizon = file.controller.horizon_cycles;
+        if horizon + 2 < best || horizon > 3 * best {
+            findings.push(warning(
+                format!("controller.horizon_cycles = {horizon} is far from (delay + lag) / period + 2 = {best}"),
+                "a short horizon rings, a long one lags: set it near that number",
+            ));
+        }
+    }
+    if file.estimator.stretch != file.controller.stretch {
+        findings.push(warning(
+            "`stretch` differs between [estimator] and [controller]".to_owned(),
+            "set both alike, otherwise one corrects what the other does not know of",
+        ));
+    }
+    Ok(findings)
+}
+
+/// What a mission comes to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flight {
+    /// Segments.
+    pub segments: usize,
+    /// Length of the path, m.
+    pub length_m: f64,
+    /// Duration, s.
+    pub duration_s: f64,
+}
+
+/// Plans a whole mission from a starting point, with the planner's own checks.
+///
+/// # Errors
+/// Where it breaks which limit, by how much.
+pub fn fly(mission: &Mission, file: &BoxFile, from: &[f64; 3]) -> Answer<Flight> {
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    plan(mission, &robot, &file.planner, &file.controller.distribution, from)
+}
+
+fn plan(
+    mission: &Mission,
+    robot: &RobotFile,
+    section: &PlannerSection,
+    distribution: &str,
+    from: &[f64; 3],
+) -> Answer<Flight> {
+    let robot = robot.robot().map_err(Failure::bad)?;
+    let distribution = match (robot.cable_count(), distribution) {
+        (3, _) => Distribution::Unique,
+        (_, "min-sum") => Distribution::MinSum,
+        (_, "safest") => Distribution::Safest,
+        _ => Distribution::LeastNorm,
+    };
+    let config = PlannerConfig {
+        robot,
+        distribution,
+        speed_m_s: section.speed_m_s,
+        acceleration_m_s2: section.acceleration_m_s2,
+        check_step_m: section.check_step_m,
+    };
+    let plan = Plan::new(mission, &config, Vector3::from(*from), 0.0, 1).map_err(Failure::bad)?;
+    Ok(Flight { segments: plan.segments.len(), length_m: plan.length_m(), duration_s: plan.end_s() - plan.start_s() })
+}
+
+fn flown(
+    mission: &Mission,
+    robot: &RobotFile,
+    section: &PlannerSection,
+    distribution: &str,
+    start: Option<[f64; 3]>,
+) -> Answer<Finding> {
+    let from = match start {
+        Some(start) => start,
+        None => middle(&robot.robot().map_err(Failure::bad)?).into(),
+    };
+    Ok(match plan(mission, robot, section, distribution, &from) {
+        Ok(flight) => note(format!(
+            "mission \"{}\" can be flown from [{}, {}, {}] m: {} segments, {:.2} m, {:.1} s",
+            mission.name, from[0], from[1], from[2], flight.segments, flight.length_m, flight.duration_s
+        )),
+        Err(why) => error(
+            format!("mission \"{}\" cannot be flown: {why}", mission.name),
+            "move the points that it names, or fly slower",
+        ),
+    })
+}

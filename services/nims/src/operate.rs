@@ -1,0 +1,243 @@
+//! Requests to the running robot: each is answered by one sentence.
+
+use crate::cli::{Goto, PathKind, Point, Run, Zero};
+use crate::failure::{Answer, Failure};
+use crate::live::{self, Running};
+use bus::Bus;
+use cable_robot::{Distribution, Profile, Robot, Segment, Vector3, kinematics};
+use messages::{NodeEstimate, OperatorRequest, put_text};
+use serde_json::{Value, json};
+use service::config::BoxFile;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Who answers which request.
+pub const MOTOR_IO: &str = "motor-io";
+/// Missions and single moves.
+pub const PLANNER: &str = "planner";
+
+/// A request without arguments.
+#[must_use]
+pub fn plain(verb: u8) -> OperatorRequest {
+    OperatorRequest { verb, ..OperatorRequest::default() }
+}
+
+/// A request with numbers.
+///
+/// # Errors
+/// More numbers than a request holds.
+pub fn with_args(verb: u8, numbers: &[f64]) -> Answer<OperatorRequest> {
+    let mut request = plain(verb);
+    let Some(args) = request.args.get_mut(..numbers.len()) else {
+        return Err(Failure::BadInput(format!(
+            "{} numbers are too many; a robot has at most {} cables",
+            numbers.len(),
+            request.args.len()
+        )));
+    };
+    args.copy_from_slice(numbers);
+    Ok(request)
+}
+
+/// Sends a request and turns a refusal into a failure.
+///
+/// # Errors
+/// Refused, with the reason, or not answered.
+pub fn send(bus: &Bus, process: &str, request: &OperatorRequest) -> Answer<String> {
+    let answer = live::ask(bus, process, request)?;
+    let sentence = messages::text_of(&answer.answer);
+    if answer.accepted == 1 { Ok(sentence) } else { Err(Failure::NotNow(sentence)) }
+}
+
+/// The answer of an accepted request as JSON.
+#[must_use]
+pub fn accepted(sentence: &str) -> Value {
+    json!({ "accepted": true, "answer": sentence })
+}
+
+/// `nims zero`.
+///
+/// # Errors
+/// The position or the lengths make no sense for this robot; refused; not answered.
+pub fn zero(bus: &Bus, asked: &Zero) -> Answer<String> {
+    let robot = robot_of(bus)?;
+    let request = match (&asked.at, &asked.lengths) {
+        (Some(at), _) => {
+            standing(&robot, at)?;
+            with_args(OperatorRequest::VERB_ZERO_AT, &at.0)?
+        }
+        (None, Some(lengths)) => {
+            kinematics::forward_kinematics(robot.anchors(), &lengths.0, None).map_err(Failure::bad)?;
+            with_args(OperatorRequest::VERB_ZERO_LENGTHS, &lengths.0)?
+        }
+        (None, None) => return Err(Failure::BadInput("give --at X,Y,Z or --lengths A,B,..".to_owned())),
+    };
+    send(bus, MOTOR_IO, &request)
+}
+
+/// `nims jog`.
+///
+/// # Errors
+/// No such cable; refused; not answered.
+pub fn jog(bus: &Bus, cable: u8, metres: f64) -> Answer<String> {
+    let cables = robot_of(bus)?.cable_count();
+    if usize::from(cable) > cables {
+        return Err(Failure::BadInput(format!("there is no cable {cable}; this robot has cables 1 to {cables}")));
+    }
+    send(bus, MOTOR_IO, &with_args(OperatorRequest::VERB_JOG, &[f64::from(cable), metres])?)
+}
+
+/// `nims speed`.
+///
+/// # Errors
+/// Out of range; refused; not answered.
+pub fn speed(bus: &Bus, percent: f64) -> Answer<String> {
+    if !(5.0..=100.0).contains(&percent) {
+        return Err(Failure::BadInput(format!(
+            "the speed is {percent} percent; accepted: 5 to 100 percent of the planned speed"
+        )));
+    }
+    send(bus, MOTOR_IO, &with_args(OperatorRequest::VERB_SPEED, &[percent / 100.0])?)
+}
+
+/// `nims goto`.
+///
+/// # Errors
+/// A point where the robot cannot be, a speed it does not have; refused; not answered.
+pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
+    let robot = robot_of(bus)?;
+    standing(&robot, &asked.to)?;
+    let speed = asked.speed.unwrap_or(0.0);
+    if asked.speed.is_some() && !(speed > 0.0 && speed <= robot.speed_limit_m_s()) {
+        let limit = robot.speed_limit_m_s();
+        return Err(Failure::BadInput(format!(
+            "--speed is {speed}; accepted: above 0, at most this robot's {limit} m/s"
+        )));
+    }
+    let path = match asked.path {
+        PathKind::Line => 0.0,
+        PathKind::Parabola => 1.0,
+    };
+    let [x, y, z] = asked.to.0;
+    send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path])?)
+}
+
+/// The request to fly a mission that has been read and found sound.
+///
+/// # Errors
+/// A path that is too long for a request.
+pub fn run_request(mission: &Path) -> Answer<OperatorRequest> {
+    let text = mission.to_string_lossy();
+    let mut request = plain(OperatorRequest::VERB_RUN);
+    if text.len() > request.text.len() {
+        return Err(Failure::BadInput(format!(
+            "the path of the mission file is longer than {} bytes",
+            request.text.len()
+        )));
+    }
+    put_text(&mut request.text, &text);
+    Ok(request)
+}
+
+/// `nims run`: reads the mission, tries it against the robot from where the node is, and only then asks for it.
+///
+/// # Errors
+/// A mission that cannot be read or flown; refused; not answered.
+pub fn run_checked(bus: &Bus, asked: &Run) -> Answer<String> {
+    let file = box_of(bus)?;
+    let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
+    let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
+    // Where the node is not known the planner has the better words for why it does not start.
+    if let Some(from) = present(bus)? {
+        crate::findings::fly(&mission, &file, &from)?;
+    }
+    send(bus, PLANNER, &run_request(&path)?)
+}
+
+/// `nims run --dry-run`: the answer, and its sentence.
+///
+/// # Errors
+/// A configuration or mission that cannot be read, or no starting point.
+pub fn dry_run(domain: Option<&str>, asked: &Run) -> Answer<(Value, String)> {
+    let (file, here) = match &asked.config {
+        Some(config) => (BoxFile::load(config).map_err(Failure::bad)?, None),
+        None => {
+            let bus = live::join(domain)?;
+            (box_of(&bus)?, present(&bus)?)
+        }
+    };
+    let from = match (asked.from, here, &file.motor_box) {
+        (Some(Point(from)), _, _) | (None, Some(from), _) => from,
+        (None, None, Some(virtual_box)) => virtual_box.start_m,
+        (None, None, None) => {
+            return Err(Failure::BadInput("say where the mission begins with --from X,Y,Z".to_owned()));
+        }
+    };
+    let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
+    let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
+    Ok(match crate::findings::fly(&mission, &file, &from) {
+        Ok(flight) => {
+            let sentence = format!(
+                "mission \"{}\" can be flown: {} segments, {:.2} m, {:.1} s",
+                mission.name, flight.segments, flight.length_m, flight.duration_s
+            );
+            let value = json!({ "feasible": true, "segments": flight.segments, "length_m": flight.length_m, "duration_s": flight.duration_s });
+            (value, sentence)
+        }
+        Err(why) => (
+            json!({ "feasible": false, "why": why.to_string() }),
+            format!("mission \"{}\" cannot be flown: {why}", mission.name),
+        ),
+    })
+}
+
+/// A mission by path, or by name in the box's folder of missions.
+///
+/// # Errors
+/// There is no such file.
+pub fn mission_path(asked: &Path, missions: Option<&Path>) -> Answer<PathBuf> {
+    let mut candidates = vec![asked.to_path_buf()];
+    if let Some(folder) = missions {
+        candidates.push(folder.join(asked));
+        candidates.push(folder.join(asked).with_extension("toml"));
+    }
+    let Some(found) = candidates.iter().find(|path| path.is_file()) else {
+        let beside = missions.map(|folder| format!(", nor in {}", folder.display())).unwrap_or_default();
+        return Err(Failure::BadInput(format!("there is no mission file {}{beside}", asked.display())));
+    };
+    std::path::absolute(found).map_err(Failure::bad)
+}
+
+/// The box that the supervisor of this domain runs.
+///
+/// # Errors
+/// It left no word, or its file cannot be read any more.
+pub fn box_of(bus: &Bus) -> Answer<BoxFile> {
+    let Some(running) = Running::of(bus.domain()) else {
+        return Err(Failure::NotNow(format!(
+            "the robot in the domain `{}` was not started by `nims up`",
+            bus.domain().name()
+        )));
+    };
+    BoxFile::load(&running.box_file).map_err(Failure::not_now)
+}
+
+fn robot_of(bus: &Bus) -> Answer<Robot> {
+    box_of(bus)?.robot_file().map_err(Failure::not_now)?.robot().map_err(Failure::not_now)
+}
+
+/// Where the node is, if it is known.
+fn present(bus: &Bus) -> Answer<Option<[f64; 3]>> {
+    let estimate = live::newest::<NodeEstimate>(bus, "node/estimate/a", Duration::from_millis(500))?;
+    Ok(estimate.filter(|estimate| estimate.valid == 1).map(|estimate| estimate.position_m))
+}
+
+/// Whether the node can hang at rest at this point; whether it can also get there is for the planner to say.
+fn standing(robot: &Robot, at: &Point) -> Answer {
+    let cannot = |why: String| Failure::BadInput(format!("the node cannot hang there: {why}"));
+    let path = cable_robot::Path::Dwell(Vector3::from(at.0));
+    let profile = Profile::dwell(1.0).map_err(|error| cannot(error.to_string()))?;
+    let rest = Segment { id: 1, path, profile, start_s: 0.0 };
+    let distribution = Distribution::default_for(robot.cable_count());
+    rest.check(robot, distribution, 1.0).map(|_| ()).map_err(|refusal| cannot(refusal.to_string()))
+}

@@ -1,0 +1,125 @@
+//! Processes that outlived their supervisor: the next one finds and ends them.
+
+use crate::failure::{Answer, Failure};
+use bus::Domain;
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde::{Deserialize, Serialize};
+use std::time::{Duration, Instant};
+
+/// Where the supervisor writes down whom it started, in the folder of the domain.
+const FILE: &str = "children.json";
+/// How long an orphan may take to end in good order: motor-io brings the robot to rest first.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// A started process, told apart from a later one with the same id by its start time.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Started {
+    /// Name.
+    pub name: String,
+    /// Process id.
+    pub pid: u32,
+    /// Start time in the kernel's ticks since boot.
+    pub start_ticks: u64,
+}
+
+impl Started {
+    /// The process of this id, if it lives.
+    #[must_use]
+    pub fn now(name: &str, pid: u32) -> Option<Self> {
+        Some(Self { name: name.to_owned(), pid, start_ticks: start_ticks(pid)? })
+    }
+
+    fn lives(&self) -> bool {
+        start_ticks(self.pid) == Some(self.start_ticks)
+    }
+
+    fn signal(&self, signal: Signal) {
+        if self.lives()
+            && let Some(pid) = Pid::from_raw(self.pid.cast_signed())
+        {
+            // It may have ended in this instant.
+            let _ = kill_process(pid, signal);
+        }
+    }
+}
+
+/// Field 22 of /proc/PID/stat; the name in field 2 may hold blanks and parentheses, so counting begins behind the last one.
+fn start_ticks(pid: u32) -> Option<u64> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
+    let state = fields.next()?;
+    if state == "Z" { None } else { fields.nth(18)?.parse().ok() }
+}
+
+/// Writes down who was started.
+///
+/// # Errors
+/// The folder of the domain cannot be written.
+pub fn note(domain: &Domain, started: &[Started]) -> Answer {
+    let text = serde_json::to_string(started).map_err(Failure::not_now)?;
+    let path = domain.root().join(FILE);
+    std::fs::write(&path, text)
+        .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
+}
+
+/// Ends whatever an earlier supervisor of this domain left running; the names of those that were ended.
+///
+/// Call it only while holding the claim of the domain.
+///
+/// # Errors
+/// One cannot be ended.
+pub fn end(domain: &Domain) -> Answer<Vec<String>> {
+    let written = std::fs::read_to_string(domain.root().join(FILE)).unwrap_or_default();
+    let mut orphans: Vec<Started> = serde_json::from_str(&written).unwrap_or_default();
+    for node in domain.alive() {
+        let known = orphans.iter().any(|orphan| orphan.pid == node.pid);
+        if !known && node.pid != std::process::id() && !node.name.starts_with("nims") {
+            orphans.extend(Started::now(&node.name, node.pid));
+        }
+    }
+    orphans.retain(Started::lives);
+    for signal in [Signal::TERM, Signal::KILL] {
+        for orphan in &orphans {
+            orphan.signal(signal);
+        }
+        let deadline = Instant::now() + PATIENCE;
+        while orphans.iter().any(Started::lives) {
+            if Instant::now() >= deadline {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    if let Some(orphan) = orphans.iter().find(|orphan| orphan.lives()) {
+        let owner = Pid::from_raw(orphan.pid.cast_signed()).is_some_and(|pid| test_kill_process(pid).is_ok());
+        let cure = if owner { "end it by hand" } else { "it belongs to another user: end it as that user" };
+        return Err(Failure::NotNow(format!(
+            "{} (process {}) of an earlier start does not end: {cure}",
+            orphan.name, orphan.pid
+        )));
+    }
+    Ok(orphans.into_iter().map(|orphan| orphan.name).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_is_known_by_its_start_time() {
+        let own = Started::now("test", std::process::id()).unwrap();
+        assert!(own.lives());
+        assert!(!Started { start_ticks: own.start_ticks + 1, ..own.clone() }.lives());
+        assert!(!Started { pid: u32::MAX / 2, ..own }.lives());
+    }
+
+    #[test]
+    fn orphans_are_ended_and_named() {
+        let domain = Domain::for_test();
+        let mut sleeper = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        note(&domain, &[Started::now("sleeper", sleeper.id()).unwrap()]).unwrap();
+        assert_eq!(end(&domain).unwrap(), ["sleeper"]);
+        assert!(!sleeper.wait().unwrap().success());
+        assert!(end(&domain).unwrap().is_empty());
+    }
+}

@@ -1,0 +1,123 @@
+//! One run, one folder: the run file, the configuration as it was, diagnostics, and a manifest that says what it is.
+
+use crate::failure::{Answer, Failure};
+use serde_json::{Value, json};
+use service::config::BoxFile;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+/// The folder of a run.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    path: PathBuf,
+    manifest: Value,
+}
+
+impl RunFolder {
+    /// Makes the folder, `RUNS/DATE-TIME-NAME` unless one is given, with copies of the configuration.
+    ///
+    /// # Errors
+    /// It cannot be made, or the given one holds a run already.
+    pub fn make(file: &BoxFile, box_path: &Path, given: Option<&Path>) -> Answer<Self> {
+        let now = bus::clock::unix_ns();
+        let path = match given {
+            Some(path) => path.to_path_buf(),
+            None => free(&file.runs.join(format!("{}-{}", stamp(now), file.name))),
+        };
+        if path.is_file() {
+            return Err(Failure::BadInput(format!(
+                "--run {}: this is a file; give a folder that is empty or does not exist",
+                path.display()
+            )));
+        }
+        if fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
+            return Err(Failure::BadInput(format!(
+                "--run {}: the folder is not empty; give one that is or that does not exist",
+                path.display()
+            )));
+        }
+        let failed = |what: &Path, error: std::io::Error| {
+            Failure::NotNow(format!("{} cannot be written: {error}", what.display()))
+        };
+        for folder in ["config", "log"] {
+            let folder = path.join(folder);
+            fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
+        }
+        let path = path.canonicalize().map_err(|error| failed(&path, error))?;
+        for (original, name) in [(box_path, "box.toml"), (file.robot.as_path(), "robot.toml")] {
+            let copy = path.join("config").join(name);
+            fs::copy(original, &copy).map_err(|error| failed(&copy, error))?;
+        }
+        let manifest = json!({
+            "name": file.name,
+            "box": box_path.file_name().map(|name| name.to_string_lossy()),
+            "robot": file.robot.file_name().map(|name| name.to_string_lossy()),
+            "virtual": file.motor_box.is_some(),
+            "rate_hz": file.rate_hz,
+            "nims_version": env!("CARGO_PKG_VERSION"),
+            "started_utc": runlog::utc(now),
+        });
+        let folder = Self { path, manifest };
+        folder.write()?;
+        Ok(folder)
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Where the diagnostics of a process go.
+    #[must_use]
+    pub fn log(&self, process: &str) -> PathBuf {
+        self.path.join("log").join(format!("{process}.txt"))
+    }
+
+    /// Keeps a copy of a mission that is flown.
+    ///
+    /// # Errors
+    /// It cannot be copied.
+    pub fn keep(&self, file: &Path) -> Answer {
+        let copy = self.path.join("config").join("mission.toml");
+        fs::copy(file, &copy)
+            .map(|_| ())
+            .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", copy.display())))
+    }
+
+    /// Completes the manifest: why the run ended, and how each process did.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn close(&mut self, because: &str, processes: Value) -> Answer {
+        self.manifest["ended_utc"] = json!(runlog::utc(bus::clock::unix_ns()));
+        self.manifest["ended_because"] = json!(because);
+        self.manifest["processes"] = processes;
+        self.write()
+    }
+
+    fn write(&self) -> Answer {
+        let path = self.path.join("manifest.json");
+        let text = serde_json::to_string_pretty(&self.manifest).map_err(Failure::not_now)?;
+        fs::write(&path, text + "\n")
+            .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
+    }
+}
+
+/// `2026-03-01T14-05-09Z`: sorts by time and is a file name everywhere.
+fn stamp(unix_ns: u64) -> String {
+    runlog::utc(unix_ns).trim_end_matches(" UTC").replace(' ', "T").replace(':', "-") + "Z"
+}
+
+/// The path, or with a number behind it if it is taken.
+fn free(path: &Path) -> PathBuf {
+    let mut candidate = path.to_path_buf();
+    let mut number = 2;
+    while candidate.exists() {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!("-{number}"));
+        candidate = PathBuf::from(name);
+        number += 1;
+    }
+    candidate
+}
