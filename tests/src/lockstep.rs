@@ -2,16 +2,23 @@
 //! faster than real time and the same bits every time.
 
 use anyhow::{Context, Result, ensure};
-use cable_robot::{CableVec, Distribution, Robot, Vector3, elastic};
+use cable_robot::{CableVec, Distribution, Robot, Vector3};
 use controller::{Controller, ControllerConfig, Law};
 use estimator::{Estimator, EstimatorConfig};
-use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, PlanStatus};
-use plant::{MotorInput, Plant, PlantConfig};
+use messages::{
+    ControlStatus, Header, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, OperatorRequest,
+    PlanMotion, PlanStatus,
+};
+use motor_io::{Core, CoreConfig};
 use planner::{Mission, Planner, PlannerConfig};
+use plant::{MotorInput as DriveInput, Plant, PlantConfig};
 use service::motion::motion_of;
 
 /// Time from a tick until a drive unit has answered, ns: two units at 230400 baud, 37 bytes out and 39 bytes back each.
 const ANSWER_NS: u64 = 2_000_000;
+
+/// The planner runs once in so many cycles.
+const PLANNER_CYCLES: u64 = 10;
 
 /// One flight: the robot as the software believes it to be, the plant as it is, and what is flown.
 #[derive(Debug, Clone)]
@@ -103,6 +110,8 @@ impl Sum {
 /// Everything a cycle produced, for those who look closer.
 #[derive(Debug, Clone, Copy)]
 pub struct Cycle {
+    /// What motor-io decided on.
+    pub input: MotorInput,
     /// Encoders and drives.
     pub state: MotorState,
     /// Mode and plan clock.
@@ -117,9 +126,9 @@ pub struct Cycle {
     pub motion: PlanMotion,
     /// The planner's account.
     pub plan: PlanStatus,
-    /// True position at the tick, m.
+    /// True position at the instant of the estimate, m.
     pub truth_m: [f64; 3],
-    /// True tensions at the tick, N.
+    /// True tensions then, N.
     pub truth_n: CableVec,
 }
 
@@ -127,29 +136,29 @@ pub struct Cycle {
 pub struct Lockstep {
     scenario: Scenario,
     plant: Plant,
+    core: Core,
     estimator: Estimator,
     controller: Controller,
     planner: Planner,
-    zero_m: CableVec,
-    zero_counts: [i64; 8],
-    authority: MotorAuthority,
-    command: MotorCommand,
-    motion: PlanMotion,
-    missed: u64,
+    cycle: u64,
+    requests: Vec<(u8, [f64; 8])>,
+    authority: Option<MotorAuthority>,
     estimate: Option<NodeEstimate>,
+    command: Option<MotorCommand>,
+    motion: PlanMotion,
+    plan: PlanStatus,
 }
 
 impl Lockstep {
-    /// Sets everything up, the node hanging at the plant's start.
+    /// Sets everything up, the node hanging at the plant's start, disarmed, position unknown.
     pub fn new(scenario: Scenario) -> Result<Self> {
         let robot = if scenario.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() };
         let plant = Plant::new(scenario.plant.clone())?;
-        let start = Vector3::from(scenario.plant.start_m);
-        let zero = elastic::realise(&robot, &start, &Vector3::zeros(), scenario.distribution)?;
-        let mut zero_counts = [0; 8];
-        for (i, counts) in zero_counts.iter_mut().enumerate().take(robot.cable_count()) {
-            *counts = plant.counts(i);
-        }
+        let n = robot.cable_count();
+        let counts_per_m: Vec<f64> = scenario.plant.idlers.iter().map(|idler| idler.counts_per_m).collect();
+        let units: Vec<Vec<usize>> = (0..n).collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
+        let mut config = CoreConfig::new(robot, scenario.period_s, &counts_per_m, &units)?;
+        config.distribution = scenario.distribution;
         let estimator = Estimator::new(&EstimatorConfig {
             robot,
             eta: 50,
@@ -176,122 +185,150 @@ impl Lockstep {
             acceleration_m_s2: 0.3,
             check_step_m: 0.02,
         });
-        let authority = MotorAuthority {
-            period_s: scenario.period_s,
-            epoch: 1,
-            mode: MotorAuthority::MODE_HOLDING,
-            position_known: MotorState::POSITION_KNOWN,
-            cable_count: robot.cable_count() as u8,
-            ..MotorAuthority::default()
-        };
         Ok(Self {
             scenario,
             plant,
+            core: Core::new(config),
             estimator,
             controller,
             planner,
-            zero_m: zero.unstretched_m,
-            zero_counts,
-            authority,
-            command: MotorCommand::default(),
-            motion: PlanMotion::default(),
-            missed: 0,
+            cycle: 0,
+            requests: Vec::new(),
+            authority: None,
             estimate: None,
+            command: None,
+            motion: PlanMotion::default(),
+            plan: PlanStatus::default(),
         })
     }
 
-    fn now_ns(&self) -> u64 {
-        self.plant.time_ns()
+    /// The plant, to break something on purpose.
+    pub fn plant_mut(&mut self) -> &mut Plant {
+        &mut self.plant
     }
 
-    /// Offers the mission to the planner.
+    /// Asks motor-io for something in the next cycle (at most four requests per cycle).
+    pub fn request(&mut self, verb: u8, args: [f64; 8]) {
+        self.requests.push((verb, args));
+    }
+
+    /// Tells motor-io where the node is (where it really is), and arms.
+    pub fn zero_and_arm(&mut self) -> Result<()> {
+        self.cycle()?;
+        let [x, y, z] = self.plant.position_m();
+        self.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        self.cycle()?;
+        self.request(OperatorRequest::VERB_ARM, [0.0; 8]);
+        for _ in 0..50 {
+            self.cycle()?;
+        }
+        let mode = self.authority.map_or(0, |authority| authority.mode);
+        ensure!(mode == MotorAuthority::MODE_HOLDING, "the robot is in mode {mode} after arming");
+        Ok(())
+    }
+
+    /// Offers a mission to the planner, which publishes it at once.
     pub fn run(&mut self, mission: &Mission) -> Result<String> {
         let seen = planner::Seen {
-            now_ns: self.now_ns(),
-            authority: Some(&self.authority),
+            now_ns: self.plant.time_ns(),
+            authority: self.authority.as_ref(),
             estimate: self.estimate.as_ref(),
         };
-        Ok(self.planner.run(mission, &seen)?)
+        let sentence = self.planner.run(mission, &seen)?;
+        (self.motion, self.plan) = self.planner.step(&seen);
+        Ok(sentence)
+    }
+
+    /// The planner, as it is.
+    pub fn planner(&self) -> &Planner {
+        &self.planner
+    }
+
+    /// What has arrived when cycle `cycle` begins.
+    fn arrivals(&mut self, cycle: u64, tick_ns: u64) -> MotorInput {
+        let mut input = MotorInput { tick_ns, begin_ns: tick_ns, first_epoch: 1, ..MotorInput::default() };
+        input.header = Header { cycle, seq: cycle, stamp_ns: tick_ns, oldest_input_ns: tick_ns };
+        input.planner_beat = self.motion.beat;
+        for (i, (verb, args)) in self.requests.drain(..self.requests.len().min(4)).enumerate() {
+            input.request_id[i] = cycle;
+            input.request_verb[i] = verb;
+            input.request_args[8 * i..8 * i + 8].copy_from_slice(&args);
+        }
+        let PlanMotion { current, next, .. } = &self.motion;
+        let last = if next.id != 0 { next } else { current };
+        input.motion = self.motion.motion;
+        input.motion_epoch = self.motion.epoch;
+        input.motion_segment = current.id;
+        input.motion_start_s = current.start_s;
+        input.motion_end_s = self.motion.end_s;
+        input.motion_known_s = last.start_s + last.duration_s;
+        if let Some(command) = self.command {
+            input.command[0] = command;
+            input.command_arrived[0] = 1;
+        }
+        if let Some(estimate) = &self.estimate {
+            input.estimate_cycle[0] = estimate.header.cycle;
+            input.estimate_valid[0] = estimate.valid;
+            input.estimate_tension_n[..8].copy_from_slice(&estimate.tension_n);
+        }
+        input
     }
 
     /// One cycle.
     pub fn cycle(&mut self) -> Result<Cycle> {
         let n = self.plant.cable_count();
-        let cycle = self.authority.header.cycle + 1;
-        let tick_ns = self.now_ns();
+        self.cycle += 1;
+        let cycle = self.cycle;
+        let tick_ns = self.plant.time_ns();
         let period_ns = (self.scenario.period_s * 1e9).round() as u64;
-        // Plan clock and mode, as motor-io keeps them.
-        let follow = self.authority.mode == MotorAuthority::MODE_FOLLOWING;
-        let accepted = self.command.based_on_cycle + 1 == cycle
-            && self.command.valid[0] == 1
-            && self.command.epoch == self.authority.epoch;
-        if follow && !accepted {
-            self.missed += 1;
-        }
-        if follow {
-            let rate = &mut self.authority.plan_rate;
-            *rate = (*rate + self.scenario.period_s / 0.5).min(1.0);
-            self.authority.plan_time_s += *rate * self.scenario.period_s;
-            if self.authority.plan_time_s >= self.motion.end_s + 0.5 {
-                self.authority.mode = MotorAuthority::MODE_HOLDING;
-                self.authority.plan_rate = 0.0;
+        let mut input = self.arrivals(cycle, tick_ns);
+        let sent = self.core.decide(&input);
+        let mut inputs = [DriveInput::RELEASED; 8];
+        for (i, drive) in inputs.iter_mut().enumerate().take(n) {
+            if !sent.released[i] {
+                *drive = self.plant.speed_input(i, sent.speed_m_s[i]);
             }
-        } else if self.motion.motion > self.authority.motion
-            && accepted
-            && self.command.segment == self.motion.current.id
-        {
-            self.authority.mode = MotorAuthority::MODE_FOLLOWING;
-            self.authority.motion = self.motion.motion;
-            self.authority.plan_rate_target = 1.0;
         }
-        let follow = self.authority.mode == MotorAuthority::MODE_FOLLOWING;
-        let mut sent = [0.0; 8];
-        if follow {
-            sent[..n].copy_from_slice(&self.command.velocity_m_s[..n]);
+        input.cable_count = n as u8;
+        input.unit_count = n.div_ceil(2) as u8;
+        for unit in 0..n.div_ceil(2) {
+            self.plant.step(ANSWER_NS as f64 * 1e-9, &inputs[..n])?;
+            input.unit[unit] = MotorInput::UNIT_OK;
+            input.slow_fresh[unit] = 1;
+            input.supply_v[unit] = self.plant.voltage_v();
+            for cable in 2 * unit..n.min(2 * unit + 2) {
+                input.counts[cable] = self.plant.counts(cable);
+                input.sampled_ns[cable] = self.plant.time_ns();
+                input.current_a[cable] = self.plant.measured_current_a(cable);
+                input.duty[cable] = self.plant.duty(cable);
+            }
         }
-        let inputs: Vec<MotorInput> = sent[..n].iter().enumerate().map(|(i, v)| self.plant.speed_input(i, *v)).collect();
+        input.end_ns = self.plant.time_ns();
         let truth_m = self.plant.position_m();
         let truth_n = CableVec::from_slice(&self.plant.tensions_n())?;
-        let header = Header { cycle, seq: cycle, stamp_ns: tick_ns, oldest_input_ns: tick_ns };
-        let mut state = MotorState {
-            header,
-            command_m_s: sent,
-            cable_count: n as u8,
-            position_known: MotorState::POSITION_KNOWN,
-            ..MotorState::default()
-        };
-        for unit in 0..n.div_ceil(2) {
-            self.plant.step(ANSWER_NS as f64 * 1e-9, &inputs)?;
-            for cable in 2 * unit..n.min(2 * unit + 2) {
-                let counts = self.plant.counts(cable) - self.zero_counts[cable];
-                state.counts[cable] = counts;
-                state.length_m[cable] = self.zero_m[cable] + counts as f64 / self.plant.config().idlers[cable].counts_per_m;
-                state.sampled_ns[cable] = self.now_ns();
-                state.fresh[cable] = 1;
-            }
-        }
-        self.authority.header = header;
-        let estimate = self.estimator.step(&state, Some(&self.authority));
+        let observed = self.core.observe(&input);
+        let (state, authority) = (observed.state, observed.authority);
+        let estimate = self.estimator.step(&state, Some(&authority));
         self.estimate = Some(estimate);
-        let seen = planner::Seen {
-            now_ns: self.now_ns(),
-            authority: Some(&self.authority),
-            estimate: self.estimate.as_ref(),
-        };
-        let mut plan = PlanStatus::default();
-        if cycle % 10 == 0 {
-            (self.motion, plan) = self.planner.step(&seen);
+        self.authority = Some(authority);
+        if cycle % PLANNER_CYCLES == 0 {
+            let seen = planner::Seen {
+                now_ns: self.plant.time_ns(),
+                authority: self.authority.as_ref(),
+                estimate: self.estimate.as_ref(),
+            };
+            (self.motion, self.plan) = self.planner.step(&seen);
         }
         let (command, control) = self.controller.step(&controller::Seen {
             estimates: [Some(&estimate), None],
             motion: Some(&self.motion),
-            authority: Some(&self.authority),
+            authority: Some(&authority),
         });
-        self.command = command;
-        let rest_ns = tick_ns + period_ns - self.now_ns();
-        self.plant.step(rest_ns as f64 * 1e-9, &inputs)?;
-        let authority = self.authority;
-        Ok(Cycle { state, authority, estimate, command, control, motion: self.motion, plan, truth_m, truth_n })
+        self.command = Some(command);
+        let rest_ns = tick_ns + period_ns - self.plant.time_ns();
+        self.plant.step(rest_ns as f64 * 1e-9, &inputs[..n])?;
+        let (motion, plan) = (self.motion, self.plan);
+        Ok(Cycle { input, state, authority, estimate, command, control, motion, plan, truth_m, truth_n })
     }
 }
 
@@ -300,25 +337,23 @@ pub fn fly(scenario: Scenario) -> Result<Flight> {
     let mission = scenario.mission.clone();
     let longest = (scenario.longest_s / scenario.period_s) as u64;
     let mut lockstep = Lockstep::new(scenario)?;
-    for _ in 0..50 {
-        lockstep.cycle()?;
-    }
+    lockstep.zero_and_arm()?;
     lockstep.run(&mission).context("the planner refused the mission")?;
     let [mut estimate, mut truth, mut between, mut tension] = [Sum::default(); 4];
     let (mut share, mut low, mut high, mut slack, mut saturation) = (0.0f64, f64::INFINITY, 0.0f64, 0, 0.0f64);
     let mut last = None;
-    let mut state = 0;
     for cycles in 1..=longest {
         let cycle = lockstep.cycle()?;
-        if cycle.plan.header.stamp_ns != 0 {
-            state = cycle.plan.state;
-        }
-        let moving = motion_of(&cycle.motion).map(|motion| motion.setpoint(cycle.authority.plan_time_s));
+        let Cycle { authority, .. } = &cycle;
+        // Evaluated here anew, at the instant at which the truth was sampled.
+        let since_s = (cycle.state.header.stamp_ns - cycle.input.begin_ns) as f64 * 1e-9;
+        let time_s = authority.plan_time_s + authority.plan_rate * since_s;
+        let moving = motion_of(&cycle.motion).map(|motion| motion.setpoint(time_s));
         if let Some(setpoint) = moving
-            && cycle.authority.mode == MotorAuthority::MODE_FOLLOWING
+            && authority.mode == MotorAuthority::MODE_FOLLOWING
             && !setpoint.at_rest
         {
-            ensure!(cycle.estimate.valid == 1, "the estimate of cycle {} is not valid", cycle.authority.header.cycle);
+            ensure!(cycle.estimate.valid == 1, "the estimate of cycle {} is not valid", authority.header.cycle);
             let (is, seems) = (Vector3::from(cycle.truth_m), Vector3::from(cycle.estimate.position_m));
             estimate.add((seems - setpoint.position).norm());
             truth.add((is - setpoint.position).norm());
@@ -334,6 +369,7 @@ pub fn fly(scenario: Scenario) -> Result<Flight> {
             slack += u64::from(cycle.truth_n.iter().any(|t| *t <= 0.0));
             last = Some([cycle.truth_m, setpoint.position.into()]);
         }
+        let state = cycle.plan.state;
         if matches!(state, PlanStatus::STATE_DONE | PlanStatus::STATE_ABORTED) {
             return Ok(Flight {
                 moving_cycles: estimate.count,
@@ -346,7 +382,7 @@ pub fn fly(scenario: Scenario) -> Result<Flight> {
                 tension_share: share,
                 tension_range_n: [low, high],
                 slack_cycles: slack,
-                missed: lockstep.missed,
+                missed: cycle.authority.missed,
                 saturation,
                 end_m: last.context("nothing moved")?,
                 state,

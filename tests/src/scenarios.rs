@@ -1,9 +1,9 @@
 //! The flights that the accuracy of the robot is judged by.
 
-use anyhow::{Context, Result};
-use cable_robot::{Distribution, Robot, RobotParts};
-use plant::PlantConfig;
+use anyhow::Result;
+use cable_robot::{Distribution, Robot};
 use planner::Mission;
+use plant::PlantConfig;
 use service::config::RobotFile;
 
 use crate::lockstep::{Flight, Scenario};
@@ -44,19 +44,7 @@ pub fn all() -> Vec<Case> {
 /// What is wrong with the file.
 pub fn robot(name: &str) -> Result<Robot> {
     let path = format!("{}/../configs/robots/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-    let text = std::fs::read_to_string(&path).with_context(|| format!("{path} cannot be read"))?;
-    let file: RobotFile = toml::from_str(&text)?;
-    Ok(Robot::new(RobotParts {
-        anchors_m: file.robot.anchors_m.clone(),
-        node_mass_kg: file.robot.node_mass_kg,
-        tension_limits_n: file.robot.tension_limits_n,
-        speed_limit_m_s: file.robot.speed_limit_m_s,
-        acceleration_limit_m_s2: file.robot.acceleration_limit_m_s2,
-        ground_m: file.robot.ground_m,
-        stiffness_n: file.lines.stiffness_n,
-        routed_length_m: Some(file.lines.routed_length_m.clone()),
-        ..RobotParts::default()
-    })?)
+    Ok(RobotFile::load(std::path::Path::new(&path))?.robot()?)
 }
 
 /// A mission of `configs/missions`.
@@ -88,7 +76,10 @@ impl Case {
             plant,
             mission: mission(self.mission)?,
             period_s,
-            horizon: std::env::var("HORIZON").ok().and_then(|h| h.parse().ok()).unwrap_or((sluggish_s / period_s + 0.5) as u32 + 2),
+            horizon: std::env::var("HORIZON")
+                .ok()
+                .and_then(|h| h.parse().ok())
+                .unwrap_or((sluggish_s / period_s + 0.5) as u32 + 2),
             stretch,
             distribution: Distribution::default_for(robot.cable_count()),
             longest_s: 300.0,

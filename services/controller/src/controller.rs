@@ -94,7 +94,7 @@ impl Controller {
             ..ControlStatus::default()
         };
         let Some(authority) = seen.authority else { return (command, status) };
-        let target = self.target(seen.motion, authority, cycle);
+        let target = self.target(seen.motion, authority, &header);
         if let Some(target) = &target {
             command.segment = target.now.segment_id as u32;
             status.describe(target);
@@ -119,8 +119,8 @@ impl Controller {
         (command, status)
     }
 
-    /// The target of this cycle; `None` without a motion of the present epoch.
-    fn target(&mut self, message: Option<&PlanMotion>, authority: &MotorAuthority, cycle: u64) -> Option<Target> {
+    /// The target at the instant of the estimate; `None` without a motion of the present epoch.
+    fn target(&mut self, message: Option<&PlanMotion>, authority: &MotorAuthority, of: &Header) -> Option<Target> {
         let message = message.filter(|message| message.motion != 0 && message.epoch == authority.epoch)?;
         let fresh = self.motion.is_some_and(|(beat, number, _)| beat == message.beat && number == message.motion);
         if !fresh {
@@ -128,12 +128,17 @@ impl Controller {
         }
         let motion = self.motion.and_then(|(_, _, motion)| motion)?;
         let period_s = authority.period_s;
-        let lag = cycle.saturating_sub(authority.header.cycle);
+        let lag = of.cycle.saturating_sub(authority.header.cycle);
         let rate = authority.plan_rate;
         if !(period_s > 0.0 && period_s < 1.0 && (0.0..=1.0).contains(&rate) && lag <= AUTHORITY_LAG) {
             return None;
         }
-        let now_s = authority.plan_time_s + rate * period_s * lag as f64;
+        // The plan time is that of the beginning of the cycle; the estimate is true some milliseconds later, when the
+        // encoders had been read.
+        let began_ns = authority.header.stamp_ns.saturating_sub(authority.bus_ns);
+        let since_s = of.stamp_ns.saturating_sub(began_ns) as f64 * 1e-9;
+        let since_s = since_s.clamp(period_s * lag as f64, period_s * (lag + 1) as f64);
+        let now_s = authority.plan_time_s + rate * since_s;
         let setpoint = |time_s: f64| {
             // On the plan clock a slower rate is a slower motion along the same path.
             let at = motion.setpoint(time_s);
