@@ -1,0 +1,44 @@
+//! A process to try the bus with, and to be killed in tests: `peer DOMAIN PROCESS publish|answer|silent`.
+//!
+//! `publish` sends `motor/state` every millisecond, counting up in `counts`; `answer` answers requests; `silent` takes them and never answers.
+//! Says `ready` on its standard output, then works for ever.
+
+use bus::clock::Pacer;
+use bus::{Bus, BusError, Domain};
+use messages::MotorState;
+
+fn main() -> Result<(), BusError> {
+    let arguments: Vec<String> = std::env::args().skip(1).collect();
+    let [domain, process, what] = arguments.as_slice() else {
+        println!("usage: peer DOMAIN PROCESS publish|answer|silent");
+        return Ok(());
+    };
+    let bus = Bus::join(&Domain::parse(domain)?, process)?;
+    if what == "publish" { publish(&bus) } else { serve(&bus, what == "answer") }
+}
+
+fn publish(bus: &Bus) -> Result<(), BusError> {
+    let mut states = bus.publisher::<MotorState>("motor/state")?;
+    let mut sample = MotorState::default();
+    let mut pacer = Pacer::new(1_000_000);
+    println!("ready");
+    loop {
+        pacer.next();
+        sample.counts = [sample.counts[0] + 1; 8];
+        states.send(&mut sample)?;
+    }
+}
+
+fn serve(bus: &Bus, answer: bool) -> Result<(), BusError> {
+    let mut server = bus.server(bus.process())?;
+    let mut waiter = bus.waiter(&[server.event()])?;
+    println!("ready");
+    loop {
+        waiter.wait_until(None)?;
+        while let Some(call) = server.try_next()? {
+            if answer {
+                call.answer(true, "done")?;
+            }
+        }
+    }
+}
