@@ -214,6 +214,12 @@ impl Core {
         &self.answers
     }
 
+    /// Present mode.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.safety.mode()
+    }
+
     /// What would have to be kept on disk: lengths and counts, if the lengths mean something.
     #[must_use]
     pub fn position(&self) -> Option<([f64; CABLES], [i64; CABLES])> {

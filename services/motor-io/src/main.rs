@@ -1,3 +1,26 @@
-//! motor-io.
+//! The process `motor-io`; see the library.
 
-fn main() {}
+use service::CommonArgs;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Drives the motors: the clock of the robot, and the only process that moves it.
+#[derive(Debug, clap::Parser)]
+#[command(name = "motor-io", version)]
+struct Args {
+    #[command(flatten)]
+    common: CommonArgs,
+    /// Folder in which the position is kept over restarts. Default: `state` beside the folder of the runs.
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+}
+
+impl AsRef<CommonArgs> for Args {
+    fn as_ref(&self) -> &CommonArgs {
+        &self.common
+    }
+}
+
+fn main() -> ExitCode {
+    service::main("motor-io", |args: &Args, chassis| motor_io::process::run(chassis, args.state.as_deref()))
+}

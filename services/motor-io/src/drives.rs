@@ -1,0 +1,127 @@
+//! Between the core and the drive units: velocities to counts per second, answers to the replies in [`MotorInput`].
+
+use crate::config::CoreConfig;
+use crate::core::DriveCommand;
+use messages::{CABLES, MotorInput, UNITS};
+use roboclaw::driver::USB_MARGIN_NS;
+use roboclaw::fleet::MAX_FLEET;
+use roboclaw::{BusConfig, Drive, Error, Fleet, FleetCommand, PortConfig, UnitAnswer, UnitConfig};
+use service::config::{BoxFile, PortSection};
+use std::path::Path;
+
+/// A motor cannot turn faster than this many times the fastest cable; an encoder that says so has jumped.
+const FASTEST: f64 = 1.5;
+
+/// The drive units of a robot.
+#[derive(Debug)]
+pub struct Drives {
+    fleet: Fleet,
+    /// Unit and motor of each cable.
+    place: [(usize, usize); CABLES],
+    cables: usize,
+    counts_per_m: [f64; CABLES],
+    reboots: [u32; UNITS],
+    /// When anything slow was last read of a unit.
+    slow_ns: [u64; UNITS],
+}
+
+impl Drives {
+    /// Begins to look for the ports; returns at once. `{domain}` in a path stands for `domain_root`.
+    ///
+    /// # Errors
+    /// Those of the configuration; a port that is not there is not one, see [`Drives::missing`].
+    pub fn open(box_file: &BoxFile, config: &CoreConfig, domain_root: &Path) -> Result<Self, Error> {
+        let mut place = [(0, 0); CABLES];
+        let mut unit = 0;
+        for section in box_file.motor_io.ports.iter().flat_map(|port| &port.units) {
+            for (motor, cable) in section.cables.iter().enumerate() {
+                if let Some(place) = place.get_mut(cable.wrapping_sub(1)) {
+                    *place = (unit, motor);
+                }
+            }
+            unit += 1;
+        }
+        let ports: Vec<PortConfig> =
+            box_file.motor_io.ports.iter().map(|port| port_config(port, config, domain_root)).collect();
+        Ok(Self {
+            fleet: Fleet::open(&ports)?,
+            place,
+            cables: config.cable_count(),
+            counts_per_m: config.counts_per_m,
+            reboots: [0; UNITS],
+            slow_ns: [0; UNITS],
+        })
+    }
+
+    /// Sends the command, reads the encoders, and writes the answers into `input`; over by `deadline_ns`.
+    pub fn exchange(&mut self, cycle: u64, command: &DriveCommand, deadline_ns: u64, input: &mut MotorInput) {
+        let mut drives = [[Drive::Idle; 2]; MAX_FLEET];
+        for i in 0..self.cables {
+            let (unit, motor) = self.place[i];
+            drives[unit][motor] = if command.released[i] {
+                Drive::RELEASE
+            } else {
+                // `as` saturates, and the core lets only finite velocities through.
+                Drive::Speed((command.speed_m_s[i] * self.counts_per_m[i]).round() as i32)
+            };
+        }
+        let reply = self.fleet.exchange(&FleetCommand { cycle, drives }, deadline_ns);
+        for (unit, answer) in reply.units.iter().enumerate().take(UNITS) {
+            input.unit[unit] = outcome(answer, &mut self.reboots[unit]);
+            let report = &answer.report;
+            let newest = [report.currents_a.at_ns, report.duties.at_ns, report.supply_v.at_ns, report.status.at_ns];
+            let newest = newest.into_iter().max().unwrap_or(0);
+            input.slow_fresh[unit] = u8::from(newest != self.slow_ns[unit]);
+            self.slow_ns[unit] = newest;
+            input.supply_v[unit] = if report.supply_v.is_known() { report.supply_v.value } else { f64::NAN };
+            input.status[unit] = report.status.value.0;
+        }
+        for i in 0..self.cables {
+            let (unit, motor) = self.place[i];
+            let Some(answer) = reply.units.get(unit) else { continue };
+            let report = &answer.report;
+            input.sampled_ns[i] = report.counts.at_ns;
+            input.counts[i] = report.counts.value[motor];
+            input.current_a[i] = report.currents_a.value[motor];
+            // A drive's duty is positive where its count rises; ours where line pays out.
+            input.duty[i] = report.duties.value[motor] * self.counts_per_m[i].signum();
+        }
+    }
+
+    /// The first unit that has not answered yet in this life, with the reason.
+    pub fn missing(&mut self) -> Option<Error> {
+        let nothing = FleetCommand::default();
+        let reply = self.fleet.exchange(&nothing, 0);
+        let lost = reply.ports.iter().find_map(|port| port.lost.clone());
+        lost.or_else(|| reply.units.iter().filter(|u| !u.report.counts.is_known()).find_map(|u| u.outcome.clone().err()))
+    }
+}
+
+fn outcome(answer: &UnitAnswer, reboots: &mut u32) -> u8 {
+    match &answer.outcome {
+        Ok(()) if answer.report.reboots != *reboots => {
+            *reboots = answer.report.reboots;
+            MotorInput::UNIT_REBOOTED
+        }
+        Ok(()) => MotorInput::UNIT_OK,
+        Err(error) if error.is_lost() => MotorInput::UNIT_LOST,
+        Err(Error::Silent { .. } | Error::WatchdogRefused { .. }) => MotorInput::UNIT_LOST,
+        Err(_) => MotorInput::UNIT_RESYNC,
+    }
+}
+
+fn port_config(port: &PortSection, config: &CoreConfig, domain_root: &Path) -> PortConfig {
+    let unit = |section: &service::config::UnitSection| {
+        let counts = section.cables.iter().filter_map(|cable| config.counts_per_m.get(cable.wrapping_sub(1)));
+        let finest = counts.fold(0.0, |most: f64, counts| most.max(counts.abs()));
+        UnitConfig {
+            address: section.address,
+            watchdog_tenths: (config.watchdog_s * 10.0).round() as u8,
+            fastest_counts_s: (FASTEST * config.cable_speed_m_s * finest) as u32,
+        }
+    };
+    PortConfig {
+        path: port.path.replace("{domain}", &domain_root.to_string_lossy()),
+        bus: BusConfig { baud: port.baud, margin_ns: USB_MARGIN_NS, units: port.units.iter().map(unit).collect() },
+    }
+}

@@ -1,0 +1,246 @@
+//! Where the lines were, kept on disk, so that a power cut does not lose the position silently.
+//!
+//! A thread of its own writes: the loop hands over a copy and never waits. What comes back after a restart is only a claim, until
+//! somebody confirms it.
+
+use crate::config::CoreConfig;
+use messages::CABLES;
+use serde::{Deserialize, Serialize};
+use std::fs::{self, File};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+use std::sync::mpsc::{self, SyncSender, TrySendError};
+use std::thread::JoinHandle;
+use thiserror::Error;
+use tracing::warn;
+
+/// Shortest time between two writes, ns.
+const PAUSE_NS: u64 = 500_000_000;
+/// Less than this is not worth a write, m.
+const WORTH_M: f64 = 1e-4;
+
+/// Lengths (m) and encoder counts at one moment.
+pub type Position = ([f64; CABLES], [i64; CABLES]);
+
+/// The file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PositionFile {
+    /// Unstretched length of each cable beyond the routed part, m.
+    pub lengths_m: Vec<f64>,
+    /// Encoder count of each cable then.
+    pub counts: Vec<i64>,
+    /// Encoder scale then: with another one the counts mean nothing.
+    pub counts_per_m: Vec<f64>,
+    /// Anchors then: of another robot the lengths mean nothing.
+    pub anchors_m: Vec<[f64; 3]>,
+}
+
+/// Why there is no position to go on from.
+#[derive(Debug, Error)]
+pub enum PositionError {
+    /// It cannot be read.
+    #[error("{path}: the position from before cannot be read ({why}); zero the robot where it is")]
+    Unreadable {
+        /// The file.
+        path: PathBuf,
+        /// The system's or the parser's words.
+        why: String,
+    },
+    /// It is about something else.
+    #[error("{path}: the position from before is of another robot or other encoders; zero the robot where it is")]
+    OtherRobot {
+        /// The file.
+        path: PathBuf,
+    },
+    /// It cannot be written.
+    #[error("{path}: the position cannot be kept ({why}); give a folder that can be written with --state")]
+    Unwritable {
+        /// The file.
+        path: PathBuf,
+        /// The system's words.
+        why: String,
+    },
+}
+
+/// Keeps the position of one robot.
+#[derive(Debug)]
+pub struct Keeper {
+    sender: Option<SyncSender<Position>>,
+    thread: Option<JoinHandle<()>>,
+    kept: Option<Position>,
+    kept_ns: u64,
+    cables: usize,
+}
+
+impl PositionFile {
+    fn of(config: &CoreConfig, position: &Position) -> Self {
+        let n = config.cable_count();
+        Self {
+            lengths_m: position.0[..n].to_vec(),
+            counts: position.1[..n].to_vec(),
+            counts_per_m: config.counts_per_m[..n].to_vec(),
+            anchors_m: config.robot.anchors().iter().map(|a| [a.x, a.y, a.z]).collect(),
+        }
+    }
+
+    /// Reads the position that `folder` holds for the box `name`; `None` if there is none.
+    ///
+    /// # Errors
+    /// Says why what is there cannot be used.
+    pub fn load(folder: &Path, name: &str, config: &CoreConfig) -> Result<Option<Position>, PositionError> {
+        let path = path_of(folder, name);
+        let text = match fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(error) => return Err(PositionError::Unreadable { path, why: error.to_string() }),
+        };
+        let file: Self = match toml::from_str(&text) {
+            Ok(file) => file,
+            Err(error) => return Err(PositionError::Unreadable { path, why: error.message().to_owned() }),
+        };
+        let n = config.cable_count();
+        let same = Self { lengths_m: file.lengths_m.clone(), counts: file.counts.clone(), ..Self::of(config, &([0.0; CABLES], [0; CABLES])) };
+        let sound = file.lengths_m.len() == n && file.counts.len() == n && file.lengths_m.iter().all(|l| l.is_finite());
+        if file != same || !sound {
+            return Err(PositionError::OtherRobot { path });
+        }
+        let (mut lengths_m, mut counts) = ([0.0; CABLES], [0; CABLES]);
+        lengths_m[..n].copy_from_slice(&file.lengths_m);
+        counts[..n].copy_from_slice(&file.counts);
+        Ok(Some((lengths_m, counts)))
+    }
+
+    /// Writes it whole or not at all: beside it, then renamed.
+    fn write(&self, path: &Path) -> io::Result<()> {
+        let beside = path.with_extension("tmp");
+        let text = toml::to_string(self).map_err(io::Error::other)?;
+        let mut file = File::create(&beside)?;
+        file.write_all(b"# Where the lines were when motor-io last looked; written by motor-io.\n")?;
+        file.write_all(text.as_bytes())?;
+        file.sync_data()?;
+        fs::rename(&beside, path)
+    }
+}
+
+fn path_of(folder: &Path, name: &str) -> PathBuf {
+    folder.join(format!("position-{name}.toml"))
+}
+
+impl Keeper {
+    /// Starts the thread that writes into `folder`, which is made if it is not there.
+    ///
+    /// # Errors
+    /// The folder cannot be written.
+    pub fn start(folder: &Path, name: &str, config: &CoreConfig) -> Result<Self, PositionError> {
+        let path = path_of(folder, name);
+        let unwritable = |error: io::Error| PositionError::Unwritable { path: path.clone(), why: error.to_string() };
+        fs::create_dir_all(folder).map_err(unwritable)?;
+        let probe = path.with_extension("tmp");
+        File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(unwritable)?;
+        let (sender, receiver) = mpsc::sync_channel::<Position>(1);
+        let (cables, config, target) = (config.cable_count(), config.clone(), path.clone());
+        let work = move || {
+            let mut failed = false;
+            while let Ok(position) = receiver.recv() {
+                match PositionFile::of(&config, &position).write(&target) {
+                    Ok(()) => failed = false,
+                    Err(error) if !failed => {
+                        failed = true;
+                        warn!("{}", PositionError::Unwritable { path: target.clone(), why: error.to_string() });
+                    }
+                    Err(_) => {}
+                }
+            }
+        };
+        let thread = std::thread::Builder::new().name("position".to_owned()).stack_size(256 << 10).spawn(work).map_err(unwritable)?;
+        Ok(Self { sender: Some(sender), thread: Some(thread), kept: None, kept_ns: 0, cables })
+    }
+
+    /// Hands over the present position, at most twice a second and only if it has changed. Never waits, never allocates.
+    pub fn keep(&mut self, position: Option<Position>, now_ns: u64) {
+        let Some(position) = position else { return };
+        if now_ns.saturating_sub(self.kept_ns) < PAUSE_NS || !self.has_moved(&position) {
+            return;
+        }
+        if let Some(sender) = &self.sender {
+            match sender.try_send(position) {
+                Ok(()) => (self.kept, self.kept_ns) = (Some(position), now_ns),
+                // Still writing the last one: the next cycle tries again.
+                Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
+            }
+        }
+    }
+
+    fn has_moved(&self, position: &Position) -> bool {
+        self.kept.as_ref().is_none_or(|kept| (0..self.cables).any(|i| (position.0[i] - kept.0[i]).abs() > WORTH_M))
+    }
+
+    /// Writes the last position and ends.
+    pub fn finish(mut self, position: Option<Position>) {
+        if let (Some(sender), Some(position)) = (self.sender.take(), position) {
+            let _ = sender.send(position);
+        }
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cable_robot::{Robot, RobotParts};
+
+    fn config(height: f64) -> CoreConfig {
+        let robot = Robot::new(RobotParts {
+            anchors_m: vec![[0.0, 0.0, height], [9.8, 0.0, 3.1], [4.7, 8.6, 3.0]],
+            node_mass_kg: 1.2,
+            tension_limits_n: [2.0, 60.0],
+            speed_limit_m_s: 0.4,
+            acceleration_limit_m_s2: 0.5,
+            ..RobotParts::default()
+        })
+        .unwrap();
+        CoreConfig::new(robot, 0.01, &[10_000.0; 3], &[vec![0, 1], vec![2]]).unwrap()
+    }
+
+    #[test]
+    fn a_position_comes_back_exactly() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = config(3.0);
+        assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap(), None);
+        let mut position = ([0.0; CABLES], [0; CABLES]);
+        position.0[..3].copy_from_slice(&[0.1 + 0.2, 5.0, 1.0 / 3.0]);
+        position.1[..3].copy_from_slice(&[-7, i64::MAX, 12]);
+        let mut keeper = Keeper::start(folder.path(), "lab", &config).unwrap();
+        keeper.keep(Some(position), 1_000_000_000);
+        position.0[0] += 0.5;
+        keeper.keep(Some(position), 1_100_000_000); // too soon
+        keeper.finish(None);
+        let back = PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap();
+        position.0[0] = 0.1 + 0.2;
+        assert_eq!(back, position);
+    }
+
+    #[test]
+    fn the_last_word_is_kept_at_the_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let config = config(3.0);
+        let keeper = Keeper::start(folder.path(), "lab", &config).unwrap();
+        keeper.finish(Some(([2.5; CABLES], [9; CABLES])));
+        assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap().1[2], 9);
+    }
+
+    #[test]
+    fn another_robot_or_a_damaged_file_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let keeper = Keeper::start(folder.path(), "lab", &config(3.0)).unwrap();
+        keeper.finish(Some(([2.5; CABLES], [9; CABLES])));
+        let other = PositionFile::load(folder.path(), "lab", &config(3.1)).unwrap_err();
+        assert!(other.to_string().contains("another robot"), "{other}");
+        fs::write(path_of(folder.path(), "lab"), "lengths_m = 3").unwrap();
+        let damaged = PositionFile::load(folder.path(), "lab", &config(3.0)).unwrap_err();
+        assert!(damaged.to_string().contains("cannot be read"), "{damaged}");
+    }
+}

@@ -1,0 +1,275 @@
+//! The process: the core, the drives and the bus, brought together once per period.
+
+use crate::config::CoreConfig;
+use crate::core::{Core, Observation};
+use crate::drives::Drives;
+use crate::inbox::Inbox;
+use crate::position::{Keeper, PositionFile};
+use crate::safety::Mode;
+use crate::sentences::{fault_sentences, faults_of, mode_sentence};
+use bus::clock::{Pacer, SECOND_NS, now_ns};
+use bus::{Bus, BusError, Call, Publisher, Server, Subscriber};
+use messages::{
+    Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, OperatorRequest, PlanMotion,
+    SLOT_NAMES,
+};
+use service::config::{BoxFile, RobotFile};
+use service::{BadInput, Chassis};
+use std::path::Path;
+use tracing::{info, warn};
+
+/// Share of the period in which the drives have to answer; the rest belongs to estimator and controller.
+const BUS_SHARE: f64 = 0.75;
+/// The energy changes slowly: every so many seconds.
+const ENERGY_S: f64 = 0.1;
+/// Drives have this long to come up, s; the virtual box makes its ports while this process starts.
+const PATIENCE_S: f64 = 5.0;
+/// A robot that is told to end while it moves gets this long to come to rest, s.
+const LAST_STOP_S: f64 = 3.0;
+
+impl CoreConfig {
+    /// The configuration of a box and its robot.
+    ///
+    /// # Errors
+    /// Names the key that cannot be used.
+    pub fn from_files(box_file: &BoxFile, robot_file: &RobotFile) -> Result<Self, BadInput> {
+        let section = &box_file.motor_io;
+        let robot = robot_file.robot().map_err(|error| BadInput(error.to_string()))?;
+        let units: Vec<Vec<usize>> = section
+            .ports
+            .iter()
+            .flat_map(|port| &port.units)
+            .map(|unit| unit.cables.iter().map(|cable| cable.wrapping_sub(1)).collect())
+            .collect();
+        let bad = |error: crate::ConfigError| BadInput(error.to_string());
+        let mut config = Self::new(robot, 1.0 / box_file.rate_hz, &section.counts_per_m, &units).map_err(bad)?;
+        config.cable_speed_m_s = robot_file.cable_speed_limit_m_s();
+        config.ramp_s = section.ramp_s;
+        config.stop_s = 0.5 * section.ramp_s;
+        config.ttl_cycles = section.ttl_cycles;
+        config.jog_speed_m_s = section.jog_speed_m_s;
+        config.slack_n = section.slack_n;
+        config.slack_cycles = section.slack_cycles;
+        config.stall_duty = section.stall_duty;
+        config.stall_cycles = section.stall_cycles;
+        config.supply_min_v = section.supply_min_v;
+        config.watchdog_s = section.watchdog_s;
+        config.current_limit_a = robot_file.motor.current_limit_a;
+        config.check().map_err(bad)?;
+        Ok(config)
+    }
+}
+
+/// Runs until the chassis is told to end. `state_folder` keeps the position over restarts.
+///
+/// # Errors
+/// [`BadInput`] for what is configured; a sentence naming the port if the drives are not there.
+pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result<()> {
+    let box_file = chassis.box_file()?.clone();
+    let config = CoreConfig::from_files(&box_file, &box_file.robot_file()?)?;
+    let beside_runs = box_file.runs.parent().unwrap_or(Path::new(".")).join("state");
+    let folder = state_folder.unwrap_or(&beside_runs);
+    let restored = PositionFile::load(folder, &box_file.name, &config).unwrap_or_else(|error| {
+        warn!("{error}");
+        None
+    });
+    let mut keeper = Keeper::start(folder, &box_file.name, &config)?;
+    let mut drives = Drives::open(&box_file, &config, chassis.bus().domain().root())?;
+    let mut ports = Ports::open(chassis.bus())?;
+    let mut inbox = Inbox::new(config.cable_count(), config.unit_count);
+    inbox.first((chassis.incarnation() & 0x3fff_ffff).max(1), restored);
+
+    let period_ns = (config.period_s * 1e9).round() as u64;
+    let bus_ns = (config.period_s * 1e9 * BUS_SHARE) as u64;
+    let patience = config.cycles(PATIENCE_S).into();
+    let last_stop = config.cycles(LAST_STOP_S).into();
+    let energy_every = u64::from(config.cycles(ENERGY_S));
+    let mut core = Core::new(config);
+    let mut reporter = Reporter::default();
+    let mut server = chassis.bus().server(chassis.name())?;
+    let (mut ready, mut ending) = (false, 0_u64);
+    let mut pacer = Pacer::new(period_ns);
+
+    for cycle in 1_u64.. {
+        let tick = pacer.next();
+        chassis.pass_begin();
+        if !chassis.running() {
+            ending += 1;
+            let moving = matches!(core.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);
+            if !moving || ending > last_stop {
+                break;
+            }
+            if ending == 1 {
+                inbox.request(0, OperatorRequest::VERB_STOP, &[0.0; 8]);
+            }
+        }
+        let call = ports.gather(cycle, &mut inbox, &mut server, &mut reporter);
+        let input = inbox.begin(cycle, tick.scheduled_ns, tick.woke_ns);
+        let command = core.decide(input);
+        drives.exchange(cycle, &command, tick.woke_ns + bus_ns, input);
+        input.end_ns = now_ns();
+        let observation = core.observe(input);
+        ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
+        answer(call, &core, &mut reporter);
+        reporter.look(&observation.authority);
+        keeper.keep(core.position(), tick.woke_ns);
+        if !ready {
+            let up = observation.state.unit_ok[..usize::from(observation.state.unit_count)].iter().all(|ok| *ok == 1);
+            if up || cycle >= patience {
+                if let Some(error) = drives.missing() {
+                    if error.is_lost() {
+                        anyhow::bail!("the drives are not there: {error}");
+                    }
+                    warn!("{error}");
+                }
+                chassis.ready()?;
+                ready = true;
+            }
+        }
+        inbox.finish();
+        chassis.report_lost(ports.lost());
+        chassis.pass_end();
+        reporter.bus(chassis.idle().map(|_| ()));
+    }
+    keeper.finish(core.position());
+    Ok(())
+}
+
+/// What the process hears and says.
+struct Ports {
+    commands: [Subscriber<MotorCommand>; 2],
+    estimates: [Subscriber<NodeEstimate>; 2],
+    motion: Subscriber<PlanMotion>,
+    supervisor: Subscriber<Heartbeat>,
+    state: Publisher<MotorState>,
+    authority: Publisher<MotorAuthority>,
+    input: Publisher<MotorInput>,
+    energy: Publisher<Energy>,
+    /// Kept here so that publishing the input needs no copy on the stack each time.
+    sent_input: Box<MotorInput>,
+}
+
+impl Ports {
+    fn open(bus: &Bus) -> Result<Self, BusError> {
+        let [a, b] = SLOT_NAMES;
+        Ok(Self {
+            commands: [bus.subscriber(&format!("motor/command/{a}"))?, bus.subscriber(&format!("motor/command/{b}"))?],
+            estimates: [bus.subscriber(&format!("node/estimate/{a}"))?, bus.subscriber(&format!("node/estimate/{b}"))?],
+            motion: bus.subscriber("plan/motion")?,
+            supervisor: bus.subscriber("system/heartbeat/nims")?,
+            state: bus.publisher("motor/state")?,
+            authority: bus.publisher("motor/authority")?,
+            input: bus.publisher("motor/input")?,
+            energy: bus.publisher("energy")?,
+            sent_input: Box::default(),
+        })
+    }
+
+    /// Takes in what has arrived, and at most one request.
+    fn gather<'a>(
+        &mut self,
+        cycle: u64,
+        inbox: &mut Inbox,
+        server: &'a mut Server,
+        reporter: &mut Reporter,
+    ) -> Option<Call<'a>> {
+        for slot in 0..SLOT_NAMES.len() {
+            // What a dead controller left behind arrives first: the answer to the last cycle counts, whenever it comes.
+            let mut answered = false;
+            while let Some(command) = reporter.take(self.commands[slot].receive()) {
+                let current = command.based_on_cycle + 1 == cycle;
+                if current || !answered {
+                    inbox.command(slot, &command);
+                }
+                answered |= current;
+            }
+            if let Some(estimate) = reporter.take(self.estimates[slot].latest()) {
+                inbox.estimate(slot, &estimate);
+            }
+        }
+        if let Some(motion) = reporter.take(self.motion.latest()) {
+            inbox.motion(&motion);
+        }
+        if let Some(beat) = reporter.take(self.supervisor.latest()) {
+            inbox.supervisor(beat.beat);
+        }
+        let call = if inbox.has_room() { reporter.take(server.try_next()) } else { None };
+        if let Some(call) = &call {
+            inbox.request(call.request.id, call.request.verb, &call.request.args);
+        }
+        call
+    }
+
+    fn publish(&mut self, mut observation: Observation, input: &MotorInput, energy: bool, reporter: &mut Reporter) {
+        // First what estimator and controller wait for.
+        reporter.bus(self.state.send(&mut observation.state).map(|_| ()));
+        reporter.bus(self.authority.send(&mut observation.authority).map(|_| ()));
+        *self.sent_input = *input;
+        reporter.bus(self.input.send(&mut self.sent_input).map(|_| ()));
+        if energy {
+            reporter.bus(self.energy.send(&mut observation.energy).map(|_| ()));
+        }
+    }
+
+    fn lost(&self) -> u64 {
+        let commands: u64 = self.commands.iter().map(Subscriber::lost).sum();
+        let estimates: u64 = self.estimates.iter().map(Subscriber::lost).sum();
+        commands + estimates + self.motion.lost()
+    }
+}
+
+fn answer(call: Option<Call<'_>>, core: &Core, reporter: &mut Reporter) {
+    let Some(call) = call else { return };
+    let Some(answer) = core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
+    else {
+        reporter.bus(call.answer(false, "The request holds no verb; this program and the one that asked are of different versions."));
+        return;
+    };
+    info!("request {}: {}", if answer.accepted { "accepted" } else { "refused" }, answer.sentence);
+    reporter.bus(call.answer(answer.accepted, &answer.sentence));
+}
+
+/// Says what changes, once; and that the bus fails, not more than once a second: a robot that is held must not be dropped
+/// because a sample could not be published.
+#[derive(Debug, Default)]
+struct Reporter {
+    mode: u8,
+    faults: u32,
+    complained_ns: u64,
+}
+
+impl Reporter {
+    fn bus(&mut self, result: Result<(), BusError>) {
+        if let Err(error) = result {
+            let now = now_ns();
+            if now > self.complained_ns + SECOND_NS {
+                self.complained_ns = now;
+                warn!("{error}");
+            }
+        }
+    }
+
+    fn take<T>(&mut self, result: Result<Option<T>, BusError>) -> Option<T> {
+        result.unwrap_or_else(|error| {
+            self.bus(Err(error));
+            None
+        })
+    }
+
+    fn look(&mut self, authority: &MotorAuthority) {
+        if authority.mode != self.mode {
+            self.mode = authority.mode;
+            info!("{}", mode_sentence(authority.mode));
+        }
+        let new = authority.faults & !self.faults;
+        if new != 0 {
+            let named = faults_of(&MotorAuthority { faults: new, ..*authority });
+            named.iter().for_each(|sentence| warn!("{sentence}"));
+        }
+        let gone = self.faults & !authority.faults;
+        if gone != 0 {
+            fault_sentences(gone).for_each(|sentence| info!("over: {sentence}"));
+        }
+        self.faults = authority.faults;
+    }
+}
