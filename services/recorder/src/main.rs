@@ -1,3 +1,90 @@
-//! tempfile.
+//! Every channel, known or not, to one run file.
 
-fn main() {}
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use bus::CHANNELS_EVENT;
+use recorder::{Recorder, Settings, recover_leftovers};
+use runlog::Attachment;
+use service::config::RecorderSection;
+use service::{BadInput, Chassis, CommonArgs};
+
+/// Records every channel of a domain until it is told to stop.
+#[derive(clap::Parser)]
+#[command(name = "recorder")]
+struct Args {
+    #[command(flatten)]
+    common: CommonArgs,
+    /// Folder of the run; must exist. Configuration in it is kept inside the run file.
+    #[arg(long, value_name = "DIR")]
+    run: PathBuf,
+}
+
+impl AsRef<CommonArgs> for Args {
+    fn as_ref(&self) -> &CommonArgs {
+        &self.common
+    }
+}
+
+fn main() -> ExitCode {
+    service::main("recorder", run)
+}
+
+fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+    if !args.run.is_dir() {
+        return Err(BadInput(format!("--run {}: there is no such folder; make it first", args.run.display())).into());
+    }
+    let section = chassis.box_file().map_or_else(|_| RecorderSection::default(), |file| file.recorder.clone());
+    let settings = Settings {
+        folder: args.run.clone(),
+        min_free_bytes: section.min_free_bytes,
+        flush_ns: (section.flush_s * 1e9) as u64,
+        about: about(chassis, &args.run),
+        attachments: configuration(&args.run),
+    };
+    let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
+    let mut recorder = Recorder::open(chassis.bus(), settings, section.exclude)?;
+    recover_leftovers(&args.run, recorder.session().file());
+    chassis.ready()?;
+    while chassis.running() {
+        let wake = chassis.wait(&mut waiter, Some(recorder.next_look_ns()))?;
+        chassis.pass_begin();
+        recorder.look(chassis.bus(), wake.channel(0))?;
+        chassis.pass_end();
+        chassis.report_lost(recorder.lost());
+    }
+    recorder.close(chassis.bus(), "stopped")?;
+    Ok(())
+}
+
+/// What somebody will want to know years later.
+fn about(chassis: &Chassis, folder: &Path) -> BTreeMap<String, String> {
+    let system = |name: &str| fs::read_to_string(format!("/proc/sys/kernel/{name}")).unwrap_or_default();
+    let mut about = BTreeMap::from([
+        ("run".to_owned(), folder.file_name().unwrap_or_default().to_string_lossy().into_owned()),
+        ("nims_version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("host".to_owned(), system("hostname").trim().to_owned()),
+        ("kernel".to_owned(), system("osrelease").trim().to_owned()),
+        ("domain".to_owned(), chassis.bus().domain().name().to_owned()),
+    ]);
+    if let Ok(file) = chassis.box_file() {
+        about.insert("box".to_owned(), file.name.clone());
+    }
+    about
+}
+
+/// The configuration files in the run folder, in the order of their names.
+fn configuration(folder: &Path) -> Vec<Attachment> {
+    let mut paths: Vec<PathBuf> =
+        fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
+    paths.sort();
+    let text = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "toml" || ending == "json");
+    let attachment = |path: PathBuf| {
+        let name = path.file_name()?.to_str()?.to_owned();
+        let media_type = if name.ends_with("json") { "application/json" } else { "application/toml" }.to_owned();
+        Some(Attachment { name, media_type, data: fs::read(&path).ok()? })
+    };
+    paths.into_iter().filter(text).filter_map(attachment).collect()
+}

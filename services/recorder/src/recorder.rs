@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use bus::clock::{SECOND_NS, now_ns};
-use bus::{Bus, BusError, CHANNELS_EVENT, Publisher, Waiter};
+use bus::{Bus, BusError, Publisher};
 use messages::RecorderStatus;
 use runlog::{PART_ENDING, RunClock, RunError, free_bytes, recover, segments};
 
@@ -32,11 +32,9 @@ pub enum RecorderError {
 }
 
 /// Listens to everything in a domain and writes it down.
-pub struct Recorder<'a> {
-    bus: &'a Bus,
+pub struct Recorder {
     session: Session,
     listening: Listening,
-    waiter: Waiter,
     status: Publisher<RecorderStatus>,
     batch: Batch,
     next_look_ns: u64,
@@ -44,56 +42,41 @@ pub struct Recorder<'a> {
     next_status_ns: u64,
 }
 
-impl<'a> Recorder<'a> {
-    /// Begins to record.
+impl Recorder {
+    /// Begins to record. `exclude` as for [`Listening::new`].
     ///
     /// # Errors
     /// The folder cannot be written, or the domain cannot be used.
-    pub fn open(bus: &'a Bus, settings: Settings, exclude: Vec<String>) -> Result<Self, RecorderError> {
+    pub fn open(bus: &Bus, settings: Settings, exclude: Vec<String>) -> Result<Self, RecorderError> {
         let now = now_ns();
         let free = free_bytes(&settings.folder)?;
         let mut session = Session::open(settings, RunClock::now(), now, free)?;
-        // before the first search, so that nothing can appear in between unnoticed
-        let waiter = bus.waiter(&[CHANNELS_EVENT])?;
         let mut listening = Listening::new(exclude);
         listen_to_known(bus, &mut listening, &mut session)?;
         let status = bus.publisher::<RecorderStatus>("recorder/status")?;
         listening.discover(bus, &mut session)?;
         let (next_look_ns, next_search_ns, next_status_ns) = (now, now + SEARCH_NS, now + SECOND_NS);
-        Ok(Self {
-            bus,
-            session,
-            listening,
-            waiter,
-            status,
-            batch: Batch::default(),
-            next_look_ns,
-            next_search_ns,
-            next_status_ns,
-        })
+        Ok(Self { session, listening, status, batch: Batch::default(), next_look_ns, next_search_ns, next_status_ns })
     }
 
-    /// Sleeps until the next look is due or a channel appears.
+    /// When the next look is due, CLOCK_MONOTONIC, ns; a channel that announces itself is a reason to look earlier.
+    #[must_use]
+    pub fn next_look_ns(&self) -> u64 {
+        self.next_look_ns
+    }
+
+    /// Takes and writes what has arrived, and does what is due. `announced`: there may be a new channel.
     ///
     /// # Errors
-    /// The domain cannot be used any more.
-    pub fn wait(&mut self) -> Result<(), RecorderError> {
-        let woken = self.waiter.wait_until(Some(self.next_look_ns))?.woken();
+    /// The domain cannot be used any more. Troubles with the disk are no error: they are said, and recording goes on as soon as it can.
+    pub fn look(&mut self, bus: &Bus, announced: bool) -> Result<(), RecorderError> {
         let now = now_ns();
-        if woken || now >= self.next_search_ns {
-            self.listening.discover(self.bus, &mut self.session)?;
+        // without catching up after the machine stood still
+        self.next_look_ns = now + LOOK_NS;
+        if announced || now >= self.next_search_ns {
             self.next_search_ns = now + SEARCH_NS;
+            self.listening.discover(bus, &mut self.session)?;
         }
-        Ok(())
-    }
-
-    /// Takes and writes what has arrived, and does what is due.
-    ///
-    /// # Errors
-    /// The status cannot be published. Troubles with the disk are no error: they are said, and recording goes on as soon as it can.
-    pub fn look(&mut self) -> Result<(), RecorderError> {
-        let now = now_ns();
-        self.next_look_ns = (self.next_look_ns + LOOK_NS).max(now);
         self.take();
         let now = now_ns();
         let free = self.session.wants_free_bytes(now).then(|| free_bytes(self.session.folder()).unwrap_or(0));
@@ -122,6 +105,12 @@ impl<'a> Recorder<'a> {
         }
     }
 
+    /// Samples that are not in the file, over all channels.
+    #[must_use]
+    pub fn lost(&self) -> u64 {
+        self.session.rows().iter().map(crate::Row::lost).sum()
+    }
+
     /// The state of the recording.
     #[must_use]
     pub fn session(&self) -> &Session {
@@ -132,16 +121,19 @@ impl<'a> Recorder<'a> {
     ///
     /// # Errors
     /// The file could not be finished; it can be recovered.
-    pub fn close(mut self, reason: &str) -> Result<Option<PathBuf>, RecorderError> {
-        self.listening.discover(self.bus, &mut self.session)?;
+    pub fn close(mut self, bus: &Bus, reason: &str) -> Result<Option<PathBuf>, RecorderError> {
+        self.listening.discover(bus, &mut self.session)?;
         self.take();
         Ok(self.session.close(reason)?)
     }
 }
 
-/// Recovers, in a thread of its own, what an earlier recorder of the same run has left unfinished.
-pub fn recover_leftovers(folder: &Path) {
-    let unfinished = |path: &PathBuf| path.to_string_lossy().ends_with(PART_ENDING);
+/// Recovers, in a thread of its own, what an earlier recorder of the same run has left unfinished; `current` is the file being written.
+pub fn recover_leftovers(folder: &Path, current: &str) {
+    let unfinished = |path: &PathBuf| {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        name.strip_suffix(".part").is_some_and(|name| name != current) && name.ends_with(PART_ENDING)
+    };
     let left: Vec<PathBuf> = segments(folder).unwrap_or_default().into_iter().filter(unfinished).collect();
     if left.is_empty() {
         return;

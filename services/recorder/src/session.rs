@@ -287,6 +287,12 @@ impl Session {
         &self.settings.folder
     }
 
+    /// The final name of the present or last file.
+    #[must_use]
+    pub fn file(&self) -> &str {
+        &self.file
+    }
+
     /// Whether samples go to a file at present.
     #[must_use]
     pub fn is_recording(&self) -> bool {
