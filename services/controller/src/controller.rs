@@ -4,6 +4,7 @@ use cable_robot::elastic::{self, Realisation};
 use cable_robot::limits::scale_to_limits;
 use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
 use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion, SLOTS};
+use service::config::{BoxFile, RobotFile};
 use service::motion::motion_of;
 
 use crate::law::Law;
@@ -33,6 +34,28 @@ pub struct ControllerConfig {
     pub ttl_cycles: u32,
     /// Non-zero number of this process's life.
     pub incarnation: u32,
+}
+
+impl ControllerConfig {
+    /// As a box file and its robot file say.
+    ///
+    /// # Errors
+    /// A law or a weight that does not exist.
+    pub fn of(file: &BoxFile, robot: &RobotFile, incarnation: u32) -> anyhow::Result<Self> {
+        let section = &file.controller;
+        let parts = robot.robot()?;
+        Ok(Self {
+            robot: if section.stretch { parts } else { parts.with_rigid_lines() },
+            law: Law::by_name(&section.law, section.state_weight, section.input_weight)?,
+            horizon: u32::try_from(section.horizon_cycles)?,
+            distribution: section.distribution_for(parts.cable_count()),
+            redundant_s: section.redundant_s,
+            cable_speed_limit_m_s: robot.cable_speed_limit_m_s(),
+            error_limit_m: section.error_limit_m,
+            ttl_cycles: file.motor_io.ttl_cycles,
+            incarnation,
+        })
+    }
 }
 
 /// What a step works on.
@@ -170,8 +193,7 @@ impl Controller {
         };
         let position = Vector3::from(estimate.position_m);
         let error_m = target.now.position - position;
-        // Also refuses NaN.
-        if !(error_m.norm() <= config.error_limit_m) {
+        if error_m.norm().is_nan() || error_m.norm() > config.error_limit_m {
             return None;
         }
         let jacobian = Jacobian::at(config.robot.anchors(), &position).ok()?;

@@ -3,6 +3,7 @@
 use cable_robot::motor_model::PhiModel;
 use cable_robot::{CableVec, MAX_CABLES, Robot, Vector3, elastic};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate};
+use service::config::EstimatorSection;
 
 /// Cycles without a reading that the motor model may bridge. The same number of silent cycles makes a drive unit lost.
 pub const BRIDGED_CYCLES: u64 = 3;
@@ -26,6 +27,15 @@ pub struct EstimatorConfig {
     pub sigma_length_m: f64,
     /// Non-zero number of this process's life.
     pub incarnation: u32,
+}
+
+impl EstimatorConfig {
+    /// As a box file and its robot file say.
+    pub fn of(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {
+        let robot = if section.stretch { robot } else { robot.with_rigid_lines() };
+        let EstimatorSection { eta, ridge, prior, sigma_length_m, .. } = *section;
+        Self { robot, eta, ridge, prior, sigma_length_m, incarnation }
+    }
 }
 
 /// What is remembered of one cable.

@@ -13,8 +13,9 @@ mod dry_run;
 pub mod mission;
 pub mod plan;
 mod planner;
+pub mod requests;
 
 pub use dry_run::{Summary, dry_run};
 pub use mission::Mission;
 pub use plan::{Plan, PlanError, PlannerConfig};
-pub use planner::{Planner, Refusal, Seen};
+pub use planner::{Planner, Refusal, Seen, state_text};

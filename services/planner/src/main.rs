@@ -1,3 +1,61 @@
-//! tempfile.
+//! The planner: answers requests, publishes `plan/motion` and `plan/status`.
 
-fn main() {}
+use std::process::ExitCode;
+
+use bus::clock::now_ns;
+use messages::{MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, SLOT_NAMES};
+use planner::{Planner, PlannerConfig, Seen, requests};
+use service::{Args, Chassis};
+
+/// Twenty times a second, so that a slide to the next segment is seen long before the one after it is needed.
+const PERIOD_NS: u64 = 50_000_000;
+
+fn main() -> ExitCode {
+    service::main("planner", run)
+}
+
+fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+    let file = chassis.box_file()?.clone();
+    let mut planner = Planner::new(PlannerConfig::of(&file, file.robot_file()?.robot()?));
+    let bus = chassis.bus();
+    let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
+    let [a, b] = SLOT_NAMES.map(|slot| bus.subscriber::<NodeEstimate>(&format!("node/estimate/{slot}")));
+    let mut estimates = [a?, b?];
+    let mut motions = bus.publisher::<PlanMotion>("plan/motion")?;
+    let mut statuses = bus.publisher::<PlanStatus>("plan/status")?;
+    let mut server = bus.server(chassis.name())?;
+    let mut waiter = chassis.waiter(&[server.event()])?;
+    let (mut authority, mut newest, mut state) = (None::<MotorAuthority>, [None::<NodeEstimate>; 2], 0);
+    let mut due_ns = now_ns();
+    chassis.ready()?;
+    while chassis.running() {
+        chassis.wait(&mut waiter, Some(due_ns))?;
+        authority = authorities.latest()?.or(authority);
+        for (newest, estimates) in newest.iter_mut().zip(&mut estimates) {
+            *newest = estimates.latest()?.or(*newest);
+        }
+        let active = authority.map_or(0, |authority| usize::from(authority.active_estimator).min(1));
+        let seen = Seen { now_ns: now_ns(), authority: authority.as_ref(), estimate: newest[active].as_ref() };
+        let mut asked = false;
+        while let Some(call) = server.try_next()? {
+            let (accepted, sentence) = requests::answer(&mut planner, &call.request, &file.planner.missions, &seen);
+            tracing::info!("{sentence}");
+            call.answer(accepted, &sentence)?;
+            asked = true;
+        }
+        if asked || now_ns() >= due_ns {
+            chassis.pass_begin();
+            let (mut motion, mut status) = planner.step(&seen);
+            motions.send(&mut motion)?;
+            statuses.send(&mut status)?;
+            chassis.pass_end();
+            if status.state != state {
+                state = status.state;
+                tracing::info!("mission \"{}\" {}", messages::text_of(&status.mission), planner::state_text(&status));
+            }
+            due_ns = now_ns() + PERIOD_NS;
+        }
+        chassis.report_lost(authorities.lost() + estimates[0].lost() + estimates[1].lost());
+    }
+    Ok(())
+}

@@ -4,6 +4,7 @@ use cable_robot::motion::{Refusal, Report};
 use cable_robot::path::{self, PathError};
 use cable_robot::profile::{Knot, MAX_KNOTS, ProfileError, ProfileLimits};
 use cable_robot::{Distribution, Path, Profile, Robot, Segment, Vector3};
+use service::config::BoxFile;
 use thiserror::Error;
 
 use crate::mission::{Leg, Mission};
@@ -31,6 +32,19 @@ pub struct PlannerConfig {
     pub acceleration_m_s2: f64,
     /// Distance between checked points of a path, m.
     pub check_step_m: f64,
+}
+
+impl PlannerConfig {
+    /// As a box file and its robot say.
+    pub fn of(file: &BoxFile, robot: Robot) -> Self {
+        Self {
+            robot,
+            distribution: file.controller.distribution_for(robot.cable_count()),
+            speed_m_s: file.planner.speed_m_s,
+            acceleration_m_s2: file.planner.acceleration_m_s2,
+            check_step_m: file.planner.check_step_m,
+        }
+    }
 }
 
 /// Why a mission is not flown.

@@ -1,7 +1,9 @@
 //! The planner's state: one mission at a time, from a request to the end of its last segment.
 
 use cable_robot::Vector3;
-use messages::{Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text};
+use messages::{
+    Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text, text_of,
+};
 use service::motion::segment_message;
 use thiserror::Error;
 
@@ -261,6 +263,23 @@ impl Planner {
             put_text(&mut status.reason, reason);
             self.flight = None;
         }
+    }
+}
+
+/// The state of a mission in words.
+pub fn state_text(status: &PlanStatus) -> String {
+    let word = match status.state {
+        PlanStatus::STATE_READY => "is ready",
+        PlanStatus::STATE_RUNNING => "is running",
+        PlanStatus::STATE_PAUSED => "is paused",
+        PlanStatus::STATE_DONE => "is done",
+        PlanStatus::STATE_ABORTED => "was given up",
+        PlanStatus::STATE_REFUSED => "was refused",
+        _ => "is idle",
+    };
+    match text_of(&status.reason) {
+        reason if reason.is_empty() => word.to_owned(),
+        reason => format!("{word}: {reason}"),
     }
 }
 

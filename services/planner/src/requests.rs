@@ -1,0 +1,46 @@
+//! The operator's requests to the planner.
+
+use std::path::{Path, PathBuf};
+
+use messages::{OperatorRequest, text_of};
+
+use crate::mission::Mission;
+use crate::planner::{Planner, Seen};
+
+/// Carries out one request: whether it is accepted, and the sentence that answers it. Reads the mission file.
+pub fn answer(planner: &mut Planner, request: &OperatorRequest, missions: &Path, seen: &Seen<'_>) -> (bool, String) {
+    let result = match request.verb {
+        OperatorRequest::VERB_GOTO => {
+            let [x, y, z, speed_m_s, path, mu_per_m, ..] = request.args;
+            let mu = match path {
+                0.0 => None,
+                1.0 if mu_per_m.is_finite() && mu_per_m != 0.0 => Some(mu_per_m),
+                1.0 => return (false, "a parabola needs its sag: give mu in 1/m, or fly a line".to_owned()),
+                _ => return (false, format!("there is no path {path}; accepted: 0 (line) and 1 (parabola)")),
+            };
+            planner.goto([x, y, z], speed_m_s, mu, seen).map_err(|refusal| refusal.to_string())
+        }
+        OperatorRequest::VERB_RUN => Mission::read(&mission_file(&text_of(&request.text), missions))
+            .map_err(|error| error.to_string())
+            .and_then(|mission| planner.run(&mission, seen).map_err(|refusal| refusal.to_string())),
+        other => Err(format!(
+            "the planner has no request number {other}; accepted: {} (goto) and {} (run)",
+            OperatorRequest::VERB_GOTO,
+            OperatorRequest::VERB_RUN
+        )),
+    };
+    match result {
+        Ok(sentence) => (true, sentence),
+        Err(sentence) => (false, sentence),
+    }
+}
+
+/// The file that `given` means: a path, or the name of one of the missions.
+fn mission_file(given: &str, missions: &Path) -> PathBuf {
+    let path = PathBuf::from(given);
+    if path.is_file() || path.components().count() > 1 {
+        return path;
+    }
+    let named = missions.join(given);
+    if named.is_file() { named } else { missions.join(format!("{given}.toml")) }
+}
