@@ -261,11 +261,11 @@ fn box_file(file: &BoxFile) -> Answer<Vec<Finding>> {
         }
     }
     if let Some(section) = &file.motor_box {
-        let best = ((section.delay_s + section.lag_s) / period + 2.0).round() as usize;
+        let best = (2.0 * (section.delay_s + section.lag_s) / period + 3.0).round() as usize;
         let horizon = file.controller.horizon_cycles;
-        if horizon + 2 < best || horizon > 3 * best {
+        if horizon < best / 2 || horizon > 2 * best {
             findings.push(warning(
-                format!("controller.horizon_cycles = {horizon} is far from (delay + lag) / period + 2 = {best}"),
+                format!("controller.horizon_cycles = {horizon} is far from 2 (delay + lag) / period + 3 = {best}"),
                 "a short horizon rings, a long one lags: set it near that number",
             ));
         }

@@ -129,7 +129,7 @@ impl Default for EstimatorSection {
 pub struct ControllerSection {
     /// `lq-endpoint`: the paper's fixed-endpoint fixed-time law.
     pub law: String,
-    /// Delta of the law, cycles; best near (delay + lag) / period + 2.
+    /// Delta of the law, cycles; best near 2 (delay + lag) / period + 3, unstable below a third of that.
     pub horizon_cycles: usize,
     /// Q and R of the law (scalars times identity). Q > 0 leads on ramps; 0 is best.
     pub state_weight: f64,
@@ -141,18 +141,21 @@ pub struct ControllerSection {
     pub redundant_s: f64,
     /// Correct for the stretch of the lines (needs `stiffness_n` in the robot file).
     pub stretch: bool,
+    /// Farther than this from where it should be the controller gives no answer, and the robot stops and holds, m.
+    pub error_limit_m: f64,
 }
 
 impl Default for ControllerSection {
     fn default() -> Self {
         Self {
             law: "lq-endpoint".into(),
-            horizon_cycles: 9,
+            horizon_cycles: 20,
             state_weight: 0.0,
             input_weight: 1.0,
             distribution: "least-norm".into(),
             redundant_s: 0.3,
             stretch: true,
+            error_limit_m: 0.25,
         }
     }
 }

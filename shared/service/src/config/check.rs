@@ -106,6 +106,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     number("controller.input_weight", file.controller.input_weight, "above 0", |v| v > 0.0)?;
     choice("controller.distribution", &file.controller.distribution, &["least-norm", "min-sum", "safest"])?;
     number("controller.redundant_s", file.controller.redundant_s, "0.05 to 60 s", |v| (0.05..=60.0).contains(&v))?;
+    number("controller.error_limit_m", file.controller.error_limit_m, "0.01 to 5 m", |v| (0.01..=5.0).contains(&v))?;
 
     let (speed, acceleration) = (robot.robot.speed_limit_m_s, robot.robot.acceleration_limit_m_s2);
     let below = format!("above 0, at most the robot's `speed_limit_m_s` of {speed}");

@@ -1,8 +1,8 @@
 //! Reading the configuration files: the text, then what the values mean together.
 
-use super::{BoxFile, MotorSection, RobotFile, check};
+use super::{BoxFile, ControllerSection, MotorSection, RobotFile, check};
 use crate::toml_file::{self, ConfigError};
-use cable_robot::{Robot, RobotParts, motor::Motor};
+use cable_robot::{Distribution, Robot, RobotParts, motor::Motor};
 use std::path::{Path, PathBuf};
 
 impl RobotFile {
@@ -61,6 +61,19 @@ impl MotorSection {
             coulomb_n: self.coulomb_n,
             viscous_n_s_m: self.viscous_n_s_m,
             transition_m_s: self.transition_m_s,
+        }
+    }
+}
+
+impl ControllerSection {
+    /// How the tensions of a robot with this many cables are chosen; three cables leave no choice.
+    #[must_use]
+    pub fn distribution_for(&self, cables: usize) -> Distribution {
+        match (cables, self.distribution.as_str()) {
+            (0..=3, _) => Distribution::Unique,
+            (_, "min-sum") => Distribution::MinSum,
+            (_, "safest") => Distribution::Safest,
+            _ => Distribution::LeastNorm,
         }
     }
 }
