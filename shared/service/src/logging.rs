@@ -41,6 +41,7 @@ struct Queues {
     terminal: SyncSender<ToTerminal>,
     channel: SyncSender<Line>,
     dropped: Arc<AtomicU64>,
+    unprinted: Arc<AtomicU64>,
     process: String,
 }
 
@@ -64,12 +65,21 @@ pub(crate) fn start(bus: &Bus, verbose: bool) -> Result<Log, BusError> {
     let (channel, lines) = sync_channel(QUEUE);
     let dropped = Arc::new(AtomicU64::new(0));
     let (terminal, to_print) = sync_channel(QUEUE);
-    let queues = Queues { terminal: terminal.clone(), channel, dropped: dropped.clone(), process: process.clone() };
+    let unprinted = Arc::new(AtomicU64::new(0));
+    let queues = Queues {
+        terminal: terminal.clone(),
+        channel,
+        dropped: dropped.clone(),
+        unprinted: unprinted.clone(),
+        process: process.clone(),
+    };
     let level = if verbose { LevelFilter::DEBUG } else { LevelFilter::INFO };
     let registry = tracing_subscriber::registry().with(queues.with_filter(level));
     if tracing::subscriber::set_global_default(registry).is_ok() {
-        let printing =
-            std::thread::Builder::new().name("log".to_owned()).stack_size(STACK_BYTES).spawn(move || print(&to_print));
+        let printing = std::thread::Builder::new()
+            .name("log".to_owned())
+            .stack_size(STACK_BYTES)
+            .spawn(move || print(&to_print, &unprinted));
         if printing.is_ok() {
             let _ = TERMINAL.set(terminal);
         }
@@ -81,12 +91,17 @@ pub(crate) fn start(bus: &Bus, verbose: bool) -> Result<Log, BusError> {
     Ok(Log { lines, dropped, publisher, sample })
 }
 
-fn print(queue: &Receiver<ToTerminal>) {
+fn print(queue: &Receiver<ToTerminal>, unprinted: &AtomicU64) {
+    // a terminal that has gone is no reason to stop
+    let write = |text: &str| _ = std::io::stderr().write_all(text.as_bytes());
     while let Ok(next) = queue.recv() {
         match next {
-            // a terminal that has gone is no reason to stop
-            ToTerminal::Line(line) => _ = std::io::stderr().write_all(line.as_bytes()),
+            ToTerminal::Line(line) => write(&line),
             ToTerminal::Flush(done) => _ = done.send(()),
+        }
+        match unprinted.swap(0, Ordering::Relaxed) {
+            0 => {}
+            count => write(&format!("({count} more log lines came faster than they could be printed)\n")),
         }
     }
 }
@@ -152,7 +167,7 @@ impl<S: Subscriber> Layer<S> for Queues {
         let (level, target) = (*event.metadata().level(), event.metadata().target());
         let line = format!("{level:5} {}: {}\n", self.process, text.0);
         if matches!(self.terminal.try_send(ToTerminal::Line(line)), Err(TrySendError::Full(_))) {
-            self.dropped.fetch_add(1, Ordering::Relaxed);
+            self.unprinted.fetch_add(1, Ordering::Relaxed);
         }
         let line = Line { stamp_ns: clock::now_ns(), level, target, text: text.0 };
         if matches!(self.channel.try_send(line), Err(TrySendError::Full(_))) {

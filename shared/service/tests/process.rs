@@ -1,0 +1,158 @@
+//! A whole process: its life signs, its log, its end, and what it says when it cannot start.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::process::{Command, ExitStatus, Stdio};
+
+use bus::clock::now_ns;
+use bus::{Bus, Domain, Publisher, Subscriber, Waiter};
+use messages::{Heartbeat, LogEvent, Message, MotorState, text_of};
+
+fn echo(arguments: &[&str]) -> Command {
+    let examples = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("examples");
+    let mut command = Command::new(examples.join("echo"));
+    command.args(arguments).stderr(Stdio::piped());
+    command
+}
+
+/// Runs one that cannot start; its exit code and what it said.
+fn refused(arguments: &[&str]) -> (i32, String) {
+    let output = echo(arguments).output().unwrap();
+    (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+/// Waits for a sample that satisfies `wanted`, at most 20 s.
+fn wait_for<T: Message>(subscriber: &mut Subscriber<T>, waiter: &mut Waiter, mut wanted: impl FnMut(&T) -> bool) -> T {
+    let give_up = now_ns() + 20_000_000_000;
+    loop {
+        while let Some(sample) = subscriber.receive().unwrap() {
+            if wanted(&sample) {
+                return sample;
+            }
+        }
+        assert!(now_ns() < give_up, "nothing of the kind came");
+        waiter.wait_until(Some(now_ns() + 100_000_000)).unwrap();
+    }
+}
+
+struct Watched {
+    beats: Subscriber<Heartbeat>,
+    log: Subscriber<LogEvent>,
+    states: Publisher<MotorState>,
+    waiter: Waiter,
+}
+
+fn watch(bus: &Bus) -> Watched {
+    Watched {
+        beats: bus.subscriber("system/heartbeat/echo").unwrap(),
+        log: bus.subscriber("system/log/echo").unwrap(),
+        states: bus.publisher("motor/state").unwrap(),
+        waiter: bus.waiter(&["system/heartbeat/echo", "system/log/echo"]).unwrap(),
+    }
+}
+
+/// Asks a child to end, as a supervisor does.
+fn terminate(child: &mut std::process::Child) -> ExitStatus {
+    rustix::process::kill_process(rustix::process::Pid::from_child(child), rustix::process::Signal::TERM).unwrap();
+    child.wait().unwrap()
+}
+
+#[test]
+fn it_lives_works_logs_and_ends_in_order() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut seen = watch(&bus);
+    let mut child = echo(&["--domain", domain.name()]).spawn().unwrap();
+    let first = wait_for(&mut seen.beats, &mut seen.waiter, |_| true);
+    assert_eq!((first.state, first.beat, text_of(&first.name).as_str()), (Heartbeat::STATE_STARTING, 1, "echo"));
+    assert_eq!(first.pid, child.id());
+    assert_ne!(first.incarnation, 0);
+    wait_for(&mut seen.beats, &mut seen.waiter, |beat| beat.state == Heartbeat::STATE_READY);
+    for cycle in 1..=3 {
+        let mut state = MotorState::default();
+        state.header.cycle = cycle;
+        seen.states.send(&mut state).unwrap();
+    }
+    let event = wait_for(&mut seen.log, &mut seen.waiter, |event| text_of(&event.text).contains("cycle=3"));
+    assert_eq!(text_of(&event.text), "a sample came cycle=3");
+    assert_eq!((event.level, text_of(&event.process).as_str()), (LogEvent::LEVEL_INFO, "echo"));
+    let beat = wait_for(&mut seen.beats, &mut seen.waiter, |beat| beat.passes == 3);
+    assert!(beat.busy_max_ns >= beat.busy_p50_ns && beat.busy_p50_ns > 0);
+    assert_eq!((beat.incarnation, beat.lost), (first.incarnation, 0));
+    assert!(terminate(&mut child).success());
+    wait_for(&mut seen.log, &mut seen.waiter, |event| text_of(&event.text) == "ended in order");
+    let last = wait_for(&mut seen.beats, &mut seen.waiter, |beat| beat.state == Heartbeat::STATE_STOPPING);
+    assert!(last.beat > beat.beat);
+    let printed = std::io::read_to_string(child.stderr.take().unwrap()).unwrap();
+    assert!(printed.contains("INFO  echo: a sample came cycle=3\n"), "{printed}");
+}
+
+#[test]
+fn a_burst_of_events_is_cut_and_the_cut_is_said() {
+    const BURST: usize = 3000;
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut seen = watch(&bus);
+    let mut child = echo(&["--domain", domain.name(), "--verbose", "--burst", &BURST.to_string()]).spawn().unwrap();
+    let mut stderr = child.stderr.take().unwrap();
+    let printing = std::thread::spawn(move || std::io::copy(&mut stderr, &mut std::io::sink()).unwrap());
+    wait_for(&mut seen.beats, &mut seen.waiter, |beat| beat.state == Heartbeat::STATE_READY);
+    seen.states.send(&mut MotorState::default()).unwrap();
+    let mut events = 0;
+    let said = wait_for(&mut seen.log, &mut seen.waiter, |event| {
+        events += usize::from(text_of(&event.text).starts_with("event "));
+        text_of(&event.text).ends_with("were dropped in a burst")
+    });
+    let dropped: usize = text_of(&said.text).split(' ').next().unwrap().parse().unwrap();
+    assert_eq!((events + dropped, seen.log.lost()), (BURST, 0));
+    assert!(terminate(&mut child).success());
+    printing.join().unwrap();
+}
+
+#[test]
+fn a_failure_is_one_sentence_on_the_terminal_and_in_the_log() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut seen = watch(&bus);
+    let child = echo(&["--domain", domain.name(), "--fail"]).spawn().unwrap();
+    wait_for(&mut seen.beats, &mut seen.waiter, |beat| beat.state == Heartbeat::STATE_READY);
+    seen.states.send(&mut MotorState::default()).unwrap();
+    wait_for(&mut seen.log, &mut seen.waiter, |event| {
+        event.level == LogEvent::LEVEL_ERROR && text_of(&event.text) == "was told to fail"
+    });
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(output.status.code(), Some(1));
+    assert!(String::from_utf8(output.stderr).unwrap().ends_with("ERROR echo: was told to fail\n"));
+}
+
+#[test]
+fn what_cannot_be_used_is_refused_in_one_sentence_with_exit_code_2() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut seen = watch(&bus);
+    let mut child = echo(&["--domain", domain.name()]).spawn().unwrap();
+    wait_for(&mut seen.beats, &mut seen.waiter, |beat| beat.state == Heartbeat::STATE_READY);
+    let (code, said) = refused(&["--domain", domain.name()]);
+    let who =
+        format!("echo: a process named `echo` already runs in the domain `{}` (process {})", domain.name(), child.id());
+    assert!(code == 2 && said.starts_with(&who), "{code} {said}");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("box.toml");
+    std::fs::write(&file, "name = \"x\"\nrobbot = \"lab3.toml\"\n").unwrap();
+    let cases: [(&[&str], &str); 6] = [
+        (&[], "echo: no domain: give a box file with --box FILE, or a domain with --domain NAME"),
+        (&["--domain", "a b"], "echo: the domain `a b` cannot be used: use only letters, digits and `-`"),
+        (&["--domain", domain.name(), "--name", "Ä"], "echo: the name `Ä` cannot be used"),
+        (&["--box", "/nowhere.toml"], "echo: the file /nowhere.toml cannot be read: there is no such file"),
+        (
+            &["--box", file.to_str().unwrap()],
+            &format!("echo: {}, line 2: unknown field `robbot`, expected one of", file.display()),
+        ),
+        (&["--slot", "c"], "error: invalid value 'c' for '--slot <SLOT>'"),
+    ];
+    for (arguments, begins) in cases {
+        let (code, said) = refused(arguments);
+        assert!(code == 2 && said.starts_with(begins), "{arguments:?}: {code} {said}");
+        assert!(said.lines().count() == 1 || said.starts_with("error:"), "{said}");
+    }
+    assert!(terminate(&mut child).success());
+}
