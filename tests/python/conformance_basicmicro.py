@@ -32,6 +32,14 @@ def encoders(drive, address):
     return signed(first), signed(second)
 
 
+def keep_talking(drive, address, seconds):
+    """Waits with the unit's watchdog kept quiet."""
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        encoders(drive, address)
+        time.sleep(0.02)
+
+
 def wait_for_rest(drive, address):
     """Returns the encoder counts once they have stopped changing."""
     last = encoders(drive, address)
@@ -121,7 +129,7 @@ def move(drive):
 
     # And back, with a ramp, the other way round.
     check(drive.SpeedAccelM1M2(FIRST, 2000, -speed, speed), "SpeedAccelM1M2")
-    time.sleep(1.0)
+    keep_talking(drive, FIRST, 1.0)
     check(drive.SpeedAccelM1M2_2(FIRST, 2000, 0, 3000, 0), "SpeedAccelM1M2_2")
     back = wait_for_rest(drive, FIRST)
     check(back[0] < out[0] - speed / 2 and back[1] > out[1] + speed / 2, "back again", out, back)
@@ -129,7 +137,7 @@ def move(drive):
     # The second unit moves by itself.
     before = encoders(drive, SECOND)
     check(drive.SpeedM1(SECOND, -speed), "SpeedM1")
-    time.sleep(0.5)
+    keep_talking(drive, SECOND, 0.5)
     check(drive.SpeedM1(SECOND, 0), "SpeedM1 0")
     after = wait_for_rest(drive, SECOND)
     check(after[0] < before[0] - 50, "second unit", before, after)

@@ -16,8 +16,11 @@ pub const LOOP_HZ: u64 = 300;
 /// Time between two samples of the speed loop, ns.
 const LOOP_PERIOD_NS: u64 = 1_000_000_000 / LOOP_HZ;
 
-/// Commands that can be on their way at once; one per control cycle of 5 ms for 1.28 s.
-const IN_FLIGHT: usize = 256;
+/// Share of the newest sample in the averaged speed: an average over about 30 ms.
+const SPEED_SMOOTHING: f64 = 0.1;
+
+/// Commands that can be on their way at once; one per control cycle of 5 ms for 2.5 s.
+const IN_FLIGHT: usize = 512;
 
 /// What a drive is told to do with one motor. Positive pays out line.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,7 +69,7 @@ impl Default for DriveConfig {
 
 impl DriveConfig {
     pub(crate) fn validate(&self) -> Result<(), PlantError> {
-        check("delay_s", self.delay_s, "zero to 1 s", |x| (0.0..=1.0).contains(&x))?;
+        check("delay_s", self.delay_s, "zero to 2 s", |x| (0.0..=2.0).contains(&x))?;
         check("lag_s", self.lag_s, "zero to 10 s", |x| (0.0..=10.0).contains(&x))?;
         self.gains.map_or(Ok(()), |gains| gains.validate())
     }
@@ -97,6 +100,7 @@ pub struct Drive {
     last_sample_ns: u64,
     last_counts: i64,
     measured_counts_s: f64,
+    averaged_counts_s: f64,
     error_sum: f64,
     last_error: f64,
     duty: f64,
@@ -119,6 +123,7 @@ impl Drive {
             last_sample_ns: 0,
             last_counts: 0,
             measured_counts_s: 0.0,
+            averaged_counts_s: 0.0,
             error_sum: 0.0,
             last_error: 0.0,
             duty: 0.0,
@@ -178,6 +183,7 @@ impl Drive {
         self.next_sample_ns += LOOP_PERIOD_NS;
         let elapsed_s = (now_ns - self.last_sample_ns) as f64 * 1e-9;
         self.measured_counts_s = (counts - self.last_counts) as f64 / elapsed_s;
+        self.averaged_counts_s += SPEED_SMOOTHING * (self.measured_counts_s - self.averaged_counts_s);
         self.last_counts = counts;
         self.last_sample_ns = now_ns;
         if let MotorInput::Speed(_) = self.input {
@@ -229,13 +235,13 @@ impl Drive {
         self.measured_counts_s
     }
 
+    /// The same, averaged over about 30 ms.
+    pub fn averaged_counts_s(&self) -> f64 {
+        self.averaged_counts_s
+    }
+
     /// Where the speed loop is aiming now, after delay and lag, counts per second.
     pub fn reference_counts_s(&self) -> f64 {
         self.reference_counts_s
-    }
-
-    /// The encoder was made to jump on purpose (a preset, not a fault): the loop does not see it as motion.
-    pub fn follow_preset(&mut self, counts: i64) {
-        self.last_counts = counts;
     }
 }

@@ -31,7 +31,7 @@ impl Default for LineConfig {
 
 impl LineConfig {
     pub(crate) fn validate(&self) -> Result<(), PlantError> {
-        check("stiffness_n", self.stiffness_n, "100 N to 1 MN", |x| (100.0..=1e6).contains(&x))?;
+        check("stiffness_n", self.stiffness_n, "100 N to 10 MN", |x| (100.0..=1e7).contains(&x))?;
         check("damping_s", self.damping_s, "zero to 0.1 s", |x| (0.0..=0.1).contains(&x))
     }
 

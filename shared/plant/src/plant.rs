@@ -266,18 +266,6 @@ impl Plant {
         Ok(())
     }
 
-    /// Gives the encoder of `cable` another count, as a drive's preset command does; the speed loop takes no notice.
-    ///
-    /// # Errors
-    /// A cable that does not exist.
-    pub fn preset_counts(&mut self, cable: usize, counts: i64) -> Result<(), PlantError> {
-        let cable = self.cable_mut(cable)?;
-        let before = cable.idler.counts();
-        cable.idler.jump(counts - before);
-        cable.drive.follow_preset(counts);
-        Ok(())
-    }
-
     /// Changes the gains of one drive's speed loop.
     ///
     /// # Errors
@@ -383,6 +371,11 @@ impl Plant {
     /// Speed of `cable` as its drive measured it over the last 1/300 s, counts per second.
     pub fn speed_counts_s(&self, cable: usize) -> f64 {
         self.cables[cable].drive.measured_counts_s()
+    }
+
+    /// Speed of `cable` as its drive averages it over about 30 ms, counts per second.
+    pub fn averaged_speed_counts_s(&self, cable: usize) -> f64 {
+        self.cables[cable].drive.averaged_counts_s()
     }
 
     /// Current of `cable` as its drive measures it (averaged over some milliseconds), A; positive pulls on the line.

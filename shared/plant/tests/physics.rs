@@ -294,8 +294,6 @@ fn encoder_faults_and_a_weak_supply_are_seen_from_outside() {
     let before = plant.counts(0);
     plant.apply(Fault::EncoderJump { cable: 0, counts: 5000 }).unwrap();
     assert_eq!(plant.counts(0) - before, 5000);
-    plant.preset_counts(1, -77).unwrap();
-    assert_eq!(plant.counts(1), -77);
     plant.apply(Fault::EncoderDead { cable: 2, on: true }).unwrap();
     let dead = plant.counts(2);
     run(&mut plant, 0.5, &[0.05; 3]);
@@ -303,20 +301,6 @@ fn encoder_faults_and_a_weak_supply_are_seen_from_outside() {
     plant.apply(Fault::Supply { voltage_v: 9.0 }).unwrap();
     plant.step(0.01, &[MotorInput::RELEASED; 3]).unwrap();
     assert!(plant.voltage_v() <= 9.0);
-}
-
-#[test]
-fn a_preset_is_not_motion() {
-    let mut plant = three();
-    run(&mut plant, 1.0, &[0.0; 3]);
-    let lengths = plant.lengths_m();
-    for cable in 0..3 {
-        plant.preset_counts(cable, 1_000_000).unwrap();
-    }
-    run(&mut plant, 1.0, &[0.0; 3]);
-    for (before, after) in lengths.iter().zip(plant.lengths_m()) {
-        assert!((before - after).abs() < 0.0005);
-    }
 }
 
 #[test]

@@ -1,0 +1,41 @@
+//! The virtual motor control box; see the library.
+#![forbid(unsafe_code)]
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use service::{BadInput, Chassis, CommonArgs};
+
+/// The virtual motor control box: drive units on pseudo-terminals, with winches, lines and a node behind them.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Args {
+    #[command(flatten)]
+    common: CommonArgs,
+    /// Only the ports, in this folder: no bus, no truth.
+    #[arg(long, value_name = "FOLDER")]
+    ports_only: Option<PathBuf>,
+}
+
+impl AsRef<CommonArgs> for Args {
+    fn as_ref(&self) -> &CommonArgs {
+        &self.common
+    }
+}
+
+fn main() -> ExitCode {
+    let args = Args::parse();
+    let Some(folder) = args.ports_only else {
+        return service::main::<Args>("motor-box", |_, chassis: &mut Chassis| motor_box::serve(chassis));
+    };
+    let box_file =
+        args.common.box_file.ok_or_else(|| BadInput("no box file: give one with --box FILE".to_owned()).into());
+    match box_file.and_then(|path| motor_box::ports_only(&path, &folder)) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("motor-box: {error:#}");
+            service::exit_code(&error)
+        }
+    }
+}

@@ -1,0 +1,154 @@
+//! The box in real time: wires, machine and clock brought together.
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+
+use crate::BoxError;
+use crate::config::BoxConfig;
+use crate::fault::BoxFault;
+use crate::machine::Machine;
+use crate::wire::Wire;
+
+/// Longest time between two looks at the motors, ns. The physics has its own, finer steps; this bounds how late a watchdog
+/// can be.
+const TICK_NS: u64 = 5_000_000;
+
+/// Longest time the box lives through at once, ns. Shared machines stand still for a quarter of a second now and then, and
+/// everything on them with it; a box that caught up would find that nobody had talked to its drives for so long, and stop
+/// them. So the box's clock stands still as well, but for what an ordinary hiccup takes.
+const LONGEST_STEP_NS: u64 = 20_000_000;
+
+/// Between two housekeepings of the wires, ns.
+const MAINTAIN_NS: u64 = 50_000_000;
+
+/// Shortest sleep that is asked for, ns: less is over before the call returns.
+const SHORTEST_SLEEP_NS: u64 = 1_000;
+
+/// The running box.
+#[derive(Debug)]
+pub struct MotorBox {
+    machine: Machine,
+    wires: Vec<Wire>,
+    /// The machine's clock, ns.
+    now_ns: u64,
+    /// The real clock when that was true, ns.
+    real_ns: u64,
+    maintained_ns: u64,
+    /// Time that was left out because the machine underneath stood still, ns.
+    left_out_ns: u64,
+}
+
+impl MotorBox {
+    /// Builds the machine and publishes its ports.
+    ///
+    /// # Errors
+    /// The machine makes no sense, or a port cannot be made.
+    pub fn new(config: &BoxConfig) -> Result<Self, BoxError> {
+        let machine = Machine::new(config)?;
+        let wires = config
+            .ports
+            .iter()
+            .zip(0..)
+            .map(|(port, i)| Wire::new(&port.link, port.baud, config.plant.seed.wrapping_add(i)))
+            .collect::<Result<_, _>>()?;
+        let real_ns = serial::monotonic_ns();
+        Ok(Self { machine, wires, now_ns: 0, real_ns, maintained_ns: 0, left_out_ns: 0 })
+    }
+
+    /// The machine: truth, and what the units were told.
+    pub fn machine(&self) -> &Machine {
+        &self.machine
+    }
+
+    /// The real clock (CLOCK_MONOTONIC, ns) when the machine was last looked at.
+    pub fn real_ns(&self) -> u64 {
+        self.real_ns
+    }
+
+    /// Time left out so far because the computer stood still, ns.
+    pub fn left_out_ns(&self) -> u64 {
+        self.left_out_ns
+    }
+
+    /// Breaks something, or puts it right.
+    ///
+    /// # Errors
+    /// There is no such part.
+    pub fn apply(&mut self, fault: BoxFault) -> Result<(), BoxError> {
+        match fault {
+            BoxFault::Unplug { port } => self.wire_mut(port)?.unplug(),
+            BoxFault::Plug { port } => self.wire_mut(port)?.plug()?,
+            BoxFault::Noise { port, probability } => self.wire_mut(port)?.noise = probability,
+            BoxFault::Silence { port, on } => self.wire_mut(port)?.silent = on,
+            other => self.machine.apply(other)?,
+        }
+        Ok(())
+    }
+
+    fn wire_mut(&mut self, port: usize) -> Result<&mut Wire, BoxError> {
+        let count = self.wires.len();
+        self.wires.get_mut(port).ok_or(BoxError::NoSuchPort { port, count })
+    }
+
+    /// Lives until `until_ns` on the real clock (CLOCK_MONOTONIC), or until a signal interrupts the wait.
+    ///
+    /// # Errors
+    /// A pseudo-terminal failed.
+    pub fn run_until(&mut self, until_ns: u64) -> Result<(), BoxError> {
+        loop {
+            self.catch_up()?;
+            if self.real_ns >= until_ns {
+                return Ok(());
+            }
+            let next_ns = self.wires.iter().filter_map(Wire::next_ns).min();
+            let tick_ns = self.machine.now_ns() + TICK_NS;
+            let sleep_ns = next_ns.map_or(tick_ns, |next| next.min(tick_ns)).saturating_sub(self.now_ns);
+            let sleep_ns = sleep_ns.min(until_ns - self.real_ns).max(SHORTEST_SLEEP_NS);
+            if !self.wait(sleep_ns)? {
+                return Ok(());
+            }
+        }
+    }
+
+    /// Brings clock, wires and machine up to now.
+    fn catch_up(&mut self) -> Result<(), BoxError> {
+        let real_ns = serial::monotonic_ns();
+        let passed_ns = real_ns - self.real_ns;
+        self.real_ns = real_ns;
+        self.left_out_ns += passed_ns.saturating_sub(LONGEST_STEP_NS);
+        self.now_ns += passed_ns.min(LONGEST_STEP_NS);
+        for (port, wire) in self.wires.iter_mut().enumerate() {
+            wire.take_in(self.now_ns)?;
+            while let Some((at_ns, byte)) = wire.next_for_units(self.now_ns) {
+                wire.answer(|line| self.machine.receive(port, at_ns, byte, line))?;
+            }
+        }
+        if self.now_ns >= self.machine.now_ns() + TICK_NS {
+            self.machine.advance(self.now_ns)?;
+        }
+        for wire in &mut self.wires {
+            wire.hand_out(self.now_ns)?;
+        }
+        if self.now_ns >= self.maintained_ns + MAINTAIN_NS {
+            self.maintained_ns = self.now_ns;
+            self.wires.iter().for_each(Wire::maintain);
+        }
+        Ok(())
+    }
+
+    /// Sleeps until a program writes, or for `sleep_ns`; false if a signal came in between.
+    fn wait(&self, sleep_ns: u64) -> Result<bool, BoxError> {
+        let timeout =
+            Timespec { tv_sec: (sleep_ns / 1_000_000_000) as i64, tv_nsec: (sleep_ns % 1_000_000_000) as i64 };
+        let mut descriptors: Vec<PollFd<'_>> = self
+            .wires
+            .iter()
+            .filter_map(Wire::descriptor)
+            .map(|descriptor| PollFd::from_borrowed_fd(descriptor, PollFlags::IN))
+            .collect();
+        match poll(&mut descriptors, Some(&timeout)) {
+            Ok(_) => Ok(true),
+            Err(rustix::io::Errno::INTR) => Ok(false),
+            Err(error) => Err(BoxError::Wait(error.into())),
+        }
+    }
+}

@@ -1,0 +1,129 @@
+//! The box as a process: its ports beside the bus, truth published, faults on request.
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use messages::{OperatorRequest, TruthNode, text_of};
+use service::config::BoxFile;
+use service::{BadInput, Chassis};
+use tracing::{info, warn};
+
+use crate::{BoxConfig, BoxError, BoxFault, Machine, MotorBox};
+
+/// Between two samples of truth, ns: as often as the control cycle.
+const TRUTH_NS: u64 = 10_000_000;
+
+/// Time left out at once that is worth a word, ns.
+const WORTH_A_WORD_NS: u64 = 50_000_000;
+
+/// Lives until it is asked to end: ports in the domain's folder, `truth/node` a hundred times a second, faults on request.
+///
+/// # Errors
+/// The box file is not for a virtual box, or something failed.
+pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
+    let config = configuration(chassis.box_file()?, chassis.bus().domain().root())?;
+    let mut motor_box = MotorBox::new(&config).map_err(bad_configuration)?;
+    let mut truth = chassis.bus().publisher::<TruthNode>("truth/node")?;
+    let mut requests = chassis.bus().server(chassis.name())?;
+    chassis.ready()?;
+    info!("{} port(s), first at {}", config.ports.len(), config.ports[0].link.display());
+    let mut next_ns = motor_box.real_ns() + TRUTH_NS;
+    let mut left_out_ns = 0;
+    while chassis.running() {
+        motor_box.run_until(next_ns)?;
+        if motor_box.real_ns() < next_ns {
+            // A signal.
+            continue;
+        }
+        chassis.pass_begin();
+        truth.send(&mut sample(motor_box.machine(), motor_box.real_ns()))?;
+        while let Some(call) = requests.try_next()? {
+            let (accepted, sentence) = obey(&mut motor_box, &call.request);
+            call.answer(accepted, &sentence)?;
+        }
+        if motor_box.left_out_ns() > left_out_ns + WORTH_A_WORD_NS {
+            let ms = (motor_box.left_out_ns() - left_out_ns) / 1_000_000;
+            warn!("the computer stood still; {ms} ms did not pass in the motor box");
+        }
+        left_out_ns = motor_box.left_out_ns();
+        chassis.pass_end();
+        chassis.idle()?;
+        // On from where it is after a pause: samples missed cannot be caught up with.
+        next_ns = (next_ns + TRUTH_NS).max(motor_box.real_ns());
+    }
+    Ok(())
+}
+
+/// Lives without a bus until SIGINT or SIGTERM: only the ports of `box_file`, in `folder`.
+///
+/// # Errors
+/// As [`serve`].
+pub fn ports_only(box_file: &Path, folder: &Path) -> anyhow::Result<()> {
+    let config = configuration(&BoxFile::load(box_file)?, folder)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
+        signal_hook::flag::register(signal, stop.clone())?;
+    }
+    let mut motor_box = MotorBox::new(&config).map_err(bad_configuration)?;
+    while !stop.load(Ordering::Relaxed) {
+        // The longest that a signal between the check and the wait can go unnoticed.
+        motor_box.run_until(motor_box.real_ns() + 100_000_000)?;
+    }
+    Ok(())
+}
+
+fn configuration(box_file: &BoxFile, folder: &Path) -> anyhow::Result<BoxConfig> {
+    let robot = box_file.robot_file()?;
+    Ok(BoxConfig::from_files(box_file, &robot, folder).map_err(|error| BadInput(error.to_string()))?)
+}
+
+/// A plant that cannot be is the fault of the files.
+fn bad_configuration(error: BoxError) -> anyhow::Error {
+    match error {
+        BoxError::Plant(plant) => {
+            BadInput(format!("the box or robot file describes no possible plant: {plant}")).into()
+        }
+        other => other.into(),
+    }
+}
+
+fn sample(machine: &Machine, now_ns: u64) -> TruthNode {
+    let plant = machine.plant();
+    let mut truth = TruthNode {
+        position_m: plant.position_m(),
+        velocity_m_s: plant.velocity_m_s(),
+        cable_count: plant.cable_count() as u8,
+        ..TruthNode::default()
+    };
+    (truth.header.stamp_ns, truth.header.oldest_input_ns) = (now_ns, now_ns);
+    fill(&mut truth.tension_n, plant.tensions_n());
+    fill(&mut truth.length_m, plant.lengths_m());
+    fill(&mut truth.current_a, plant.currents_a());
+    fill(&mut truth.slack, plant.slack().into_iter().map(u8::from));
+    truth
+}
+
+fn fill<T>(into: &mut [T], from: impl IntoIterator<Item = T>) {
+    for (place, value) in into.iter_mut().zip(from) {
+        *place = value;
+    }
+}
+
+fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> (bool, String) {
+    if request.verb != OperatorRequest::VERB_FAULT {
+        return (false, "the motor box takes faults only".to_owned());
+    }
+    let text = text_of(&request.text);
+    let done = match text.parse::<BoxFault>() {
+        Ok(fault) => motor_box.apply(fault).map_err(|error| error.to_string()),
+        Err(error) => Err(error.to_string()),
+    };
+    match done {
+        Ok(()) => {
+            info!("fault on request: {text}");
+            (true, format!("done: {text}"))
+        }
+        Err(sentence) => (false, sentence),
+    }
+}

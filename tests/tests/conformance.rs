@@ -1,0 +1,87 @@
+//! The virtual motor box speaks to a client that this project did not write: the drive maker's own, unmodified.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+/// Ends the box whatever becomes of the test.
+struct Ended(Child);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn workspace() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+/// Builds the program if it is not there or not fresh, and says where it is.
+fn program(name: &str) -> PathBuf {
+    // The test runs from target/PROFILE/deps.
+    let folder = std::env::current_exe().unwrap().parent().unwrap().parent().unwrap().to_owned();
+    let built = Command::new(env!("CARGO"))
+        .args(["build", "--quiet", "--package", name, "--bin", name])
+        .current_dir(workspace())
+        .status();
+    let program = folder.join(name);
+    assert!(program.exists(), "{} is not there and could not be built ({built:?})", program.display());
+    program
+}
+
+/// A Python that has the drive maker's client.
+fn python() -> PathBuf {
+    let own = workspace().join(".venv/bin/python");
+    let candidates: Vec<PathBuf> =
+        std::env::var_os("NIMS_PYTHON").map(PathBuf::from).into_iter().chain([own]).collect();
+    let usable = candidates.iter().find(|python| {
+        let tried = Command::new(python).args(["-c", "import basicmicro"]).stderr(Stdio::null()).status();
+        tried.is_ok_and(|status| status.success())
+    });
+    usable.cloned().unwrap_or_else(|| {
+        panic!(
+            "no Python with the package basicmicro: run scripts/test, which makes .venv, or \
+             `python3 -m venv .venv && .venv/bin/pip install basicmicro==2.0.10`, or name one in NIMS_PYTHON"
+        )
+    })
+}
+
+#[test]
+fn the_drive_makers_client_is_content() {
+    let python = python();
+    let folder = tempfile::tempdir().unwrap();
+    let child = Command::new(program("motor-box"))
+        .arg("--box")
+        .arg(workspace().join("configs/boxes/demo3.toml"))
+        .arg("--ports-only")
+        .arg(folder.path())
+        .spawn()
+        .unwrap();
+    let mut motor_box = Ended(child);
+    let port = folder.path().join("drive0");
+    let begin = Instant::now();
+    while !port.exists() {
+        if let Some(status) = motor_box.0.try_wait().unwrap() {
+            panic!("motor-box ended at once: {status}");
+        }
+        assert!(begin.elapsed() < Duration::from_secs(20), "motor-box made no port at {}", port.display());
+        std::thread::sleep(Duration::from_millis(20));
+    }
+
+    let talked = Command::new(python)
+        .arg(workspace().join("tests/python/conformance_basicmicro.py"))
+        .arg(&port)
+        .args(["230400", "2000"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&talked.stdout);
+    let complained = String::from_utf8_lossy(&talked.stderr);
+    assert!(talked.status.success(), "{said}{complained}");
+    let seen: serde_json::Value = serde_json::from_str(&said).expect("one line of JSON");
+    assert_eq!(seen["cycles"], 2000);
+    assert!(motor_box.0.try_wait().unwrap().is_none(), "the box lives on");
+}
