@@ -112,7 +112,7 @@ pub struct Equilibrium {
     pub slack: [bool; MAX_CABLES],
     /// Elastic lines: force out of balance, N. Rigid lines: RMS of the lengths that do not fit, m.
     pub residual: f64,
-    /// Newton steps taken; 0 for rigid lines.
+    /// Newton steps taken from the start that led here; 0 for rigid lines.
     pub iterations: usize,
     /// How the position follows the measured lengths, dX/dl, 3 x N; zero columns for slack lines.
     pub sensitivity: NodeJacobian,
@@ -160,7 +160,9 @@ pub fn equilibrium(
         }
     }
     let lines = Lines { robot, unstretched_m, stiffness, wrench: robot.wrench_n(acceleration_m_s2) };
-    lines.balance(lines.start(guess))
+    let found = lines.balance(lines.start(guess));
+    // A guess far away from very stiff lines can cost more steps than there are; the lengths themselves know better.
+    if found.is_err() && guess.is_some() { lines.balance(lines.start(None)) } else { found }
 }
 
 struct Lines<'a> {

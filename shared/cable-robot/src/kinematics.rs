@@ -14,6 +14,11 @@ const TOUCH_TOLERANCE: f64 = 1e-9;
 /// Anchors whose triangle has less than this share of its squared longest side as area count as collinear.
 const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
+/// Anchors at nearly one height let the mirror image fit the lengths nearly as well as the true position, and with noise
+/// sometimes better. The lower one is taken unless it misses by this share of the length more than the other: 2 cm on
+/// 7 m, several times what calibrated lengths are wrong by.
+const MIRROR_TOLERANCE: f64 = 0.003;
+
 /// Bound of the least-squares iteration; it needs about five.
 const MAX_ITERATIONS: usize = 50;
 
@@ -98,7 +103,8 @@ pub struct Forward {
 
 /// The position with these straight-line lengths: closed form for three cables, least squares in length for more.
 ///
-/// Of two mirror solutions it is the nearer to `near` if given, otherwise the lower one.
+/// Of two mirror solutions it is the nearer to `near` if given, otherwise the lower one; of more than three cables, whose
+/// mirror solutions do not fit equally well, the lower one unless the upper one fits clearly better.
 ///
 /// ```
 /// use cable_robot::{Anchors, Vector3, kinematics::*};
@@ -202,16 +208,14 @@ fn least_squares(anchors: &Anchors, l: &[f64], near: Option<&Vector3<f64>>) -> R
     }
     let Some((_, starts)) = best else { return Err(KinematicsError::DegenerateGeometry) };
     let found = starts.map(|start| descend(anchors, l, start));
-    let costs = found.map(|p| residuals(anchors, l, &p));
-    // Coplanar anchors fit both mirror images equally well, up to rounding. Otherwise the better fit is the answer.
-    let scale: f64 = l.iter().map(|v| v * v).sum();
-    let alike = (costs[0] - costs[1]).abs() <= 1e-9 * (costs[0] + costs[1]) + 1e-20 * scale;
-    let position = if alike {
-        choose(found, near)?.0
-    } else if costs[0] < costs[1] {
-        found[0]
-    } else {
-        found[1]
+    let rms = found.map(|p| (residuals(anchors, l, &p) / n as f64).sqrt());
+    let mean_length = l.iter().sum::<f64>() / n as f64;
+    let fits_worse = |a: f64, b: f64| a > 5.0 * b + MIRROR_TOLERANCE * mean_length;
+    let position = match near {
+        Some(_) => choose(found, near)?.0,
+        None if fits_worse(rms[0], rms[1]) => found[1],
+        None if fits_worse(rms[1], rms[0]) => found[0],
+        None => choose(found, None)?.0,
     };
     let residual_rms_m = (residuals(anchors, l, &position) / n as f64).sqrt();
     Ok(Forward { position, mirror: None, residual_rms_m })
@@ -507,6 +511,18 @@ mod tests {
         assert!((forward_kinematics(&a, &l, None).unwrap().position - p).norm() < 1e-9);
         let above = Vector3::new(3.0, 4.0, 9.0);
         assert!((forward_kinematics(&a, &l, Some(&above)).unwrap().position.z - 10.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn noise_does_not_throw_the_node_above_nearly_coplanar_anchors() {
+        let a = Anchors::new(&[[0.0, 0.0, 6.0], [10.0, 0.0, 6.004], [10.0, 10.0, 6.0], [0.0, 10.0, 6.004]]).unwrap();
+        let p = Vector3::new(3.0, 4.0, 2.0);
+        for code in 0..81 {
+            let noise = [code % 3, code / 3 % 3, code / 9 % 3, code / 27].map(|c| 5e-3 * (f64::from(c) - 1.0));
+            let l = inverse_kinematics(&a, &p).zip_map(&noise, |l, e| l + e);
+            let found = forward_kinematics(&a, &l, None).unwrap();
+            assert!((found.position - p).norm() < 0.03, "{found:?}");
+        }
     }
 
     #[test]

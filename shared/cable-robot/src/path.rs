@@ -212,6 +212,17 @@ impl Path {
         }
     }
 
+    /// Arc length of a point inside the path that is more curved than its surroundings, m, if there is one.
+    pub fn sharpest_m(&self) -> Option<f64> {
+        match self {
+            Self::Parabola(p) if p.mu_per_m != 0.0 => {
+                let vertex = -p.zeta() / (2.0 * p.mu_per_m);
+                (vertex > 0.0 && vertex < p.extent()).then(|| p.arc_length(vertex))
+            }
+            _ => None,
+        }
+    }
+
     /// True if it has no curvature anywhere.
     pub fn is_straight(&self) -> bool {
         match self {

@@ -366,20 +366,38 @@ struct Samples {
     w: [f64; SAMPLES],
 }
 
+impl Samples {
+    fn of(path: &Path, length: f64) -> Self {
+        let mut samples = Self { s: [0.0; SAMPLES], curvature: [0.0; SAMPLES], w: [0.0; SAMPLES] };
+        let last = SAMPLES - 1;
+        for i in 0..SAMPLES {
+            samples.s[i] = length * i as f64 / last as f64;
+        }
+        // The sharpest point of a parabola may be much narrower than the samples are apart: one of them moves there, and
+        // then the curvature between two samples is nowhere above that at both.
+        if let Some(sharpest) = path.sharpest_m() {
+            let nearest = (sharpest / length * last as f64).round() as usize;
+            if (1..last).contains(&nearest) {
+                samples.s[nearest] = sharpest;
+            }
+        }
+        let mut at = [0.0; SAMPLES];
+        let mut between = [0.0; SAMPLES];
+        for i in 0..SAMPLES {
+            at[i] = path.curvature(samples.s[i]);
+            between[i] = if i < last { path.curvature(0.5 * (samples.s[i] + samples.s[i + 1])) } else { at[i] };
+        }
+        // Each sample answers for the stretches on both its sides.
+        for i in 0..SAMPLES {
+            let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
+            samples.curvature[i] = at[i].max(at[before]).max(at[after]).max(between[before]).max(between[i]);
+        }
+        samples
+    }
+}
+
 fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, ProfileError> {
-    let mut samples = Samples { s: [0.0; SAMPLES], curvature: [0.0; SAMPLES], w: [0.0; SAMPLES] };
-    let last = SAMPLES - 1;
-    for i in 0..SAMPLES {
-        samples.s[i] = length * i as f64 / last as f64;
-        samples.curvature[i] = path.curvature(samples.s[i]);
-    }
-    // Between two samples the curvature may be larger than at both; half-way values are charged to both neighbours.
-    let mut half_before = 0.0f64;
-    for i in 0..SAMPLES {
-        let half = if i < last { path.curvature(0.5 * (samples.s[i] + samples.s[i + 1])) } else { 0.0 };
-        samples.curvature[i] = samples.curvature[i].max(half).max(half_before);
-        half_before = half;
-    }
+    let mut samples = Samples::of(path, length);
     let mut failure = None;
     for share in ACROSS_SHARES {
         match passes(&mut samples, limits, share) {
@@ -615,17 +633,32 @@ mod tests {
         let path = spiral(3.0, 0.0, 0.6);
         let limits = ProfileLimits::rest_to_rest(0.2, 0.5);
         let profile = Profile::plan(&path, &limits).unwrap();
-        let mut samples = Samples { s: [0.0; SAMPLES], curvature: [0.0; SAMPLES], w: [0.0; SAMPLES] };
-        for i in 0..SAMPLES {
-            samples.s[i] = path.length() * i as f64 / (SAMPLES - 1) as f64;
-            samples.curvature[i] = path.curvature(samples.s[i]);
-        }
+        let mut samples = Samples::of(&path, path.length());
         passes(&mut samples, &limits, 0.8).unwrap();
         let v = |k: usize| samples.w[k].sqrt();
         let dense: f64 = (0..SAMPLES - 1).map(|k| 2.0 * (samples.s[k + 1] - samples.s[k]) / (v(k) + v(k + 1))).sum();
         assert!(profile.duration() < 1.03 * dense, "{} {dense}", profile.duration());
         assert!(profile.knots().len() <= 16, "{}", profile.knots().len());
         assert!(profile.knots().iter().any(|k| (k.v_m_s - 0.2).abs() < 1e-6), "cruise is reached");
+    }
+
+    #[test]
+    fn a_turn_sharper_than_the_samples_is_not_missed() {
+        let needle = Path::Parabola(Parabola {
+            from: Vector3::new(0.0, 0.0, 2.0),
+            to: Vector3::new(4.0, 3.0, 2.5),
+            mu_per_m: 19.0,
+        });
+        let limits = ProfileLimits::rest_to_rest(0.4, 0.2);
+        let profile = Profile::plan(&needle, &limits).unwrap();
+        let Path::Parabola(p) = needle else { unreachable!() };
+        let turn = needle.sharpest_m().unwrap();
+        assert!((needle.point(turn).z - p.lowest_m()).abs() < 1e-6);
+        for i in -1000..=1000 {
+            let s = turn + f64::from(i) * 1e-3;
+            let v = profile.speed_at(s);
+            assert!(needle.curvature(s) * v * v <= 0.2 * (1.0 + 1e-6), "{s}");
+        }
     }
 
     #[test]

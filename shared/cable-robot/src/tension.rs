@@ -37,6 +37,40 @@ impl Distribution {
     }
 }
 
+impl std::fmt::Display for Distribution {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Unique => "unique",
+            Self::LeastNorm => "least-norm",
+            Self::MinSum => "min-sum",
+            Self::Safest => "safest",
+        })
+    }
+}
+
+/// A name that is no distribution.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+#[error("{given:?} is no way to distribute tension; accepted: unique, least-norm, min-sum, safest")]
+pub struct UnknownDistribution {
+    /// What was given.
+    pub given: String,
+}
+
+impl std::str::FromStr for Distribution {
+    type Err = UnknownDistribution;
+
+    /// As it is written, or with an underscore.
+    fn from_str(name: &str) -> Result<Self, UnknownDistribution> {
+        match name {
+            "unique" => Ok(Self::Unique),
+            "least-norm" | "least_norm" => Ok(Self::LeastNorm),
+            "min-sum" | "min_sum" => Ok(Self::MinSum),
+            "safest" => Ok(Self::Safest),
+            _ => Err(UnknownDistribution { given: name.to_owned() }),
+        }
+    }
+}
+
 /// The line that cannot keep its limits, in the distribution that spreads the excess most evenly.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Violation {
@@ -73,7 +107,7 @@ pub enum TensionError {
     #[error("the lines do not hold the node in every direction here: it is in the plane of the anchors or at one")]
     Singular,
     /// The method does not fit the number of cables.
-    #[error("the distribution {method:?} is not defined for {cables} cables; accepted: {accepted}")]
+    #[error("the distribution {method} is not defined for {cables} cables; accepted: {accepted}")]
     Method {
         /// What was asked for.
         method: Distribution,
@@ -201,7 +235,7 @@ pub fn distribute(
                 None => t,
             }
         }
-        (_, Distribution::Unique) => return wrong("LeastNorm, MinSum (four cables) or Safest"),
+        (_, Distribution::Unique) => return wrong("least-norm, safest, or with four cables min-sum"),
         (4, _) => {
             let line = FourCables::new(structure, wrench_n, limits_n)?;
             match method {
@@ -210,7 +244,7 @@ pub fn distribute(
                 _ => line.least_norm(),
             }
         }
-        (_, Distribution::MinSum) => return wrong("LeastNorm or Safest"),
+        (_, Distribution::MinSum) => return wrong("least-norm or safest"),
         (_, Distribution::Safest) => safest_of_many(structure, wrench_n, limits_n)?,
         (_, Distribution::LeastNorm) => least_norm(structure, wrench_n, limits_n)?,
     };
@@ -479,6 +513,11 @@ fn ascend(
             return Some(from + (to - from) * at_from / (at_from - at_to));
         }
         (from, at_from) = (*to, at_to);
+    }
+    // A force on the very edge of what is feasible leaves only rounding here: the last break is the optimum.
+    let magnitude = b.abs() + (0..n).map(|i| ((s[i] + from * p[i]).clamp(low, high) * p[i]).abs()).sum::<f64>();
+    if from > 0.0 && at_from <= 1e-13 * magnitude {
+        return Some(from);
     }
     // Beyond the last break it is linear still: constant where every cable is at a limit.
     let unit = from.abs().max(1.0);

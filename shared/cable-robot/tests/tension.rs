@@ -332,3 +332,13 @@ fn a_refusal_reads_as_a_sentence() {
         "{sentence}"
     );
 }
+
+#[test]
+fn distributions_are_read_as_they_are_written() {
+    for method in [Distribution::Unique, Distribution::LeastNorm, Distribution::MinSum, Distribution::Safest] {
+        assert_eq!(method.to_string().parse::<Distribution>().unwrap(), method);
+    }
+    assert_eq!("least_norm".parse::<Distribution>().unwrap(), Distribution::LeastNorm);
+    let sentence = "lowest".parse::<Distribution>().unwrap_err().to_string();
+    assert_eq!(sentence, "\"lowest\" is no way to distribute tension; accepted: unique, least-norm, min-sum, safest");
+}
