@@ -107,6 +107,16 @@ struct Order {
     drives: [[Drive; 2]; MAX_UNITS],
 }
 
+impl Slot {
+    fn note<T: Transport>(&mut self, bus: &Bus<T>, lost: Option<Error>) {
+        self.report.lost = lost;
+        self.report.counters = bus.counters();
+        for (place, identity) in self.identities.iter_mut().zip(bus.identities()) {
+            *place = identity;
+        }
+    }
+}
+
 impl Board {
     fn slots(&self) -> MutexGuard<'_, Vec<Slot>> {
         // A thread that panicked has left whole values here: they are only ever replaced.
@@ -274,8 +284,7 @@ fn work<T: Transport>(mut bus: Bus<T>, board: &Board, index: usize) {
                 std::mem::swap(&mut slot.answers, &mut answers);
                 slot.answered_turn = order.turn;
                 slot.report.took_ns = monotonic_ns() - began_ns;
-                slot.report.counters = bus.counters();
-                slot.report.lost.clone_from(&lost);
+                slot.note(&bus, lost.clone());
             }
             drop(slots);
             board.answered.notify_all();
@@ -286,11 +295,7 @@ fn work<T: Transport>(mut bus: Bus<T>, board: &Board, index: usize) {
             let lost = result.err().filter(Error::is_lost);
             pause = if lost.is_some() { LOST } else { BUSY };
             if let Some(slot) = board.slots().get_mut(index) {
-                slot.report.lost = lost;
-                slot.report.counters = bus.counters();
-                for (place, identity) in slot.identities.iter_mut().zip(bus.identities()) {
-                    *place = identity;
-                }
+                slot.note(&bus, lost);
             }
         }
     }

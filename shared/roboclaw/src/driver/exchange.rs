@@ -146,7 +146,7 @@ impl<T: Transport> Bus<T> {
     /// What this unit sent, or will still send, cannot be told from an answer: drain the line, and fence the unit.
     pub(super) fn out_of_step(&mut self, unit: usize) {
         let now_ns = self.line.now_ns();
-        if self.step == Step::InStep {
+        if self.step == Step::Settled {
             self.counters.resyncs += 1;
         }
         self.step = Step::Draining { quiet_from_ns: now_ns };

@@ -217,7 +217,7 @@ impl<T: Transport> Bus<T> {
 
     /// True where every unit is in use and the line in step: nothing is left to do between cycles.
     pub fn is_settled(&self) -> bool {
-        self.step == sync::Step::InStep && self.units.iter().all(|unit| unit.phase == Phase::Ready)
+        self.step == sync::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
     }
 
     fn port(&self) -> Arc<str> {

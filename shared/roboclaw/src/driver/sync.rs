@@ -27,7 +27,7 @@ pub(super) enum Step {
     /// Waiting for the answer to a fence, whatever comes before it.
     Fencing { unit: usize, read: Read, until_ns: u64, window: Window },
     /// Empty, and nothing outstanding.
-    InStep,
+    Settled,
 }
 
 /// What a unit is asked before it is used, in this order.
@@ -92,7 +92,7 @@ impl<T: Transport> Bus<T> {
         }
         loop {
             match self.step {
-                Step::InStep => return Ok(()),
+                Step::Settled => return Ok(()),
                 Step::Draining { quiet_from_ns } => self.drain(quiet_from_ns, deadline_ns)?,
                 Step::Fencing { unit, read, until_ns, window } => {
                     self.fence(unit, read, until_ns, window, deadline_ns)?
@@ -114,7 +114,7 @@ impl<T: Transport> Bus<T> {
             // Noise without end must not hold the caller for ever.
             if now_ns < deadline_ns { Ok(()) } else { Err(self.resynchronising()) }
         } else if now_ns >= quiet_at_ns {
-            self.step = Step::InStep;
+            self.step = Step::Settled;
             Ok(())
         } else {
             Err(self.resynchronising())
@@ -152,7 +152,7 @@ impl<T: Transport> Bus<T> {
                 self.step = Step::Draining { quiet_from_ns: now_ns };
                 return Ok(());
             }
-            self.step = Step::InStep;
+            self.step = Step::Settled;
             if let Some(unit) = self.units.get_mut(unit) {
                 unit.phase = Phase::Setup(Setup::Recognise { whole: unit.report.setups == 0 || unit.interlocked });
             }
