@@ -5,7 +5,7 @@ mod plot;
 
 use crate::cli::Demo;
 use crate::failure::{Answer, Failure};
-use crate::supervisor::{self, Supervisor};
+use crate::supervisor::{self, Supervisor, Wanted};
 use crate::{answers, findings, operate, status};
 use analysis::Analysis;
 use bus::clock;
@@ -54,11 +54,9 @@ pub fn run(asked: &Demo, domain: Option<&str>, json: bool) -> Answer {
     let mission = Mission::read(&mission_path).map_err(Failure::bad)?;
     let flight = findings::fly(&mission, &file, &start)?;
 
-    let mut supervisor = Supervisor::start(&config, asked.run.as_deref(), domain, supervisor::stop_flag()?)?;
-    let flown = supervisor
-        .folder()
-        .keep(&mission_path)
-        .and_then(|()| fly(&mut supervisor, &mission_path, &start, flight.duration_s));
+    let wanted = Wanted { box_path: &config, run: asked.run.as_deref(), domain, mission: Some(&mission_path) };
+    let mut supervisor = Supervisor::start(&wanted, supervisor::stop_flag()?)?;
+    let flown = fly(&mut supervisor, &mission_path, &start, flight.duration_s);
     let ending = supervisor.end(if flown.is_ok() { "the mission was done" } else { "the mission was not done" });
     flown?;
 

@@ -63,6 +63,19 @@ pub fn stop_flag() -> Answer<StopFlag> {
     Ok(flag)
 }
 
+/// What is to be started.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted<'a> {
+    /// Box file.
+    pub box_path: &'a Path,
+    /// Run folder, if not a new one.
+    pub run: Option<&'a Path>,
+    /// Domain, if not the box's own.
+    pub domain: Option<&'a str>,
+    /// Mission that will be flown, to be kept with the run.
+    pub mission: Option<&'a Path>,
+}
+
 /// How a run ended.
 #[derive(Debug)]
 pub struct Ending {
@@ -109,15 +122,15 @@ impl Supervisor {
     ///
     /// # Errors
     /// The domain is taken, or a process does not come up; what was started is stopped again.
-    pub fn start(box_path: &Path, run: Option<&Path>, domain: Option<&str>, stop: StopFlag) -> Answer<Self> {
-        let box_path = std::path::absolute(box_path).map_err(Failure::bad)?;
+    pub fn start(wanted: &Wanted<'_>, stop: StopFlag) -> Answer<Self> {
+        let box_path = std::path::absolute(wanted.box_path).map_err(Failure::bad)?;
         let file = BoxFile::load(&box_path).map_err(Failure::bad)?;
         ports_are_there(&file)?;
-        let domain = Domain::parse(domain.unwrap_or(&file.name))?;
+        let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
         let orphans = orphans::end(&domain)?;
         domain.sweep()?;
-        let folder = RunFolder::make(&file, &box_path, run)?;
+        let folder = RunFolder::make(&file, &box_path, wanted.run, wanted.mission)?;
         let members = crew::crew(&file, &box_path, domain.name(), folder.path())?;
 
         let bus = Bus::join(&domain, "nims")?;
@@ -547,7 +560,8 @@ pub fn up(asked: &crate::cli::Up, domain: Option<&str>) -> Answer<Ending> {
     if let Some(seconds) = asked.seconds.filter(|seconds| !(*seconds > 0.0 && *seconds < 1e7)) {
         return Err(Failure::BadInput(format!("--for is {seconds}; accepted: seconds above 0")));
     }
-    let mut supervisor = Supervisor::start(&asked.config, asked.run.as_deref(), domain, stop_flag()?)?;
+    let wanted = Wanted { box_path: &asked.config, run: asked.run.as_deref(), domain, mission: None };
+    let mut supervisor = Supervisor::start(&wanted, stop_flag()?)?;
     let limit = asked.seconds.map(Duration::from_secs_f64).unwrap_or(Duration::MAX / 4);
     supervisor.voice.info(&format!(
         "{} runs in {}; Ctrl-C ends it",

@@ -18,7 +18,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// It cannot be made, or the given one holds a run already.
-    pub fn make(file: &BoxFile, box_path: &Path, given: Option<&Path>) -> Answer<Self> {
+    pub fn make(file: &BoxFile, box_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
         let now = bus::clock::unix_ns();
         let path = match given {
             Some(path) => path.to_path_buf(),
@@ -39,14 +39,14 @@ impl RunFolder {
         let failed = |what: &Path, error: std::io::Error| {
             Failure::NotNow(format!("{} cannot be written: {error}", what.display()))
         };
-        for folder in ["config", "log"] {
-            let folder = path.join(folder);
-            fs::create_dir_all(&folder).map_err(|error| failed(&folder, error))?;
-        }
+        let log = path.join("log");
+        fs::create_dir_all(&log).map_err(|error| failed(&log, error))?;
         let path = path.canonicalize().map_err(|error| failed(&path, error))?;
-        for (original, name) in [(box_path, "box.toml"), (file.robot.as_path(), "robot.toml")] {
-            let copy = path.join("config").join(name);
-            fs::copy(original, &copy).map_err(|error| failed(&copy, error))?;
+        // The recorder takes these into the run file, so that it can be read with nothing else at hand.
+        let copies = [(Some(box_path), "box.toml"), (Some(file.robot.as_path()), "robot.toml"), (mission, "mission.toml")];
+        for (original, name) in copies {
+            let copy = path.join(name);
+            original.map(|original| fs::copy(original, &copy)).transpose().map_err(|error| failed(&copy, error))?;
         }
         let manifest = json!({
             "name": file.name,
@@ -72,17 +72,6 @@ impl RunFolder {
     #[must_use]
     pub fn log(&self, process: &str) -> PathBuf {
         self.path.join("log").join(format!("{process}.txt"))
-    }
-
-    /// Keeps a copy of a mission that is flown.
-    ///
-    /// # Errors
-    /// It cannot be copied.
-    pub fn keep(&self, file: &Path) -> Answer {
-        let copy = self.path.join("config").join("mission.toml");
-        fs::copy(file, &copy)
-            .map(|_| ())
-            .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", copy.display())))
     }
 
     /// Completes the manifest: why the run ended, and how each process did.
