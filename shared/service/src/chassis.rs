@@ -224,6 +224,7 @@ impl Chassis {
     }
 
     fn send_beat(&mut self, now: u64) -> Result<(), BusError> {
+        self.log.serve_late_listeners();
         let beat = &mut self.beat;
         (beat.header.stamp_ns, beat.header.oldest_input_ns) = (now, now);
         beat.beat += 1;

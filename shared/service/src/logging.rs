@@ -132,6 +132,11 @@ impl Log {
         Ok(false)
     }
 
+    /// Gives a listener that came since the last event what it missed: a process may have said only one thing, long ago.
+    pub(crate) fn serve_late_listeners(&mut self) {
+        self.publisher.update_connections();
+    }
+
     fn admit_drops(&mut self) -> Result<(), BusError> {
         match self.dropped.swap(0, Ordering::Relaxed) {
             0 => Ok(()),
