@@ -19,7 +19,7 @@ pub struct EstimatorConfig {
     pub robot: Robot,
     /// Rows of the sliding window of (19).
     pub eta: usize,
-    /// Pull towards `prior`, relative.
+    /// Pull towards `prior`, (m/s)².
     pub ridge: f64,
     /// `[φ1, φ2]` of a window that says nothing.
     pub prior: [f64; 2],

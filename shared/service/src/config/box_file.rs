@@ -107,7 +107,7 @@ pub struct UnitSection {
 pub struct EstimatorSection {
     /// Rows of the sliding window of the motor model (18)-(20).
     pub eta: usize,
-    /// Pull of the motor model towards `prior`, relative.
+    /// Pull of the motor model towards `prior`, (m/s)².
     pub ridge: f64,
     /// `[phi1, phi2]` that an unexcited window is pulled to.
     pub prior: [f64; 2],

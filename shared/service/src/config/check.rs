@@ -93,7 +93,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     number("rate_hz", file.rate_hz, "10 to 250 cycles per second", |v| (10.0..=250.0).contains(&v))?;
     motor_io(&file.motor_io, cables, file.rate_hz)?;
 
-    count("estimator.eta", file.estimator.eta, 2, 500)?;
+    count("estimator.eta", file.estimator.eta, 2, cable_robot::motor_model::MAX_WINDOW)?;
     number("estimator.ridge", file.estimator.ridge, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
     for phi in file.estimator.prior {
         number("estimator.prior", phi, "two numbers of -2 to 2", |v| v.abs() <= 2.0)?;
