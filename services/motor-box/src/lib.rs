@@ -16,6 +16,7 @@ mod fault;
 mod machine;
 mod run;
 mod serve;
+mod socket;
 mod wire;
 
 pub use config::BoxConfig;
@@ -24,4 +25,5 @@ pub use fault::BoxFault;
 pub use machine::Machine;
 pub use run::MotorBox;
 pub use serve::{ports_only, serve};
+pub use socket::{Shared, Socket};
 pub use wire::Wire;
