@@ -66,8 +66,12 @@ impl Segment {
     }
 
     /// Checks the whole segment against the robot's limits before it starts: tensions with the acceleration of the
-    /// profile (16), cable speeds, lengths, ground, keep-out boxes, speed and acceleration of the node. Samples lie at
-    /// most `step_m` apart along the path, at every knot with the accelerations of both its sides.
+    /// profile and at rest (16), cable speeds, lengths, ground, keep-out boxes, speed and acceleration of the node. Samples
+    /// lie at most `step_m` apart along the path, at every knot with the accelerations of both its sides.
+    ///
+    /// At a plan rate r the acceleration is r² times the profile's, and the forces that tensions within limits can give
+    /// form a convex set: what holds at full rate and at rest holds at every rate between, so the node may be slowed
+    /// down and stopped anywhere.
     ///
     /// ```
     /// use cable_robot::*;
@@ -106,9 +110,7 @@ impl Segment {
             previous = point.position;
             Ok(())
         };
-        if self.profile.knots().len() == 1 {
-            sample(0.0, 0.0, 0.0)?;
-        }
+        sample(0.0, 0.0, 0.0)?;
         let step_m = step_m.max(path_m / MAX_SAMPLES);
         for pair in self.profile.knots().windows(2) {
             let (from, to) = (pair[0], pair[1]);
@@ -121,8 +123,6 @@ impl Segment {
                 i += 1.0;
             }
         }
-        // At the ends the node may also rest.
-        sample(self.profile.length(), 0.0, 0.0)?;
         Ok(report)
     }
 }
@@ -318,17 +318,17 @@ fn check_pose(
         return Err(Cause::NodeAcceleration { acceleration_m_s2, limit_m_s2 });
     }
     let jacobian = Jacobian::at(robot.anchors(), position).map_err(|e| Cause::NoTension(e.into()))?;
-    let tensions = tension::distribute(
-        &jacobian.structure_matrix(),
-        &robot.wrench_n(&acceleration),
-        robot.tension_limits_n(),
-        distribution,
-    )
-    .map_err(|error| match error {
-        TensionError::Infeasible(violation) => Cause::Tension(violation),
-        other => Cause::NoTension(other),
-    })?
-    .tensions_n;
+    let structure = jacobian.structure_matrix();
+    let tensions_under = |acceleration: &Vector3<f64>| {
+        tension::distribute(&structure, &robot.wrench_n(acceleration), robot.tension_limits_n(), distribution)
+            .map(|found| found.tensions_n)
+            .map_err(|error| match error {
+                TensionError::Infeasible(violation) => Cause::Tension(violation),
+                other => Cause::NoTension(other),
+            })
+    };
+    let resting = tensions_under(&Vector3::zeros())?;
+    let tensions = if acceleration_m_s2 > 0.0 { tensions_under(&acceleration)? } else { resting };
     let speeds = jacobian.cable_velocity(&velocity);
     let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), position), &tensions);
     for (cable, (speed, length_m)) in speeds.iter().zip(lengths.iter()).enumerate() {
@@ -342,8 +342,8 @@ fn check_pose(
         report.shortest_m[cable] = report.shortest_m[cable].min(*length_m);
         report.longest_m[cable] = report.longest_m[cable].max(*length_m);
         report.peak_cable_speed_m_s = report.peak_cable_speed_m_s.max(speed.abs());
-        report.peak_tension_n = report.peak_tension_n.max(tensions[cable]);
-        report.least_tension_n = report.least_tension_n.min(tensions[cable]);
+        report.peak_tension_n = report.peak_tension_n.max(tensions[cable]).max(resting[cable]);
+        report.least_tension_n = report.least_tension_n.min(tensions[cable]).min(resting[cable]);
     }
     Ok(())
 }

@@ -8,7 +8,7 @@
 use thiserror::Error;
 
 /// Longest window η, cycles.
-pub const MAX_WINDOW: usize = 64;
+pub const MAX_WINDOW: usize = 128;
 
 /// Before anything is learnt, a command is taken as carried out at once, as in the comparison of the paper's Table III.
 pub const START: [f64; 2] = [1.0, 0.0];

@@ -127,7 +127,7 @@ pub struct RobotParts {
     pub acceleration_limit_m_s2: f64,
     /// The node stays at or above this height, m.
     pub ground_m: f64,
-    /// Boxes the node stays out of, [[min], [max]], m.
+    /// Boxes the node stays out of, each by its lower and its upper corner, m.
     pub keep_out_m: Vec<[[f64; 3]; 2]>,
     /// EA of the lines, N; None for rigid lines.
     pub stiffness_n: Option<f64>,

@@ -99,6 +99,10 @@ proptest! {
         for i in 0..=500 {
             let p = s.setpoint(s.profile.duration() * i as f64 / 500.0);
             let t = tension::at(&robot, &p.position, &p.acceleration, Distribution::Unique).unwrap().tensions_n;
+            for rate in [0.0, 0.3, 0.7] {
+                let slowed = p.acceleration * (rate * rate);
+                prop_assert!(tension::at(&robot, &p.position, &slowed, Distribution::Unique).is_ok());
+            }
             prop_assert!(t.iter().all(|t| *t <= report.peak_tension_n * 1.02 && *t >= report.least_tension_n * 0.98));
             let speeds = kinematics::Jacobian::at(robot.anchors(), &p.position).unwrap().cable_velocity(&p.velocity);
             prop_assert!(speeds.max_abs() <= report.peak_cable_speed_m_s * 1.01 + 1e-9);
