@@ -10,7 +10,7 @@
 use std::path::Path;
 
 use roboclaw::codec::Motor;
-use roboclaw::unit::{Measured, Target, Unit, UnitLine, UnitOptions};
+use roboclaw::unit::{Target, Unit, UnitLine, UnitOptions};
 use serial::{Device, Jack, Paced, monotonic_ns, sleep_until};
 
 /// Short beside the time of one byte at most speeds.

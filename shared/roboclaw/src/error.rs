@@ -94,4 +94,17 @@ impl Error {
     pub fn is_lost(&self) -> bool {
         matches!(self, Error::Line(error) if error.is_lost())
     }
+
+    /// True where one exchange went wrong on the line, so that asking again may help once the line is back in step.
+    #[must_use]
+    pub fn is_on_the_line(&self) -> bool {
+        matches!(
+            self,
+            Error::NoAnswer { .. }
+                | Error::CutShort { .. }
+                | Error::Garbled { .. }
+                | Error::WrongAck { .. }
+                | Error::Stray { .. }
+        )
+    }
 }

@@ -22,8 +22,8 @@ const GRACE_NS: u64 = 10_000_000;
 
 /// How long a thread sleeps that has nothing to do; only commands wake it earlier.
 const IDLE: Duration = Duration::from_millis(500);
-/// How long it sleeps between two steps of getting a line or unit back.
-const BUSY: Duration = Duration::from_millis(1);
+/// Between two steps of getting a line or unit back it only looks for commands: a step that can do nothing pauses by itself.
+const BUSY: Duration = Duration::ZERO;
 /// How long it sleeps between two looks for a lost device.
 const LOST: Duration = Duration::from_millis(20);
 /// Time for one step between two cycles, ns: a question and its answer at the baud in use.

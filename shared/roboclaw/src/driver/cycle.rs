@@ -78,7 +78,7 @@ impl<T: Transport> Bus<T> {
         let first = self.command_and_read(index, drive);
         // Asking again is safe once the line is in step, because every drive can be given twice; but only if there is time for it.
         match &first {
-            Err(error) if self.is_out_of_step(error) => {
+            Err(error) if error.is_on_the_line() => {
                 if self.get_in_step(deadline_ns).is_err() || self.set_up_units(deadline_ns).is_err() {
                     return first;
                 }
@@ -86,17 +86,6 @@ impl<T: Transport> Bus<T> {
             }
             _ => first,
         }
-    }
-
-    fn is_out_of_step(&self, error: &Error) -> bool {
-        matches!(
-            error,
-            Error::NoAnswer { .. }
-                | Error::CutShort { .. }
-                | Error::Garbled { .. }
-                | Error::WrongAck { .. }
-                | Error::Stray { .. }
-        )
     }
 
     fn command_and_read(&mut self, index: usize, drive: [Drive; 2]) -> Result<(), Error> {

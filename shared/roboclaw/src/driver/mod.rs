@@ -66,7 +66,8 @@ pub struct UnitConfig {
     /// The unit stops its motors when it hears nothing for so many tenths of a second, 1 to 255. Choose another value than the
     /// unit starts with (usually 0): the difference is how a restart is found out.
     pub watchdog_tenths: u8,
-    /// Fastest the motor can turn, counts per second. A sample further away is refused once, and a fault when it stays; 0: no check.
+    /// Fastest the motor can turn, counts per second. A sample further away is refused once, and counted as a jump when it stays.
+    /// 0: no check; a restart of the unit may then look like a movement until its watchdog is next asked for.
     pub fastest_counts_s: u32,
 }
 
@@ -94,6 +95,8 @@ struct Unit {
     last_raw: Option<[u32; 2]>,
     /// A refused sample: where the next one has to be near to be believed.
     refused_raw: Option<[u32; 2]>,
+    /// In this life of the unit its watchdog was set, and seen to be set: another value means another life.
+    told: bool,
     /// Ask for the watchdog before anything else that can wait.
     doubtful: bool,
     /// It moves only after it was told to stand still.
@@ -161,6 +164,7 @@ impl<T: Transport> Bus<T> {
             width: None,
             last_raw: None,
             refused_raw: None,
+            told: false,
             doubtful: false,
             interlocked: true,
         };

@@ -15,6 +15,9 @@ const FENCES_BEFORE_SILENT: u32 = 2;
 /// namely twice a second: each attempt costs the other units of the line a few cycles.
 const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
 
+/// How long a call that can do nothing at the moment lets time pass: short beside a cycle.
+const PAUSE_NS: u64 = 1_000_000;
+
 /// Questions that neither the cycle nor the setup asks. Two in a row are never the same, so that the late answer to one fence
 /// cannot be taken for the answer to the next.
 const FENCES: [Read; 4] = [Read::LogicBattery, Read::MaxCurrent1, Read::RawSpeed1, Read::VelocityPid1];
@@ -74,8 +77,13 @@ impl<T: Transport> Bus<T> {
     ///
     /// A step that has begun may end later, by the time an answer may take. Call it between cycles, or in a loop to connect.
     pub fn settle(&mut self, deadline_ns: u64) -> Result<(), Error> {
-        self.get_in_step(deadline_ns)?;
-        self.set_up_units(deadline_ns)
+        let result = self.get_in_step(deadline_ns).and_then(|()| self.set_up_units(deadline_ns));
+        if result.is_err() {
+            // What is missing is time; a clock that moves only when it is waited for has to be waited for.
+            let now_ns = self.line.now_ns();
+            self.line.wait_until(deadline_ns.min(now_ns + PAUSE_NS).max(now_ns));
+        }
+        result
     }
 
     /// Connect where necessary, and empty the line.
@@ -258,7 +266,12 @@ impl<T: Transport> Bus<T> {
                     let due_ns = self.line.now_ns() + ASK_SILENT_EVERY_NS;
                     Phase::Unusable { wanted, got, due_ns }
                 }
-                _ => Phase::Setup(Setup::Supply),
+                _ => {
+                    if let Some(unit) = self.units.get_mut(index) {
+                        unit.told = true;
+                    }
+                    Phase::Setup(Setup::Supply)
+                }
             },
             Setup::Supply => {
                 self.read_slow(index, Read::MainBattery)?;
@@ -291,7 +304,8 @@ impl<T: Transport> Bus<T> {
             // What it counts now has nothing to do with what it counted before: the totals stay where they were.
             unit.last_raw = None;
             unit.refused_raw = None;
-            if unit.report.setups > 0 {
+            // Counted once, however often it takes to set it up again.
+            if std::mem::take(&mut unit.told) {
                 unit.report.reboots += 1;
             }
         }
