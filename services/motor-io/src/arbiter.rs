@@ -83,7 +83,8 @@ impl Arbiter {
         if command.epoch != epoch {
             return Err(MotorAuthority::VERDICT_EPOCH);
         }
-        if command.incarnation == 0 || (moving && slot == self.in_use && command.incarnation != self.incarnation[slot]) {
+        if command.incarnation == 0 || (moving && slot == self.in_use && command.incarnation != self.incarnation[slot])
+        {
             return Err(MotorAuthority::VERDICT_INCARNATION);
         }
         if command.based_on_cycle.checked_add(1) != Some(cycle) {

@@ -91,11 +91,13 @@ impl CoreConfig {
         for (unit, cables) in units.iter().enumerate() {
             for &cable in cables {
                 if cable >= n {
-                    let problem = format!("give cable {} to unit {}, and the robot has {n} cables", cable + 1, unit + 1);
+                    let problem =
+                        format!("give cable {} to unit {}, and the robot has {n} cables", cable + 1, unit + 1);
                     return refuse("ports", problem, "cables from 1 to the number of anchors");
                 }
                 if unit_of_cable[cable] != usize::MAX {
-                    let problem = format!("give cable {} to units {} and {}", cable + 1, unit_of_cable[cable] + 1, unit + 1);
+                    let problem =
+                        format!("give cable {} to units {} and {}", cable + 1, unit_of_cable[cable] + 1, unit + 1);
                     return refuse("ports", problem, "every cable on exactly one motor");
                 }
                 unit_of_cable[cable] = unit;
@@ -162,7 +164,11 @@ impl CoreConfig {
         for (cable, counts) in self.counts_per_m[..self.cable_count()].iter().enumerate() {
             if !(counts.is_finite() && (100.0..=1e7).contains(&counts.abs())) {
                 let problem = format!("is {counts} for cable {}", cable + 1);
-                return refuse("counts_per_m", problem, "100 to 10000000 counts per metre, negative for a reversed encoder");
+                return refuse(
+                    "counts_per_m",
+                    problem,
+                    "100 to 10000000 counts per metre, negative for a reversed encoder",
+                );
             }
         }
         inside("cable_speed_limit_m_s", self.cable_speed_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
@@ -171,7 +177,13 @@ impl CoreConfig {
         inside("stop_s", self.stop_s, 0.05, 10.0, "0.05 to 10 seconds")?;
         inside("settle_s", self.settle_s, 0.0, 10.0, "0 to 10 seconds")?;
         inside("ttl_cycles", f64::from(self.ttl_cycles), 0.0, 50.0, "0 to 50 cycles")?;
-        inside("jog_speed_m_s", self.jog_speed_m_s, 1e-3, self.cable_speed_m_s, "0.001 m/s up to the cable speed limit")?;
+        inside(
+            "jog_speed_m_s",
+            self.jog_speed_m_s,
+            1e-3,
+            self.cable_speed_m_s,
+            "0.001 m/s up to the cable speed limit",
+        )?;
         inside("slack_n", self.slack_n, 0.0, 1e4, "0 to 10000 newtons")?;
         inside("slack_cycles", f64::from(self.slack_cycles), 1.0, 1e4, "1 to 10000 cycles")?;
         inside("stall_duty", self.stall_duty, 0.05, 1.0, "0.05 to 1")?;

@@ -23,6 +23,9 @@ const REST_S: f64 = 1.0;
 /// A tick that came more than this many periods after the last one leaves a gap in the motion worth looking at.
 const GAP_PERIODS: f64 = 1.5;
 
+/// Drives react after up to 0.16 s (delay and lag), and the readings are a cycle old, s.
+const REACTION_S: f64 = 0.2;
+
 /// What the drives are to do in this cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveCommand {
@@ -223,8 +226,9 @@ impl Core {
     /// What would have to be kept on disk: lengths and counts, if the lengths mean something.
     #[must_use]
     pub fn position(&self) -> Option<([f64; CABLES], [i64; CABLES])> {
-        (self.odometry.position() != MotorState::POSITION_UNKNOWN)
-            .then(|| (std::array::from_fn(|i| self.odometry.length_m(i)), std::array::from_fn(|i| self.odometry.counts(i))))
+        (self.odometry.position() != MotorState::POSITION_UNKNOWN).then(|| {
+            (std::array::from_fn(|i| self.odometry.length_m(i)), std::array::from_fn(|i| self.odometry.counts(i)))
+        })
     }
 
     /// Late ticks, gaps, and what only the first cycle brings.
@@ -438,7 +442,7 @@ impl Core {
         let mut found = Faults::default();
         for (i, [low, high]) in self.config.robot.length_limits_m().iter().enumerate() {
             let (length, v) = (self.odometry.length_m(i), wanted[i]);
-            let braking = v * v / (2.0 * self.config.cable_acceleration_m_s2) + v.abs() * 2.0 * self.config.period_s;
+            let braking = v * v / (2.0 * self.config.cable_acceleration_m_s2) + v.abs() * REACTION_S;
             if (v > 0.0 && length + braking > *high) || (v < 0.0 && length - braking < *low) {
                 found.cable(MotorAuthority::FAULT_LENGTH_LIMIT, i);
             }
@@ -456,7 +460,8 @@ impl Core {
     fn settle(&mut self, before: f64, sent: &[f64; CABLES]) {
         let speed = self.limits.last_speed();
         let gentle = speed <= self.limits.step();
-        let uncontrolled = self.safety.mode() == Mode::Faulted || (self.safety.mode() == Mode::Stopping && self.stop.open);
+        let uncontrolled =
+            self.safety.mode() == Mode::Faulted || (self.safety.mode() == Mode::Stopping && self.stop.open);
         if uncontrolled {
             if before > 0.0 {
                 self.clock.shrink(speed / before);
@@ -466,12 +471,8 @@ impl Core {
             }
         }
         match self.safety.mode() {
-            Mode::Stopping if self.stop.open => {
-                if speed == 0.0 {
-                    self.rest();
-                }
-            }
-            Mode::Stopping if self.clock.rate() == 0.0 => {
+            Mode::Stopping if self.stop.open && speed == 0.0 => self.rest(),
+            Mode::Stopping if !self.stop.open && self.clock.rate() == 0.0 => {
                 self.stop.waited += 1;
                 if gentle || self.stop.waited > self.config.cycles(REST_S) {
                     // What is left of the velocity, at most one step, goes in the next cycle.
@@ -527,7 +528,8 @@ impl Core {
         let n = self.config.cable_count();
         let mut found = Faults::default();
         let back = self.watch.units(&self.config, input, &mut found);
-        let ok: [bool; CABLES] = std::array::from_fn(|i| i < n && input.unit[self.config.unit_of_cable[i]] == MotorInput::UNIT_OK);
+        let ok: [bool; CABLES] =
+            std::array::from_fn(|i| i < n && input.unit[self.config.unit_of_cable[i]] == MotorInput::UNIT_OK);
         self.unit_trouble = input.unit[..self.config.unit_count].iter().any(|unit| *unit != MotorInput::UNIT_OK);
         if self.unit_trouble && self.safety.energised() {
             self.skipped += 1;
@@ -579,9 +581,8 @@ impl Core {
             return;
         }
         let (mut along, mut square) = (0.0, 0.0);
-        for i in 0..n {
-            let v = self.sent_before[i];
-            along += (self.odometry.length_m(i) - before[i]) * v;
+        for (i, (before, v)) in before.iter().zip(&self.sent_before).enumerate().take(n) {
+            along += (self.odometry.length_m(i) - before) * v;
             square += v * v;
         }
         // Below 5 mm/s there is nothing to catch up with.

@@ -23,6 +23,7 @@ pub struct Drives {
     reboots: [u32; UNITS],
     /// When anything slow was last read of a unit.
     slow_ns: [u64; UNITS],
+    trouble: Option<Error>,
 }
 
 impl Drives {
@@ -32,14 +33,12 @@ impl Drives {
     /// Those of the configuration; a port that is not there is not one, see [`Drives::missing`].
     pub fn open(box_file: &BoxFile, config: &CoreConfig, domain_root: &Path) -> Result<Self, Error> {
         let mut place = [(0, 0); CABLES];
-        let mut unit = 0;
-        for section in box_file.motor_io.ports.iter().flat_map(|port| &port.units) {
+        for (unit, section) in box_file.motor_io.ports.iter().flat_map(|port| &port.units).enumerate() {
             for (motor, cable) in section.cables.iter().enumerate() {
                 if let Some(place) = place.get_mut(cable.wrapping_sub(1)) {
                     *place = (unit, motor);
                 }
             }
-            unit += 1;
         }
         let ports: Vec<PortConfig> =
             box_file.motor_io.ports.iter().map(|port| port_config(port, config, domain_root)).collect();
@@ -50,6 +49,7 @@ impl Drives {
             counts_per_m: config.counts_per_m,
             reboots: [0; UNITS],
             slow_ns: [0; UNITS],
+            trouble: None,
         })
     }
 
@@ -68,6 +68,12 @@ impl Drives {
         let reply = self.fleet.exchange(&FleetCommand { cycle, drives }, deadline_ns);
         for (unit, answer) in reply.units.iter().enumerate().take(UNITS) {
             input.unit[unit] = outcome(answer, &mut self.reboots[unit]);
+            if let Err(error) = &answer.outcome {
+                // What comes after the first error of a line is its way back.
+                if !matches!(error, Error::Resynchronising { .. }) || self.trouble.is_none() {
+                    self.trouble = Some(error.clone());
+                }
+            }
             let report = &answer.report;
             let newest = [report.currents_a.at_ns, report.duties.at_ns, report.supply_v.at_ns, report.status.at_ns];
             let newest = newest.into_iter().max().unwrap_or(0);
@@ -88,12 +94,19 @@ impl Drives {
         }
     }
 
+    /// What went wrong since the last call, the newest of it.
+    pub fn trouble(&mut self) -> Option<Error> {
+        self.trouble.take()
+    }
+
     /// The first unit that has not answered yet in this life, with the reason.
     pub fn missing(&mut self) -> Option<Error> {
         let nothing = FleetCommand::default();
         let reply = self.fleet.exchange(&nothing, 0);
         let lost = reply.ports.iter().find_map(|port| port.lost.clone());
-        lost.or_else(|| reply.units.iter().filter(|u| !u.report.counts.is_known()).find_map(|u| u.outcome.clone().err()))
+        lost.or_else(|| {
+            reply.units.iter().filter(|u| !u.report.counts.is_known()).find_map(|u| u.outcome.clone().err())
+        })
     }
 }
 

@@ -53,7 +53,7 @@ impl Inbox {
     /// The planner's motion.
     pub fn motion(&mut self, motion: &PlanMotion) {
         let end = |segment: &PlanSegment| segment.start_s + segment.duration_s;
-        let carried = if motion.next.kind == PlanSegment::KIND_NONE { &motion.current } else { &motion.next };
+        let carried = if motion.next.id == 0 { &motion.current } else { &motion.next };
         self.input.motion = motion.motion;
         self.input.motion_epoch = motion.epoch;
         self.input.motion_segment = motion.current.id;

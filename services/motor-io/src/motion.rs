@@ -48,7 +48,8 @@ impl Motion {
     /// True if plan/motion holds a motion from rest that is still to be made, in this epoch, at this plan time.
     #[must_use]
     pub fn offered(&self, input: &MotorInput, epoch: u32, plan_time_s: f64, tolerance_s: f64) -> bool {
-        let finite = input.motion_start_s.is_finite() && input.motion_end_s.is_finite() && input.motion_known_s.is_finite();
+        let finite =
+            input.motion_start_s.is_finite() && input.motion_end_s.is_finite() && input.motion_known_s.is_finite();
         let fresh = match self.finished {
             Some((id, at_s)) => input.motion != id || input.motion_start_s >= at_s,
             None => true,

@@ -100,7 +100,11 @@ impl PositionFile {
             Err(error) => return Err(PositionError::Unreadable { path, why: error.message().to_owned() }),
         };
         let n = config.cable_count();
-        let same = Self { lengths_m: file.lengths_m.clone(), counts: file.counts.clone(), ..Self::of(config, &([0.0; CABLES], [0; CABLES])) };
+        let same = Self {
+            lengths_m: file.lengths_m.clone(),
+            counts: file.counts.clone(),
+            ..Self::of(config, &([0.0; CABLES], [0; CABLES]))
+        };
         let sound = file.lengths_m.len() == n && file.counts.len() == n && file.lengths_m.iter().all(|l| l.is_finite());
         if file != same || !sound {
             return Err(PositionError::OtherRobot { path });
@@ -153,7 +157,11 @@ impl Keeper {
                 }
             }
         };
-        let thread = std::thread::Builder::new().name("position".to_owned()).stack_size(256 << 10).spawn(work).map_err(unwritable)?;
+        let thread = std::thread::Builder::new()
+            .name("position".to_owned())
+            .stack_size(256 << 10)
+            .spawn(work)
+            .map_err(unwritable)?;
         Ok(Self { sender: Some(sender), thread: Some(thread), kept: None, kept_ns: 0, cables })
     }
 

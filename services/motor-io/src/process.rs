@@ -112,6 +112,9 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
         answer(call, &core, &mut reporter);
         reporter.look(&observation.authority);
+        if ready {
+            reporter.drives(&mut drives);
+        }
         keeper.keep(core.position(), tick.woke_ns);
         if !ready {
             let up = observation.state.unit_ok[..usize::from(observation.state.unit_count)].iter().all(|ok| *ok == 1);
@@ -220,9 +223,13 @@ impl Ports {
 
 fn answer(call: Option<Call<'_>>, core: &Core, reporter: &mut Reporter) {
     let Some(call) = call else { return };
-    let Some(answer) = core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
+    let Some(answer) =
+        core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
     else {
-        reporter.bus(call.answer(false, "The request holds no verb; this program and the one that asked are of different versions."));
+        reporter.bus(call.answer(
+            false,
+            "The request holds no verb; this program and the one that asked are of different versions.",
+        ));
         return;
     };
     info!("request {}: {}", if answer.accepted { "accepted" } else { "refused" }, answer.sentence);
@@ -236,6 +243,7 @@ struct Reporter {
     mode: u8,
     faults: u32,
     complained_ns: u64,
+    troubled_ns: u64,
 }
 
 impl Reporter {
@@ -254,6 +262,17 @@ impl Reporter {
             self.bus(Err(error));
             None
         })
+    }
+
+    /// Noise comes in bursts: the first of it is said, then not more than one sentence a second.
+    fn drives(&mut self, drives: &mut Drives) {
+        let now = now_ns();
+        if now > self.troubled_ns + SECOND_NS
+            && let Some(error) = drives.trouble()
+        {
+            self.troubled_ns = now;
+            warn!("{error}");
+        }
     }
 
     fn look(&mut self, authority: &MotorAuthority) {

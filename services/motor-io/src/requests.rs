@@ -1,4 +1,5 @@
 //! What the operator asks for, and what is answered in each mode.
+#![allow(clippy::result_large_err)] // a sentence in place: in the loop nothing is allocated, so nothing is boxed
 
 use crate::answer::{Answer, Sentence, sentence};
 use crate::config::JOG_LIMIT_M;
@@ -36,7 +37,9 @@ impl Core {
                 no!("Motions are planned by the planner; send this request to it.")
             }
             OperatorRequest::VERB_FAULT => no!("Faults are made by the virtual motor box; send this request to it."),
-            other => no!("There is no request number {other}; this program and the one that asked are of different versions."),
+            other => no!(
+                "There is no request number {other}; this program and the one that asked are of different versions."
+            ),
         };
         let (accepted, sentence) = match outcome {
             Ok(sentence) => (true, sentence),
@@ -48,7 +51,9 @@ impl Core {
     fn arm(&mut self) -> Outcome {
         match self.safety.mode() {
             Mode::Disarmed => {}
-            Mode::Faulted | Mode::EmergencyStop => return no!("Not armed: the robot is stopped by a fault; reset it first."),
+            Mode::Faulted | Mode::EmergencyStop => {
+                return no!("Not armed: the robot is stopped by a fault; reset it first.");
+            }
             _ => return yes!("Already armed."),
         }
         let lasting = self.safety.lasting();
@@ -62,7 +67,9 @@ impl Core {
         match self.odometry.position() {
             MotorState::POSITION_KNOWN => yes!("Armed: the drives hold the lines."),
             MotorState::POSITION_FROM_BEFORE_THE_CUT => {
-                yes!("Armed: the drives hold the lines; the position is from before the cut, so confirm it or zero before a motion.")
+                yes!(
+                    "Armed: the drives hold the lines; the position is from before the cut, so confirm it or zero before a motion."
+                )
             }
             _ => yes!("Armed: the drives hold the lines; the position is unknown, so zero before a motion."),
         }
@@ -72,7 +79,9 @@ impl Core {
         match self.safety.mode() {
             Mode::Following | Mode::Stopping | Mode::Jogging => no!("Not disarmed: the robot moves; stop first."),
             Mode::Disarmed => yes!("Already disarmed."),
-            _ if self.limits.last_speed() != 0.0 => no!("Not disarmed: the robot is still coming to rest; try again in a second."),
+            _ if self.limits.last_speed() != 0.0 => {
+                no!("Not disarmed: the robot is still coming to rest; try again in a second.")
+            }
             mode => {
                 self.abandon();
                 self.safety.disarm();
@@ -88,7 +97,9 @@ impl Core {
         match self.safety.mode() {
             Mode::Following => {
                 self.pausing = true;
-                yes!("Pausing: the robot comes to rest on its path and holds; resume goes on, stop gives the motion up.")
+                yes!(
+                    "Pausing: the robot comes to rest on its path and holds; resume goes on, stop gives the motion up."
+                )
             }
             Mode::Jogging => {
                 self.cancel_jog();
@@ -117,13 +128,17 @@ impl Core {
             Mode::Following => yes!("The motion is running."),
             Mode::Holding if self.motion.suspended() => {
                 if self.odometry.position() != MotorState::POSITION_KNOWN {
-                    return no!("Not resumed: the position needs confirmation; confirm it or zero, then start a new motion.");
+                    return no!(
+                        "Not resumed: the position needs confirmation; confirm it or zero, then start a new motion."
+                    );
                 }
                 if input.motion != self.motion.id() || input.motion_epoch != self.safety.epoch() {
                     return no!("Not resumed: the planner no longer has this motion; stop, then start a new one.");
                 }
                 if !self.chosen.is_some_and(|chosen| self.motion.has(chosen.segment)) {
-                    return no!("Not resumed: no controller answers for this motion; look at nims status which process is missing.");
+                    return no!(
+                        "Not resumed: no controller answers for this motion; look at nims status which process is missing."
+                    );
                 }
                 self.follow();
                 yes!("Going on where the motion was left.")
@@ -178,14 +193,18 @@ impl Core {
 
     fn reset(&mut self) -> Outcome {
         match self.safety.mode() {
-            Mode::Following | Mode::Stopping | Mode::Jogging => no!("Nothing is reset while the robot moves; stop first."),
+            Mode::Following | Mode::Stopping | Mode::Jogging => {
+                no!("Nothing is reset while the robot moves; stop first.")
+            }
             Mode::Holding => {
                 self.abandon();
                 self.safety.clear_stops(STOPS);
                 self.safety.bump();
                 yes!("Reset: the robot holds.")
             }
-            _ if self.limits.last_speed() != 0.0 => no!("Not reset: the robot is still coming to rest; try again in a second."),
+            _ if self.limits.last_speed() != 0.0 => {
+                no!("Not reset: the robot is still coming to rest; try again in a second.")
+            }
             _ => {
                 if !self.safety.reset() {
                     return no!("Not reset: {}.", FaultList(&self.safety.lasting()));
@@ -196,7 +215,9 @@ impl Core {
                 }
                 match self.odometry.position() {
                     MotorState::POSITION_KNOWN => yes!("Reset: the robot holds."),
-                    _ => yes!("Reset: the robot holds; its position is not certain, so confirm it or zero before a motion."),
+                    _ => yes!(
+                        "Reset: the robot holds; its position is not certain, so confirm it or zero before a motion."
+                    ),
                 }
             }
         }
@@ -229,7 +250,9 @@ impl Core {
         let robot = &self.config.robot;
         let held = match tension::at(robot, &at, &Vector3::zeros(), self.config.distribution) {
             Ok(held) => held,
-            Err(error) => return no!("Not zeroed: the node cannot hang freely at [{}, {}, {}]: {error}.", at.x, at.y, at.z),
+            Err(error) => {
+                return no!("Not zeroed: the node cannot hang freely at [{}, {}, {}]: {error}.", at.x, at.y, at.z);
+            }
         };
         let straight = kinematics::inverse_kinematics(robot.anchors(), &at);
         let lengths = elastic::unstretched(robot, &straight, &held.tensions_n);
@@ -285,7 +308,9 @@ impl Core {
             Mode::Jogging => return no!("Not jogged: a cable is being jogged; wait until it holds."),
             Mode::Following | Mode::Stopping => return no!("Not jogged: the robot moves; stop first."),
             Mode::Disarmed => return no!("Not jogged: the drives are off; arm first."),
-            Mode::Faulted | Mode::EmergencyStop => return no!("Not jogged: the robot is stopped by a fault; reset it first."),
+            Mode::Faulted | Mode::EmergencyStop => {
+                return no!("Not jogged: the robot is stopped by a fault; reset it first.");
+            }
         }
         if self.motion.suspended() {
             return no!("Not jogged: a motion is paused; stop to give it up first.");

@@ -36,11 +36,7 @@ const FAULTS: [(u32, &str, &str); 18] = [
         "the controller stopped answering, so the robot stopped and holds",
         "start the controller, then resume",
     ),
-    (
-        MotorAuthority::FAULT_LENGTH_LIMIT,
-        "a line has reached its length limit",
-        "reset, then move back inside",
-    ),
+    (MotorAuthority::FAULT_LENGTH_LIMIT, "a line has reached its length limit", "reset, then move back inside"),
     (
         MotorAuthority::FAULT_ESTIMATE_LOST,
         "there is no valid estimate of the position, so the robot stopped and holds",
@@ -52,11 +48,7 @@ const FAULTS: [(u32, &str, &str); 18] = [
         "the machine stood still for longer than the drives wait, so the robot waits a second and goes on",
         "look for what else runs on this machine",
     ),
-    (
-        MotorAuthority::FAULT_EMERGENCY_INPUT,
-        "the emergency stop of a drive unit is pressed",
-        "release it, then reset",
-    ),
+    (MotorAuthority::FAULT_EMERGENCY_INPUT, "the emergency stop of a drive unit is pressed", "release it, then reset"),
     (
         MotorAuthority::FAULT_SUPERVISOR_LOST,
         "the supervisor is gone, so the robot stopped and holds",
@@ -86,7 +78,9 @@ pub fn fault_sentences(bits: u32) -> impl Iterator<Item = String> {
 /// The sentences of a sample's faults, each ending with the cables and units that are named.
 #[must_use]
 pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
-    let named = |marks: &[u8; 8]| marks.iter().enumerate().filter(|(_, m)| **m == 1).map(|(i, _)| (i + 1).to_string()).collect::<Vec<_>>();
+    let named = |marks: &[u8; 8]| {
+        marks.iter().enumerate().filter(|(_, m)| **m == 1).map(|(i, _)| (i + 1).to_string()).collect::<Vec<_>>()
+    };
     let (cables, units) = (named(&authority.fault_cable).join(", "), named(&authority.fault_unit).join(", "));
     let place = match (cables.is_empty(), units.is_empty()) {
         (true, true) => String::new(),

@@ -90,11 +90,11 @@ impl Watch {
     pub fn units(&mut self, config: &CoreConfig, input: &MotorInput, found: &mut Faults) -> [bool; UNITS] {
         let mut back = [false; UNITS];
         let patience = config.cycles(RESYNC_S).max(LOST_CYCLES);
-        for unit in 0..config.unit_count {
+        for (unit, back) in back.iter_mut().enumerate().take(config.unit_count) {
             let was_lost = self.silent[unit] >= LOST_CYCLES || self.resync[unit] >= patience;
             match input.unit[unit] {
                 MotorInput::UNIT_OK => {
-                    back[unit] = was_lost;
+                    *back = was_lost;
                     (self.silent[unit], self.resync[unit]) = (0, 0);
                 }
                 MotorInput::UNIT_RESYNC => self.resync[unit] = self.resync[unit].saturating_add(1),
@@ -193,7 +193,9 @@ impl Watch {
 
     /// Forgets what persisted, after a reset.
     pub fn forget(&mut self) {
-        for counters in [&mut self.stalled, &mut self.runaway, &mut self.slack, &mut self.tight, &mut self.hot, &mut self.straining] {
+        for counters in
+            [&mut self.stalled, &mut self.runaway, &mut self.slack, &mut self.tight, &mut self.hot, &mut self.straining]
+        {
             *counters = [0; CABLES];
         }
     }

@@ -1,0 +1,242 @@
+//! A robot of three cables on two units, in a few lines: drives that follow with a lag, and a controller that says what it is told.
+#![allow(dead_code, clippy::unwrap_used, clippy::needless_range_loop)]
+
+use cable_robot::{Robot, RobotParts};
+use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, UNITS};
+use motor_io::inbox::Inbox;
+use motor_io::{Answer, Core, CoreConfig, DriveCommand, Observation};
+
+pub const PERIOD_S: f64 = 0.01;
+const COUNTS_PER_M: [f64; 3] = [10_000.0, -10_000.0, 12_000.0];
+/// Lag of the drives, s.
+const LAG_S: f64 = 0.04;
+
+pub fn config() -> CoreConfig {
+    let robot = Robot::new(RobotParts {
+        anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
+        node_mass_kg: 1.2,
+        tension_limits_n: [2.0, 60.0],
+        speed_limit_m_s: 0.4,
+        acceleration_limit_m_s2: 0.5,
+        length_limits_m: Some(vec![[0.3, 14.0]; 3]),
+        stiffness_n: Some(6000.0),
+        routed_length_m: Some(vec![6.0; 3]),
+        ..RobotParts::default()
+    })
+    .unwrap();
+    CoreConfig::new(robot, PERIOD_S, &COUNTS_PER_M, &[vec![0, 1], vec![2]]).unwrap()
+}
+
+/// One cycle's record.
+#[derive(Clone)]
+pub struct Step {
+    pub input: MotorInput,
+    pub sent: DriveCommand,
+    pub seen: Observation,
+    pub answers: Vec<Answer>,
+}
+
+pub struct Rig {
+    pub core: Core,
+    pub inbox: Inbox,
+    pub cycle: u64,
+    pub now_ns: u64,
+    /// Lines as they are, m.
+    pub length_m: [f64; CABLES],
+    pub velocity_m_s: [f64; CABLES],
+    /// Added to what the encoders say.
+    pub count_offset: [i64; CABLES],
+    /// Encoders that say nothing new.
+    pub dead: [bool; CABLES],
+    pub unit: [u8; UNITS],
+    pub status: [u32; UNITS],
+    pub supply_v: f64,
+    pub duty: [f64; CABLES],
+    pub current_a: [f64; CABLES],
+    pub tension_n: [f64; CABLES],
+    /// What the controller answers; None: it is dead.
+    pub controller: Option<[f64; CABLES]>,
+    pub estimate_valid: bool,
+    pub incarnation: u32,
+    pub motion: PlanMotion,
+    pub planner: bool,
+    pub supervisor: Option<u64>,
+    pub last: Option<Step>,
+}
+
+impl Default for Rig {
+    fn default() -> Self {
+        Self::new(config())
+    }
+}
+
+impl Rig {
+    pub fn new(config: CoreConfig) -> Self {
+        Self {
+            inbox: Inbox::new(config.cable_count(), config.unit_count),
+            core: Core::new(config),
+            cycle: 0,
+            now_ns: 1_000_000_000,
+            length_m: [5.0; CABLES],
+            velocity_m_s: [0.0; CABLES],
+            count_offset: [0; CABLES],
+            dead: [false; CABLES],
+            unit: [MotorInput::UNIT_OK; UNITS],
+            status: [0; UNITS],
+            supply_v: 12.0,
+            duty: [0.1; CABLES],
+            current_a: [0.5; CABLES],
+            tension_n: [10.0; CABLES],
+            controller: Some([0.0; CABLES]),
+            estimate_valid: true,
+            incarnation: 7,
+            motion: PlanMotion::default(),
+            planner: true,
+            supervisor: Some(1),
+            last: None,
+        }
+    }
+
+    pub fn seen(&self) -> &Observation {
+        &self.last.as_ref().unwrap().seen
+    }
+
+    pub fn mode(&self) -> u8 {
+        self.seen().authority.mode
+    }
+
+    pub fn faults(&self) -> u32 {
+        self.seen().authority.faults
+    }
+
+    /// One cycle, `late_ns` after it was due and `gap_ns` longer than a period after the last.
+    pub fn step_after(&mut self, gap_ns: u64, late_ns: u64) -> &Step {
+        self.cycle += 1;
+        self.now_ns += (PERIOD_S * 1e9) as u64 + gap_ns;
+        if self.planner {
+            self.motion.beat += 1;
+            self.inbox.motion(&self.motion);
+        }
+        if let Some(beat) = &mut self.supervisor {
+            *beat += 1;
+            self.inbox.supervisor(*beat);
+        }
+        if let (Some(velocity), Some(last)) = (self.controller, &self.last) {
+            let mut command = MotorCommand {
+                based_on_cycle: self.cycle - 1,
+                epoch: last.seen.authority.epoch,
+                incarnation: self.incarnation,
+                segment: self.motion.current.id,
+                ttl_cycles: 10,
+                valid: [u8::from(self.estimate_valid), 0],
+                ..MotorCommand::default()
+            };
+            command.header.oldest_input_ns = last.seen.state.header.oldest_input_ns;
+            command.velocity_m_s[..CABLES].copy_from_slice(&velocity);
+            self.inbox.command(0, &command);
+            let mut estimate = NodeEstimate {
+                valid: u8::from(self.estimate_valid),
+                tension_n: self.tension_n,
+                ..NodeEstimate::default()
+            };
+            estimate.header.cycle = self.cycle - 1;
+            self.inbox.estimate(0, &estimate);
+        }
+        let input = self.inbox.begin(self.cycle, self.now_ns - late_ns, self.now_ns);
+        let sent = self.core.decide(input);
+        let answers = self.core.answers().to_vec();
+        for i in 0..3 {
+            let target = if sent.released[i] { 0.0 } else { sent.speed_m_s[i] };
+            self.velocity_m_s[i] += (target - self.velocity_m_s[i]) * PERIOD_S / LAG_S;
+            self.length_m[i] += self.velocity_m_s[i] * (PERIOD_S + gap_ns as f64 * 1e-9);
+            if !self.dead[i] {
+                input.counts[i] = (self.length_m[i] * COUNTS_PER_M[i]).round() as i64 + self.count_offset[i];
+            }
+            input.sampled_ns[i] = self.now_ns + 1_000_000 * (i as u64 + 1);
+            input.current_a[i] = self.current_a[i];
+            input.duty[i] = self.duty[i];
+        }
+        for unit in 0..2 {
+            input.unit[unit] = self.unit[unit];
+            input.slow_fresh[unit] = u8::from(self.unit[unit] == MotorInput::UNIT_OK);
+            input.supply_v[unit] = self.supply_v;
+            input.status[unit] = self.status[unit];
+        }
+        input.end_ns = self.now_ns + 4_000_000;
+        let seen = self.core.observe(input);
+        let input = *input;
+        self.inbox.finish();
+        self.last.insert(Step { input, sent, seen, answers })
+    }
+
+    pub fn step(&mut self) -> &Step {
+        self.step_after(0, 50_000)
+    }
+
+    pub fn steps(&mut self, cycles: u32) {
+        for _ in 0..cycles {
+            self.step();
+        }
+    }
+
+    /// Steps until `wanted`; panics after `most` cycles.
+    pub fn until(&mut self, most: u32, wanted: impl Fn(&Rig) -> bool) -> u32 {
+        for cycle in 0..most {
+            if wanted(self) {
+                return cycle;
+            }
+            self.step();
+        }
+        let authority = &self.last.as_ref().unwrap().seen.authority;
+        panic!("not within {most} cycles; mode {}, faults {:#x}", authority.mode, authority.faults);
+    }
+
+    pub fn ask(&mut self, verb: u8, args: &[f64]) -> (bool, String) {
+        let mut all = [0.0; 8];
+        all[..args.len()].copy_from_slice(args);
+        assert!(self.inbox.request(self.cycle + 100, verb, &all));
+        let answer = self.step().answers[0];
+        (answer.accepted, answer.sentence.to_string())
+    }
+
+    pub fn demand(&mut self, verb: u8, args: &[f64]) {
+        let (accepted, sentence) = self.ask(verb, args);
+        assert!(accepted, "{sentence}");
+    }
+
+    /// Armed, position known, holding.
+    pub fn ready(mut self) -> Self {
+        self.steps(3);
+        self.demand(OperatorRequest::VERB_ZERO_LENGTHS, &[5.0; 3]);
+        self.demand(OperatorRequest::VERB_ARM, &[]);
+        self
+    }
+
+    /// A motion from now on, of so many seconds.
+    pub fn offer(&mut self, seconds: f64) {
+        let authority = self.seen().authority;
+        self.motion.motion += 1;
+        self.motion.epoch = authority.epoch;
+        self.motion.current = PlanSegment {
+            id: self.motion.current.id + 1,
+            kind: PlanSegment::KIND_LINE,
+            start_s: authority.plan_time_s,
+            duration_s: seconds,
+            ..PlanSegment::default()
+        };
+        self.motion.end_s = authority.plan_time_s + seconds;
+    }
+
+    /// Following a long motion at these velocities.
+    pub fn following(velocity: [f64; 3]) -> Self {
+        let mut rig = Self::default().ready();
+        rig.offer(1000.0);
+        let mut all = [0.0; CABLES];
+        all[..3].copy_from_slice(&velocity);
+        rig.controller = Some(all);
+        rig.until(10, |rig| rig.mode() == messages::MotorAuthority::MODE_FOLLOWING);
+        rig.steps(100);
+        assert_eq!(rig.seen().authority.plan_rate, 1.0);
+        rig
+    }
+}
