@@ -63,6 +63,7 @@ impl Bus {
         let port_name = PortName::new(process)
             .map_err(|_| failed("its name is longer than 64 bytes or not plain ASCII".to_owned()))?;
         let node_name = NodeName::new(process).map_err(|error| failed(error.to_string()))?;
+        domain.before_cleaning(); // making a node cleans up after the dead
         let node = NodeBuilder::new()
             .name(&node_name)
             .config(domain.config())
@@ -124,7 +125,7 @@ impl Bus {
                     Err(error) => return Err(failed(channel, "be made", &error)),
                 },
                 PublishSubscribeOpenError::ExceedsMaxNumberOfNodes if !cleaned => {
-                    self.node.try_cleanup_dead_nodes();
+                    self.clean();
                     cleaned = true;
                     true
                 }
@@ -237,7 +238,7 @@ impl Bus {
 
     /// A place may be held by a process that has died since this one joined.
     pub(crate) fn after_cleaning<R>(&self, make: impl Fn() -> R) -> R {
-        self.node.try_cleanup_dead_nodes();
+        self.clean();
         make()
     }
 
@@ -255,6 +256,7 @@ impl Bus {
 
     /// Removes what processes that were killed have left, e.g. their places in channels. About a millisecond per dead process.
     pub fn clean(&self) {
+        self.domain.before_cleaning();
         self.node.try_cleanup_dead_nodes();
     }
 }

@@ -2,14 +2,18 @@
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, SystemTime};
 
 use iceoryx2::prelude::{NodeBuilder, SignalHandlingMode, ipc};
+use rustix::process::geteuid;
 
+use crate::clock::{now_ns, sleep_until};
+use crate::domain::SHARED_MEMORY;
 use crate::{BusError, Domain};
 
-/// A service file stays at mode 0600 only while it is being made, about a millisecond; one that is older was left by a killed process.
-const HALF_MADE: Duration = Duration::from_secs(2);
+/// Something is half made for a millisecond, and for as long as the machine stands still meanwhile; what is older was left by a killed process.
+const HALF_MADE: Duration = Duration::from_secs(1);
 /// Removing one dead process takes a millisecond; a cleaner that needs this long hangs.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -41,6 +45,7 @@ impl Domain {
         let files = self.remove_half_made();
         let mut swept = Swept { alive: alive.len(), files, ..Swept::default() };
         if dead > 0 {
+            self.before_cleaning();
             // In a thread of its own: a cleaner can hang on what a process killed in its first millisecond has left.
             let (config, (done, result)) = (self.config().clone(), std::sync::mpsc::sync_channel(1));
             let cleaner = std::thread::Builder::new().name("sweep".to_owned()).spawn(move || {
@@ -67,20 +72,55 @@ impl Domain {
         Ok(swept)
     }
 
-    /// Removes channels whose maker was killed while it made them: nobody could ever open them.
+    /// Removes what a process that was killed while it made something has left half made: nobody could ever open it, and iceoryx2 itself
+    /// never removes it.
     pub(crate) fn remove_half_made(&self) -> usize {
-        let mut removed = 0;
-        for entry in fs::read_dir(self.root().join("services")).into_iter().flatten().flatten() {
-            let Ok(found) = entry.metadata() else { continue };
-            let old = found
-                .modified()
-                .ok()
-                .and_then(|at| SystemTime::now().duration_since(at).ok())
-                .is_some_and(|age| age > HALF_MADE);
-            if found.is_file() && found.mode() & 0o777 == 0o600 && old {
-                removed += usize::from(fs::remove_file(entry.path()).is_ok());
+        let (old, _) = self.half_made();
+        old.iter().filter(|path| fs::remove_file(path).is_ok()).count()
+    }
+
+    /// To be called before iceoryx2 cleans up. Root can open what is half made in shared memory, and then waits for ever for the rest of it:
+    /// so root waits here until it is finished or is certainly abandoned.
+    pub(crate) fn before_cleaning(&self) {
+        let give_up = now_ns() + 2 * HALF_MADE.as_nanos() as u64;
+        loop {
+            self.remove_half_made();
+            let (old, young) = self.half_made();
+            if !geteuid().is_root() || old.is_empty() && young == 0 || now_ns() > give_up {
+                return;
+            }
+            sleep_until(now_ns() + 5_000_000);
+        }
+    }
+
+    /// What is half made: the abandoned, and how many that may still be in the making.
+    fn half_made(&self) -> (Vec<PathBuf>, usize) {
+        let entries = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
+        let (mut old, mut young) = (Vec::new(), 0);
+        let mut note = |entry: &fs::DirEntry, unfinished: u32| {
+            let Ok(found) = entry.metadata() else { return };
+            if found.is_file() && found.mode() & 0o777 == unfinished {
+                let age = found.modified().ok().and_then(|at| SystemTime::now().duration_since(at).ok());
+                if age.is_some_and(|age| age > HALF_MADE) { old.push(entry.path()) } else { young += 1 }
+            }
+        };
+        // shared memory is write-only until its content is complete
+        for entry in entries(Path::new(SHARED_MEMORY)) {
+            if entry.file_name().as_encoded_bytes().starts_with(self.prefix().as_bytes()) {
+                note(&entry, 0o200);
             }
         }
-        removed
+        // channels, and the notes of a process about its ports, are read-only once they are complete
+        for entry in entries(&self.root().join("services")) {
+            note(&entry, 0o600);
+        }
+        for node in entries(&self.root().join("nodes")) {
+            for entry in entries(&node.path()) {
+                if entry.file_name().as_encoded_bytes().ends_with(b"_tag") {
+                    note(&entry, 0o600);
+                }
+            }
+        }
+        (old, young)
     }
 }

@@ -84,4 +84,23 @@ mod tests {
         let warning = warning.unwrap();
         assert!(warning.contains("processor 100000") && warning.lines().count() == 1, "{warning}");
     }
+
+    #[test]
+    fn the_kernel_confirms_what_was_reached() {
+        std::thread::spawn(|| {
+            let section = RealtimeSection { priority: 10, cpu: Some(0), lock_memory: false };
+            let (reached, warning) = apply(&section, "estimator");
+            assert_eq!(warning.is_none(), reached.fifo && reached.pinned, "{warning:?}");
+            // proc_pid_stat(5): field 40 is the real-time priority, 41 the policy (1: SCHED_FIFO); the name in field 2 has no blank here
+            let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
+            let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+            let (priority, policy) = (fields[40 - 3], fields[41 - 3]);
+            assert_eq!((priority, policy), if reached.fifo { ("11", "1") } else { ("0", "0") });
+            let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
+            let allowed = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:\t")).unwrap();
+            assert!(!reached.pinned || allowed == "0", "{allowed}");
+        })
+        .join()
+        .unwrap();
+    }
 }
