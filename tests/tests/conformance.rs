@@ -20,16 +20,10 @@ fn workspace() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
-/// Builds the program if it is not there or not fresh, and says where it is.
+/// A program of this workspace; the test runs from target/PROFILE/deps.
 fn program(name: &str) -> PathBuf {
-    // The test runs from target/PROFILE/deps.
-    let folder = std::env::current_exe().unwrap().parent().unwrap().parent().unwrap().to_owned();
-    let built = Command::new(env!("CARGO"))
-        .args(["build", "--quiet", "--package", name, "--bin", name])
-        .current_dir(workspace())
-        .status();
-    let program = folder.join(name);
-    assert!(program.exists(), "{} is not there and could not be built ({built:?})", program.display());
+    let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join(name);
+    assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
     program
 }
 
