@@ -76,10 +76,7 @@ impl Case {
             plant,
             mission: mission(self.mission)?,
             period_s,
-            horizon: std::env::var("HORIZON")
-                .ok()
-                .and_then(|h| h.parse().ok())
-                .unwrap_or((sluggish_s / period_s + 0.5) as u32 + 2),
+            horizon: (2.0 * sluggish_s / period_s).round() as u32 + 3,
             stretch,
             distribution: Distribution::default_for(robot.cable_count()),
             longest_s: 300.0,
@@ -88,29 +85,27 @@ impl Case {
 }
 
 /// Heads the rows of [`row`].
-pub const HEADING: &str = "robot mission  motor ms stretch  estimate rms/max mm   truth rms/max mm    between rms/max  tension rms/max N share  range N        slack missed saturation  s";
+pub const HEADING: &str = "\
+|       |          | motor, ms |            | estimate - setpoint, mm | truth - setpoint, mm | truth - chosen tension, N |           |       |        |
+| robot | mission  | delay/lag | correction | rms / max               | rms / max            | rms / max                 | tension N | slack | missed |
+|-------|----------|-----------|------------|-------------------------|----------------------|---------------------------|-----------|-------|--------|";
 
 /// One flight as a line of text.
 pub fn row(case: &Case, stretch: bool, flight: &Flight) -> String {
-    let mm = |d: crate::lockstep::Deviation| format!("{:6.2} / {:6.2}", d.rms_m * 1e3, d.max_m * 1e3);
+    let mm = |d: crate::lockstep::Deviation| format!("{:5.2} / {:5.2}", d.rms_m * 1e3, d.max_m * 1e3);
     format!(
-        "{}  {:8} {:>3.0}/{:<3.0}  {:5}    {}     {}   {}   {:5.2} / {:5.2} {:5.2}  {:5.2}..{:5.2}   {:3} {:3}  {:4.2} {:6.1}",
+        "| {:5} | {:8} | {:>4.0}/{:<4.0} | {:10} | {:23} | {:20} | {:25} | {:4.1}-{:4.1} | {:5} | {:6} |",
         case.robot,
         case.mission,
         case.motor_s[0] * 1e3,
         case.motor_s[1] * 1e3,
-        if stretch { "with" } else { "none" },
+        if stretch { "stretch" } else { "none" },
         mm(flight.estimate),
         mm(flight.truth),
-        mm(flight.between),
-        flight.tension_rms_n,
-        flight.tension_max_n,
-        flight.tension_share,
+        format!("{:4.2} / {:4.2}", flight.tension_rms_n, flight.tension_max_n),
         flight.tension_range_n[0],
         flight.tension_range_n[1],
         flight.slack_cycles,
         flight.missed,
-        flight.saturation,
-        flight.moving_cycles as f64 * 0.01,
     )
 }

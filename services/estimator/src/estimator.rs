@@ -127,7 +127,10 @@ impl Estimator {
         }
         if known {
             let lengths = CableVec::from_array8(&estimate.predicted_m, n);
-            self.solve(&lengths, &sigma_m, &mut estimate);
+            // One encoder step in one cycle is a large velocity: for the node's own, motor-io's over 50 ms serves better
+            // than the model's of this cycle.
+            let measured_m_s = CableVec::from_array8(&state.velocity_m_s, n);
+            self.solve(&lengths, &measured_m_s, &sigma_m, &mut estimate);
         }
         if estimate.valid == 0 {
             self.position = None;
@@ -144,12 +147,18 @@ impl Estimator {
         self.position = None;
     }
 
-    fn solve(&mut self, lengths_m: &CableVec, sigma_m: &CableVec, estimate: &mut NodeEstimate) {
+    fn solve(
+        &mut self,
+        lengths_m: &CableVec,
+        measured_m_s: &CableVec,
+        sigma_m: &CableVec,
+        estimate: &mut NodeEstimate,
+    ) {
         // The lines' statics at rest: 0.3 m/s² would move the node by less than a millimetre, and a motion that is not
         // flown as planned must not move the estimate.
         let rest = Vector3::zeros();
         let Ok(found) = elastic::equilibrium(&self.robot, lengths_m, &rest, self.position.as_ref()) else { return };
-        let velocity = found.sensitivity.node_velocity(&estimate.cable_velocity_m_s[..lengths_m.len()]);
+        let velocity = found.sensitivity.node_velocity(measured_m_s);
         let covariance = found.covariance(sigma_m);
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !(finite(&found.position) && finite(&velocity) && covariance.iter().all(|x| x.is_finite())) {

@@ -1,0 +1,233 @@
+//! The estimator against lengths made from known positions.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use cable_robot::{CableVec, Distribution, Robot, RobotParts, Vector3, elastic};
+use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig};
+use messages::{Header, MotorState, NodeEstimate};
+use proptest::prelude::*;
+
+const PERIOD_NS: u64 = 10_000_000;
+
+fn robot(cables: usize, stiffness_n: Option<f64>) -> Robot {
+    let anchors = [[0.0, 0.0, 3.05], [9.9, 0.1, 3.10], [9.8, 8.9, 2.98], [0.1, 9.0, 3.02]];
+    Robot::new(RobotParts {
+        anchors_m: anchors[..cables].to_vec(),
+        node_mass_kg: 1.2,
+        tension_limits_n: [1.0, 60.0],
+        speed_limit_m_s: 0.4,
+        acceleration_limit_m_s2: 0.5,
+        stiffness_n,
+        routed_length_m: Some(vec![6.0; cables]),
+        ..RobotParts::default()
+    })
+    .unwrap()
+}
+
+fn estimator(robot: Robot) -> Estimator {
+    Estimator::new(&EstimatorConfig {
+        robot,
+        eta: 50,
+        ridge: 1e-4,
+        prior: [0.6, 0.4],
+        sigma_length_m: 0.001,
+        incarnation: 7,
+    })
+}
+
+fn lengths(robot: &Robot, position: Vector3<f64>) -> CableVec {
+    let choice = Distribution::default_for(robot.cable_count());
+    elastic::realise(robot, &position, &Vector3::zeros(), choice).unwrap().unstretched_m
+}
+
+fn state(cycle: u64, lengths_m: &CableVec) -> MotorState {
+    let at_ns = 1_000_000_000 + cycle * PERIOD_NS;
+    let mut state = MotorState {
+        header: Header { cycle, seq: cycle, stamp_ns: at_ns, oldest_input_ns: at_ns },
+        length_m: lengths_m.to_array8(),
+        cable_count: lengths_m.len() as u8,
+        position_known: MotorState::POSITION_KNOWN,
+        ..MotorState::default()
+    };
+    for i in 0..lengths_m.len() {
+        state.sampled_ns[i] = at_ns;
+        state.fresh[i] = 1;
+    }
+    state
+}
+
+fn distance(estimate: &NodeEstimate, position: Vector3<f64>) -> f64 {
+    (Vector3::from(estimate.position_m) - position).norm()
+}
+
+/// Trace of the covariance, m².
+fn spread(estimate: &NodeEstimate) -> f64 {
+    (0..3).map(|i| estimate.covariance_m2[4 * i]).sum()
+}
+
+/// A node that moves steadily, read as a robot reads it: two cables at a time, 2 ms apart.
+fn steady(robot: &Robot, cycle: u64) -> (MotorState, Vector3<f64>) {
+    let velocity = Vector3::new(0.15, -0.1, 0.05);
+    let at = |seconds: f64| Vector3::new(6.0, 3.5, 0.8) + velocity * seconds;
+    let begin_s = cycle as f64 * 0.01;
+    let n = robot.cable_count();
+    let newest_s = 0.002 * n.div_ceil(2) as f64;
+    let mut state = state(cycle, &lengths(robot, at(begin_s)));
+    for i in 0..n {
+        let after_s = 0.002 * (i / 2 + 1) as f64;
+        state.length_m[i] = lengths(robot, at(begin_s + after_s))[i];
+        state.sampled_ns[i] += (after_s * 1e9) as u64;
+        let speed = (lengths(robot, at(begin_s + 0.01))[i] - lengths(robot, at(begin_s))[i]) / 0.01;
+        (state.command_m_s[i], state.velocity_m_s[i]) = (speed, speed);
+    }
+    state.header.stamp_ns += (newest_s * 1e9) as u64;
+    (state, at(begin_s + newest_s))
+}
+
+#[test]
+fn a_hanging_node_is_found_with_its_tensions() {
+    for (cables, stiffness) in [(3, Some(6000.0)), (3, None), (4, Some(6000.0)), (4, None)] {
+        let robot = robot(cables, stiffness);
+        let position = Vector3::new(5.0, 3.0, 1.0);
+        let choice = Distribution::default_for(cables);
+        let held = elastic::realise(&robot, &position, &Vector3::zeros(), choice).unwrap();
+        let estimate = estimator(robot).step(&state(1, &held.unstretched_m), None);
+        assert_eq!((estimate.valid, estimate.cable_count, estimate.incarnation), (1, cables as u8, 7));
+        assert!(distance(&estimate, position) < 1e-6, "{estimate:?}");
+        for (is, chosen) in estimate.tension_n.iter().zip(held.tensions_n.iter()) {
+            assert!((is - chosen).abs() < 1e-3, "{is} N, chosen {chosen} N");
+        }
+        assert!(estimate.residual_m < 1e-6);
+        assert_eq!(estimate.slack, [0; 8]);
+        assert!((0..3).all(|i| estimate.covariance_m2[4 * i] > 0.0));
+    }
+}
+
+#[test]
+fn readings_of_different_instants_are_brought_to_one() {
+    let robot = robot(4, Some(6000.0));
+    let mut estimator = estimator(robot);
+    let (mut worst, mut unpredicted) = (0.0f64, 0.0f64);
+    for cycle in 1..200 {
+        let (state, position) = steady(&robot, cycle);
+        let estimate = estimator.step(&state, None);
+        if cycle > 100 {
+            worst = worst.max(distance(&estimate, position));
+            for i in 0..4 {
+                unpredicted = unpredicted.max((estimate.measured_m[i] - lengths(&robot, position)[i]).abs());
+            }
+            assert!((Vector3::from(estimate.velocity_m_s) - Vector3::new(0.15, -0.1, 0.05)).norm() < 2e-3);
+        }
+    }
+    assert!(unpredicted > 2e-4 && worst < 2e-5, "{unpredicted} m, {worst} m");
+}
+
+#[test]
+fn the_motor_model_bridges_lost_readings_but_not_for_long() {
+    let robot = robot(3, Some(6000.0));
+    let mut estimator = estimator(robot);
+    for cycle in 1..100 {
+        estimator.step(&steady(&robot, cycle).0, None);
+    }
+    let before = estimator.step(&steady(&robot, 100).0, None);
+    for cycle in 101..101 + BRIDGED_CYCLES {
+        let (mut state, position) = steady(&robot, cycle);
+        (state.fresh[2], state.length_m[2], state.sampled_ns[2]) = (0, 0.0, 0);
+        let estimate = estimator.step(&state, None);
+        assert_eq!(estimate.valid, 1);
+        assert!(distance(&estimate, position) < 1e-3);
+        assert!(spread(&estimate) > spread(&before), "less is known");
+        assert_eq!(estimate.header.oldest_input_ns, before.header.stamp_ns, "the age accumulates");
+    }
+    let (mut state, _) = steady(&robot, 101 + BRIDGED_CYCLES);
+    state.fresh[2] = 0;
+    assert_eq!(estimator.step(&state, None).valid, 0);
+    let (state, position) = steady(&robot, 102 + BRIDGED_CYCLES);
+    let estimate = estimator.step(&state, None);
+    assert_eq!(estimate.valid, 1);
+    assert!(distance(&estimate, position) < 1e-3);
+}
+
+#[test]
+fn what_is_not_known_is_not_valid() {
+    let robot = robot(3, Some(6000.0));
+    let good = state(1, &lengths(&robot, Vector3::new(5.0, 3.0, 1.0)));
+    let spoilt = [
+        MotorState { position_known: MotorState::POSITION_UNKNOWN, ..good },
+        MotorState { cable_count: 4, ..good },
+        MotorState { fresh: [0; 8], ..good },
+        MotorState { length_m: [f64::NAN; 8], ..good },
+        MotorState { length_m: [f64::INFINITY; 8], ..good },
+        MotorState { length_m: [-20.0; 8], ..good },
+    ];
+    for state in spoilt {
+        let estimate = estimator(robot).step(&state, None);
+        assert_eq!((estimate.valid, estimate.position_m), (0, [0.0; 3]), "{state:?}");
+    }
+    let old = MotorState { position_known: MotorState::POSITION_FROM_BEFORE_THE_CUT, ..good };
+    assert_eq!(estimator(robot).step(&old, None).valid, 1, "worth showing, though nobody may fly by it");
+}
+
+#[test]
+fn a_cycle_that_starts_anew_starts_the_estimate_anew() {
+    let robot = robot(3, Some(6000.0));
+    let mut estimator = estimator(robot);
+    for cycle in 1..50 {
+        estimator.step(&steady(&robot, cycle).0, None);
+    }
+    let position = Vector3::new(6.5, 2.5, 1.5);
+    let estimate = estimator.step(&state(1, &lengths(&robot, position)), None);
+    assert!(estimate.valid == 1 && distance(&estimate, position) < 1e-6);
+    assert_eq!(estimate.cable_velocity_m_s, [0.0; 8]);
+}
+
+#[test]
+fn a_slack_line_is_flagged() {
+    let robot = robot(4, Some(6000.0));
+    let mut lengths_m = lengths(&robot, Vector3::new(5.0, 4.5, 1.0));
+    lengths_m[1] += 0.2;
+    let estimate = estimator(robot).step(&state(1, &lengths_m), None);
+    assert_eq!(estimate.valid, 1);
+    assert_eq!((estimate.slack[1], estimate.tension_n[1]), (1, 0.0));
+}
+
+fn any_number() -> impl Strategy<Value = f64> {
+    prop_oneof![
+        -20.0..20.0f64,
+        0.0..12.0f64,
+        Just(f64::NAN),
+        Just(f64::INFINITY),
+        Just(-1e300),
+        Just(0.0),
+        any::<f64>()
+    ]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever another process may have written: no panic, and what is called valid is finite.
+    #[test]
+    fn a_valid_estimate_is_finite(
+        rows in proptest::collection::vec(
+            (proptest::array::uniform8(any_number()), proptest::array::uniform8(any_number()), any::<u64>(), 0u8..4, any::<u8>()),
+            1..30
+        ),
+        cables in 3usize..=4,
+    ) {
+        let robot = robot(cables, Some(6000.0));
+        let mut estimator = estimator(robot);
+        for (cycle, (lengths_m, commands, sampled, known, fresh)) in rows.into_iter().enumerate() {
+            let mut state = state(cycle as u64, &CableVec::from_slice(&lengths_m[..cables]).unwrap());
+            (state.command_m_s, state.velocity_m_s, state.position_known) = (commands, commands, known);
+            state.sampled_ns[0] = sampled;
+            for i in 0..8 {
+                state.fresh[i] = (fresh >> i) & 1;
+            }
+            let estimate = estimator.step(&state, None);
+            if estimate.valid == 1 {
+                let numbers = estimate.position_m.iter().chain(&estimate.velocity_m_s).chain(&estimate.covariance_m2);
+                prop_assert!(numbers.chain(&estimate.tension_n).chain(&estimate.predicted_m).all(|x| x.is_finite()));
+            }
+        }
+    }
+}
