@@ -1,0 +1,33 @@
+# What the scripts share; sourced, not run.
+
+# Says what is being done.
+say() { printf '\n== %s\n' "$*" >&2; }
+
+# Ends with one sentence.
+give_up() {
+    printf '%s: %s\n' "$(basename "$0")" "$*" >&2
+    exit 1
+}
+
+# Names what is missing on this machine, with the command that installs it.
+need_tools() {
+    command -v cargo >/dev/null || give_up "cargo is missing: install the Rust toolchain from https://rustup.rs"
+    command -v cc >/dev/null || give_up "a C compiler is missing: apt-get install gcc libc6-dev"
+    command -v python3 >/dev/null || give_up "python3 is missing: apt-get install python3 python3-venv"
+}
+
+# Makes .venv with the independent readers and the drives' own client, which the tests compare with.
+need_python_packages() {
+    local wanted=tests/python/requirements.txt stamp=.venv/.requirements.txt
+    if cmp -s "$wanted" "$stamp"; then
+        return
+    fi
+    say "making .venv with the Python packages of $wanted"
+    # Root's tests run as another user, who cannot enter a Python in root's home.
+    local python=python3
+    if [ "$(id -u)" -eq 0 ] && [ -x /usr/bin/python3 ]; then python=/usr/bin/python3; fi
+    "$python" -m venv --clear .venv || give_up "python3 cannot make a virtual environment: apt-get install python3-venv"
+    .venv/bin/python -m pip install --quiet --disable-pip-version-check -r "$wanted" ||
+        give_up "the packages of $wanted could not be installed: is the network there? Or set NIMS_PYTHON to a Python that has them"
+    cp "$wanted" "$stamp"
+}
