@@ -5,7 +5,7 @@ use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
 use crate::kinematics::{
-    Jacobian, KinematicsError, NodeJacobian, StructureMatrix, forward_kinematics, inverse_kinematics,
+    Jacobian, KinematicsError, LONGEST_M, NodeJacobian, StructureMatrix, forward_kinematics, inverse_kinematics,
 };
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
@@ -13,19 +13,19 @@ use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
 /// Bound of the equilibrium iteration; from the last cycle's position it needs two or three.
 const MAX_ITERATIONS: usize = 100;
 
-/// Measured lengths that stretch to these straight-line lengths under these tensions, m.
+/// Measured lengths that stretch to these straight-line lengths under these tensions, m; as many as the robot has cables.
 pub fn unstretched(robot: &Robot, lengths_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
-    CableVec::from_fn(lengths_m.len().min(tensions_n.len()), |i| match robot.stiffness_n() {
+    CableVec::from_fn(routed.len().min(lengths_m.len()).min(tensions_n.len()), |i| match robot.stiffness_n() {
         None => lengths_m[i],
         Some(ea) => (lengths_m[i] + routed[i]) / (1.0 + tensions_n[i] / ea) - routed[i],
     })
 }
 
-/// Straight-line lengths to which these measured lengths stretch under these tensions, m.
+/// Straight-line lengths to which these measured lengths stretch under these tensions, m; as many as the robot has cables.
 pub fn stretched(robot: &Robot, unstretched_m: &[f64], tensions_n: &[f64]) -> CableVec {
     let routed = robot.routed_length_m();
-    CableVec::from_fn(unstretched_m.len().min(tensions_n.len()), |i| match robot.stiffness_n() {
+    CableVec::from_fn(routed.len().min(unstretched_m.len()).min(tensions_n.len()), |i| match robot.stiffness_n() {
         None => unstretched_m[i],
         Some(ea) => (unstretched_m[i] + routed[i]) * (1.0 + tensions_n[i] / ea) - routed[i],
     })
@@ -155,7 +155,7 @@ pub fn equilibrium(
         return rigid(robot, unstretched_m, acceleration_m_s2, guess);
     };
     for (cable, (l, routed)) in unstretched_m.iter().zip(robot.routed_length_m().iter()).enumerate() {
-        if !(l.is_finite() && l + routed > 1e-3 && *l > 0.0) {
+        if !(*l > 0.0 && *l <= LONGEST_M && l + routed > 1e-3) {
             return Err(ElasticError::NoLine { cable, length_m: *l });
         }
     }

@@ -14,6 +14,9 @@ const TOUCH_TOLERANCE: f64 = 1e-9;
 /// Anchors whose triangle has less than this share of its squared longest side as area count as collinear.
 const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
+/// Longest length that is one, m; beyond, squares and their differences would lose the millimetres.
+pub const LONGEST_M: f64 = 1e5;
+
 /// Anchors at nearly one height let the mirror image fit the lengths nearly as well as the true position, and with noise
 /// sometimes better. The lower one is taken unless it misses by this share of the length more than the other: 2 cm on
 /// 7 m, several times what calibrated lengths are wrong by.
@@ -26,7 +29,7 @@ const MAX_ITERATIONS: usize = 50;
 #[derive(Debug, Clone, Copy, PartialEq, Error)]
 pub enum KinematicsError {
     /// An argument has the wrong shape or is not a number.
-    #[error("{what} of cable {cable} is {value}; give one finite value per cable")]
+    #[error("{what} of cable {cable} is {value}; give one value of 0 m to {LONGEST_M} m per cable")]
     InvalidArgument {
         /// The quantity.
         what: &'static str,
@@ -122,7 +125,7 @@ pub fn forward_kinematics(
     if lengths_m.len() != anchors.len() {
         return Err(KinematicsError::WrongCount { given: lengths_m.len(), cables: anchors.len() });
     }
-    if let Some(i) = lengths_m.iter().position(|l| !(l.is_finite() && *l >= 0.0)) {
+    if let Some(i) = lengths_m.iter().position(|l| !(0.0..=LONGEST_M).contains(l)) {
         return Err(KinematicsError::InvalidArgument { what: "length", cable: i + 1, value: lengths_m[i] });
     }
     if anchors.len() == 3 {
@@ -279,7 +282,7 @@ impl Jacobian {
             let d = position - anchor;
             let length = d.norm();
             // Also false for NaN.
-            if !(length >= 1e-9) {
+            if !(length >= 1e-9 && length.is_finite()) {
                 return Err(KinematicsError::singular(position));
             }
             *row = d / length;

@@ -14,6 +14,9 @@ use crate::{CableVec, MAX_CABLES, Robot, linalg};
 /// Tensions this close to a limit keep it, as a share of the larger of force and limit: rounding.
 const TOLERANCE: f64 = 1e-10;
 
+/// Forces above this are a wrong unit or an error, N; infinity as an upper limit of tension is not a force.
+const STRONGEST_N: f64 = 1e9;
+
 /// Bound of the dual iteration; it needs about six.
 const MAX_ITERATIONS: usize = 200;
 
@@ -205,25 +208,7 @@ pub fn distribute(
     limits_n: [f64; 2],
     method: Distribution,
 ) -> Result<Tensions, TensionError> {
-    let [low, high] = limits_n;
-    if !(low.is_finite() && low >= 0.0) {
-        return Err(TensionError::InvalidArgument {
-            what: "the lower tension limit",
-            value: low,
-            accepted: "0 N or more",
-        });
-    }
-    if !(high > low) {
-        let accepted = "more than the lower limit, or infinity";
-        return Err(TensionError::InvalidArgument { what: "the upper tension limit", value: high, accepted });
-    }
-    if let Some(value) = wrench_n.iter().find(|v| !v.is_finite()) {
-        return Err(TensionError::InvalidArgument {
-            what: "the force on the node",
-            value: *value,
-            accepted: "finite newtons",
-        });
-    }
+    check_arguments(wrench_n, limits_n)?;
     let n = structure.len();
     let wrong = |accepted| Err(TensionError::Method { method, cables: n, accepted });
     let tensions_n = match (n, method) {
@@ -249,6 +234,29 @@ pub fn distribute(
         (_, Distribution::LeastNorm) => least_norm(structure, wrench_n, limits_n)?,
     };
     Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) })
+}
+
+fn check_arguments(wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<(), TensionError> {
+    let [low, high] = limits_n;
+    if !(0.0..=STRONGEST_N).contains(&low) {
+        return Err(TensionError::InvalidArgument {
+            what: "the lower tension limit",
+            value: low,
+            accepted: "0 N to 1e9 N",
+        });
+    }
+    if !(high > low) {
+        let accepted = "more than the lower limit, or infinity";
+        return Err(TensionError::InvalidArgument { what: "the upper tension limit", value: high, accepted });
+    }
+    if let Some(value) = wrench_n.iter().find(|v| !(v.abs() <= STRONGEST_N)) {
+        return Err(TensionError::InvalidArgument {
+            what: "the force on the node",
+            value: *value,
+            accepted: "at most 1e9 N in each direction",
+        });
+    }
+    Ok(())
 }
 
 /// Least distance to a limit, N; negative outside.
@@ -291,6 +299,7 @@ impl FourCables {
             let method = Distribution::LeastNorm;
             return Err(TensionError::Method { method, cables: structure.len(), accepted: "four cables" });
         }
+        check_arguments(wrench_n, limits_n)?;
         let null = null_vector(structure);
         let norm = null.norm_squared().sqrt();
         let particular_n = least_norm_unbounded(structure, wrench_n)?;
@@ -434,6 +443,7 @@ pub fn least_norm(
     wrench_n: &Vector3<f64>,
     limits_n: [f64; 2],
 ) -> Result<CableVec, TensionError> {
+    check_arguments(wrench_n, limits_n)?;
     let n = structure.len();
     let [low, high] = limits_n;
     let scale = 1.0 + wrench_n.norm() + low * n as f64;
