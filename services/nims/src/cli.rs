@@ -55,7 +55,7 @@ pub enum Command {
         #[arg(value_parser = clap::value_parser!(u8).range(1..=8))]
         cable: u8,
         /// How far, m; positive pays out.
-        #[arg(value_parser = finite)]
+        #[arg(value_parser = finite, allow_negative_numbers = true)]
         metres: f64,
     },
     /// Move the node to a point.
@@ -69,7 +69,7 @@ pub enum Command {
     /// Slow a mission down, or back to full speed.
     Speed {
         /// Percent of the planned speed, 5 to 100.
-        #[arg(value_parser = finite)]
+        #[arg(value_parser = finite, allow_negative_numbers = true)]
         percent: f64,
     },
     /// Check a robot, box or mission file; each finding with its cure.
@@ -131,7 +131,7 @@ pub struct Up {
     /// Box file.
     pub config: PathBuf,
     /// Stop after this many seconds.
-    #[arg(long = "for", value_name = "SECONDS", value_parser = finite)]
+    #[arg(long = "for", value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
     pub seconds: Option<f64>,
     /// Run folder; default: a new one in the box's runs folder.
     #[arg(long, value_name = "DIR")]
@@ -148,7 +148,7 @@ pub enum Channel {
         /// Channel; default: all.
         name: Option<String>,
         /// For how long to count, s.
-        #[arg(long = "for", value_name = "SECONDS", default_value = "3", value_parser = finite)]
+        #[arg(long = "for", value_name = "SECONDS", default_value = "3", value_parser = finite, allow_negative_numbers = true)]
         seconds: f64,
     },
     /// Print samples of any type as they come, one JSON object per line.
@@ -159,7 +159,7 @@ pub enum Channel {
         #[arg(long, short = 'n', value_name = "N")]
         count: Option<u64>,
         /// Stop after this many seconds.
-        #[arg(long = "for", value_name = "SECONDS", value_parser = finite)]
+        #[arg(long = "for", value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
         seconds: Option<f64>,
     },
 }
@@ -186,7 +186,7 @@ pub struct Goto {
     #[arg(long, value_enum, default_value = "line")]
     pub path: PathKind,
     /// Cruise speed, m/s; default: the planner's.
-    #[arg(long, value_name = "M_S", value_parser = finite)]
+    #[arg(long, value_name = "M_S", value_parser = finite, allow_negative_numbers = true)]
     pub speed: Option<f64>,
 }
 

@@ -192,12 +192,15 @@ fn sinking(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
     let fastest = pays_out.iter().fold(0.0_f64, |most, speed| most.max(*speed));
     if fastest == 0.0 {
         let motor = robot.motor();
-        let holds = if motor.gear_friction < 1.0 {
-            format!("up to {:.1} N per line", motor.coulomb_n / (1.0 - motor.gear_friction))
-        } else {
-            "whatever the load".to_owned()
+        let most = robot.tension_limits_n()[1];
+        let beyond = match unpowered_m_s(robot, most) {
+            0.0 => "whatever the load".to_owned(),
+            speed => {
+                let holds = motor.coulomb_n / (1.0 - motor.gear_friction);
+                format!("up to {holds:.1} N per line; at {most} N a line would run out at {:.1} mm/s", 1000.0 * speed)
+            }
         };
-        return note(format!("unpowered, the gears hold the node ({holds}): sinking speed 0 mm/s"));
+        return note(format!("unpowered, the gears hold the node: sinking speed 0 mm/s ({beyond})"));
     }
     let node =
         NodeJacobian::at(robot.anchors(), at).map_or(fastest, |jacobian| jacobian.node_velocity(&pays_out).norm());

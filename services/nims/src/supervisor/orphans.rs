@@ -8,6 +8,8 @@ use std::time::{Duration, Instant};
 
 /// Where the supervisor writes down whom it started, in the folder of the domain.
 const FILE: &str = "children.json";
+/// Names under which a box's own processes join the domain.
+const STANDARD: [&str; 6] = ["motor-io", "estimator", "controller", "planner", "recorder", "motor-box"];
 /// How long an orphan may take to end in good order: motor-io brings the robot to rest first.
 const PATIENCE: Duration = Duration::from_secs(5);
 
@@ -72,8 +74,9 @@ pub fn end(domain: &Domain) -> Answer<Vec<String>> {
     let written = std::fs::read_to_string(domain.root().join(FILE)).unwrap_or_default();
     let mut orphans: Vec<Started> = serde_json::from_str(&written).unwrap_or_default();
     for node in domain.alive() {
+        // Someone's own process that joined by itself may stay; it is not ours to end.
         let known = orphans.iter().any(|orphan| orphan.pid == node.pid);
-        if !known && node.pid != std::process::id() && !node.name.starts_with("nims") {
+        if !known && STANDARD.contains(&node.name.as_str()) {
             orphans.extend(Started::now(&node.name, node.pid));
         }
     }

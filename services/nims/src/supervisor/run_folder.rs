@@ -43,7 +43,8 @@ impl RunFolder {
         fs::create_dir_all(&log).map_err(|error| failed(&log, error))?;
         let path = path.canonicalize().map_err(|error| failed(&path, error))?;
         // The recorder takes these into the run file, so that it can be read with nothing else at hand.
-        let copies = [(Some(box_path), "box.toml"), (Some(file.robot.as_path()), "robot.toml"), (mission, "mission.toml")];
+        let copies =
+            [(Some(box_path), "box.toml"), (Some(file.robot.as_path()), "robot.toml"), (mission, "mission.toml")];
         for (original, name) in copies {
             let copy = path.join(name);
             original.map(|original| fs::copy(original, &copy)).transpose().map_err(|error| failed(&copy, error))?;

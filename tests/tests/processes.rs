@@ -1,0 +1,433 @@
+//! The robot as it is run: `nims up` on the virtual motor box, missions, and the death of each process.
+
+use bus::{Bus, Domain, Subscriber, TestDomain, clock};
+use messages::{MotorAuthority, TruthNode};
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::Duration;
+
+const BOX: &str = "configs/boxes/demo3.toml";
+/// Where the box file lets the node hang at the start, m.
+const START: &str = "4.8,3.0,0.3";
+/// The drives' watchdog in the box file, s, and the speed of the moves below, m/s.
+const WATCHDOG_S: f64 = 0.3;
+const SPEED_M_S: f64 = 0.2;
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
+}
+
+fn program() -> PathBuf {
+    let path = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
+    assert!(path.is_file(), "there is no {}: `cargo build --workspace --bins` first", path.display());
+    path
+}
+
+/// A robot that runs, in a domain and a folder of its own.
+struct Robot {
+    supervisor: Child,
+    folder: tempfile::TempDir,
+    authority: Subscriber<MotorAuthority>,
+    truth: Subscriber<TruthNode>,
+    last: MotorAuthority,
+    seen: TruthNode,
+    _bus: Bus,
+    domain: TestDomain,
+}
+
+impl Robot {
+    fn up() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        // The last known lengths are kept beside the runs: each test has its own.
+        let configs = folder.path().join("configs");
+        for place in ["robots", "boxes", "missions"] {
+            std::fs::create_dir_all(configs.join(place)).unwrap();
+            for entry in std::fs::read_dir(root().join("configs").join(place)).unwrap() {
+                let entry = entry.unwrap();
+                std::fs::copy(entry.path(), configs.join(place).join(entry.file_name())).unwrap();
+            }
+        }
+        let domain = Domain::for_test();
+        let (supervisor, bus) = Self::start(folder.path(), &domain, "run");
+        let authority = bus.subscriber("motor/authority").unwrap();
+        let truth = bus.subscriber("truth/node").unwrap();
+        let mut robot = Self {
+            supervisor,
+            folder,
+            authority,
+            truth,
+            last: MotorAuthority::default(),
+            seen: TruthNode::default(),
+            _bus: bus,
+            domain,
+        };
+        robot.until("the robot is up", 20.0, |robot| {
+            robot.last.header.cycle > 10 && robot.status()["mission"].is_object()
+        });
+        robot
+    }
+
+    fn start(folder: &Path, domain: &Domain, run: &str) -> (Child, Bus) {
+        let supervisor = Command::new(program())
+            .args(["up", "--domain", domain.name(), "--json", "--run"])
+            .arg(folder.join(run))
+            .arg(folder.join(BOX))
+            .stdout(Stdio::piped())
+            .stderr(std::fs::File::create(folder.join(format!("{run}.stderr"))).unwrap())
+            .spawn()
+            .unwrap();
+        (supervisor, Bus::join(domain, "observer").unwrap())
+    }
+
+    fn nims(&self, args: &[&str]) -> Output {
+        Command::new(program()).args(["--domain", self.domain.name()]).args(args).output().unwrap()
+    }
+
+    fn ask(&self, args: &[&str]) {
+        let output = self.nims(args);
+        assert!(output.status.success(), "{args:?}: {}{}", String::from_utf8_lossy(&output.stderr), self.said());
+    }
+
+    fn status(&self) -> Value {
+        serde_json::from_slice(&self.nims(&["status", "--json"]).stdout).unwrap_or(Value::Null)
+    }
+
+    /// What the supervisor has said so far.
+    fn said(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("run.stderr")).unwrap_or_default()
+    }
+
+    /// Takes in what the channels have.
+    fn look(&mut self) {
+        while let Some(sample) = self.authority.receive().unwrap() {
+            self.last = sample;
+        }
+        while let Some(sample) = self.truth.receive().unwrap() {
+            self.seen = sample;
+        }
+    }
+
+    fn until(&mut self, what: &str, seconds: f64, done: impl Fn(&Self) -> bool) {
+        let give_up = clock::now_ns() + (seconds * 1e9) as u64;
+        loop {
+            self.look();
+            if done(self) {
+                return;
+            }
+            assert!(
+                clock::now_ns() < give_up,
+                "{what}: not within {seconds} s; mode {}, {}\n{}",
+                self.last.mode,
+                self.status(),
+                self.said()
+            );
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn pause(&mut self, seconds: f64) {
+        std::thread::sleep(Duration::from_secs_f64(seconds));
+        self.look();
+    }
+
+    /// Arms, says where it is, starts a move of about five seconds and waits until it is under way.
+    fn fly(&mut self) {
+        self.ask(&["arm"]);
+        self.ask(&["zero", "--at", START]);
+        self.until("an estimate", 5.0, |robot| robot.status()["position_m"].is_array());
+        self.ask(&["goto", "5.4,3.6,0.7", "--speed", &SPEED_M_S.to_string()]);
+        self.until("the move has begun", 5.0, |robot| {
+            robot.last.mode == MotorAuthority::MODE_FOLLOWING && robot.speed() > 0.1
+        });
+    }
+
+    fn speed(&self) -> f64 {
+        self.seen.velocity_m_s.iter().map(|value| value * value).sum::<f64>().sqrt()
+    }
+
+    fn pid(&self, name: &str) -> u32 {
+        let status = self.status();
+        let row = status["processes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .find(|row| row["name"] == name)
+            .unwrap_or_else(|| panic!("no {name} in {status}"));
+        row["pid"].as_u64().unwrap() as u32
+    }
+
+    fn kill(&mut self, name: &str) {
+        let pid = self.pid(name);
+        self.look();
+        signal(pid, "KILL");
+    }
+
+    fn taut(&self) -> bool {
+        let cables = usize::from(self.seen.cable_count);
+        cables == 3 && self.seen.tension_n[..cables].iter().all(|tension| *tension > 1.0)
+    }
+
+    fn at_rest(&self) -> bool {
+        self.speed() < 0.005
+    }
+
+    /// Ctrl-C; what `nims up` answered.
+    fn end(&mut self) -> (Option<i32>, Value) {
+        signal(self.supervisor.id(), "INT");
+        self.ended()
+    }
+
+    fn ended(&mut self) -> (Option<i32>, Value) {
+        let give_up = clock::now_ns() + 40_000_000_000;
+        loop {
+            if let Some(status) = self.supervisor.try_wait().unwrap() {
+                let mut text = String::new();
+                std::io::Read::read_to_string(self.supervisor.stdout.as_mut().unwrap(), &mut text).unwrap();
+                return (status.code(), serde_json::from_str(&text).unwrap_or(Value::Null));
+            }
+            assert!(clock::now_ns() < give_up, "nims up does not end\n{}", self.said());
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    /// Every run file is finished and sound.
+    fn files_are_closed(&self) {
+        let run = self.folder.path().join("run");
+        let names: Vec<String> = std::fs::read_dir(&run)
+            .unwrap()
+            .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+            .collect();
+        assert!(names.iter().any(|name| name == "run.mcap"), "{names:?}");
+        assert!(!names.iter().any(|name| name.ends_with(".part")), "{names:?}");
+        let report = runlog::info(&run).unwrap();
+        assert!(report.files.iter().all(|file| file.finished), "{report}");
+        assert!(
+            report.channels.iter().any(|channel| channel.name == "motor/state" && channel.messages > 100),
+            "{report}"
+        );
+    }
+
+    /// The same domain comes up again and ends by itself.
+    fn next_start_is_clean(&mut self) {
+        let again = self.folder.path().join("again");
+        let output = Command::new(program())
+            .args(["up", "--domain", self.domain.name(), "--for", "0.5", "--run"])
+            .arg(&again)
+            .arg(self.folder.path().join(BOX))
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(again.join("run.mcap").is_file());
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        if self.supervisor.try_wait().ok().flatten().is_none() {
+            signal(self.supervisor.id(), "INT");
+            for _ in 0..1000 {
+                if self.supervisor.try_wait().ok().flatten().is_some() {
+                    return;
+                }
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            let _ = self.supervisor.kill();
+        }
+        // A supervisor that was killed leaves its children.
+        for node in self.domain.alive() {
+            if node.pid != std::process::id() {
+                signal(node.pid, "KILL");
+            }
+        }
+    }
+}
+
+fn signal(pid: u32, name: &str) {
+    let _ = Command::new("kill").args([format!("-{name}"), pid.to_string()]).stderr(Stdio::null()).status();
+}
+
+#[test]
+fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file() {
+    let mut robot = Robot::up();
+    let second = robot.nims(&["up", robot.folder.path().join(BOX).to_str().unwrap()]);
+    let sentence = String::from_utf8_lossy(&second.stderr).into_owned();
+    assert_eq!(second.status.code(), Some(1), "{sentence}");
+    assert_eq!(sentence.trim_end().lines().count(), 1, "{sentence}");
+    assert!(sentence.contains(&robot.supervisor.id().to_string()), "{sentence}");
+
+    // Nothing moves before it is armed, and it says why.
+    let early = robot.nims(&["goto", "5.0,3.2,0.5"]);
+    assert_eq!(early.status.code(), Some(1), "{}", String::from_utf8_lossy(&early.stderr));
+
+    robot.fly();
+    // A place where the node cannot be is bad input, whatever the robot does.
+    let sky = robot.nims(&["goto", "5.0,3.2,9.5"]);
+    assert_eq!(sky.status.code(), Some(2), "{}", String::from_utf8_lossy(&sky.stderr));
+    robot.until("the move is done", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+    robot.pause(0.3);
+    let off = robot.seen.position_m.iter().zip([5.4, 3.6, 0.7]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    assert!(off < 0.01, "{off} m from the goal");
+
+    let listed: Value = serde_json::from_slice(&robot.nims(&["channel", "list", "--json"]).stdout).unwrap();
+    assert!(listed["channels"].as_array().unwrap().iter().any(|channel| channel["name"] == "motor/state"), "{listed}");
+    let counted: Value =
+        serde_json::from_slice(&robot.nims(&["channel", "hz", "motor/state", "--for", "1", "--json"]).stdout).unwrap();
+    let hz = counted["channels"][0]["hz"].as_f64().unwrap();
+    assert!(hz > 50.0 && hz < 120.0, "{counted}");
+    let echoed = robot.nims(&["channel", "echo", "motor/authority", "-n", "2"]);
+    let lines: Vec<Value> =
+        String::from_utf8_lossy(&echoed.stdout).lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert_eq!(lines.len(), 2);
+    assert_eq!(lines[0]["mode"], "MODE_HOLDING", "{}", lines[0]);
+
+    robot.ask(&["goto", START]);
+    robot.until("the way back has begun", 5.0, |robot| robot.speed() > 0.1);
+    let (code, answer) = robot.end();
+    assert_eq!(code, Some(0), "{}", robot.said());
+    assert_eq!(answer["mode"], "holding", "{answer}");
+    robot.files_are_closed();
+    // The last thing in the file is a robot at rest on taut lines.
+    let truth = runlog::read_channel::<TruthNode>(&robot.folder.path().join("run"), "truth/node").unwrap();
+    robot.seen = truth.last().unwrap().1;
+    assert!(robot.at_rest() && robot.taut(), "{:?}", robot.seen);
+    robot.next_start_is_clean();
+}
+
+#[test]
+fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
+    let mut robot = Robot::up();
+    robot.fly();
+    robot.until("the move is done", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+    robot.pause(1.0);
+    assert_eq!(robot.end().0, Some(0), "{}", robot.said());
+    // The virtual box hangs the node where its file says, so let that be where it was left.
+    let path = robot.folder.path().join(BOX);
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text.contains("start_m = [4.8, 3.0, 0.3]"));
+    std::fs::write(&path, text.replace("start_m = [4.8, 3.0, 0.3]", "start_m = [5.4, 3.6, 0.7]")).unwrap();
+    let (supervisor, _bus) = Robot::start(robot.folder.path(), &robot.domain, "second");
+    robot.supervisor = supervisor;
+    robot.last = MotorAuthority::default();
+    // The old ports went with the old domain.
+    robot.authority = _bus.subscriber("motor/authority").unwrap();
+    robot.truth = _bus.subscriber("truth/node").unwrap();
+    robot.until("the robot is up again", 20.0, |robot| {
+        robot.last.header.cycle > 10 && robot.status()["mission"].is_object()
+    });
+    robot.ask(&["arm"]);
+    assert_eq!(robot.last.position_known, messages::MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    let refused = robot.nims(&["goto", "5.0,3.2,0.5"]);
+    let sentence = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert_eq!(refused.status.code(), Some(1), "{sentence}");
+    assert!(sentence.contains("confirm-position"), "{sentence}");
+    robot.ask(&["confirm-position"]);
+    robot.until("a position", 5.0, |robot| robot.status()["position_m"].is_array());
+    let found: Vec<f64> =
+        robot.status()["position_m"].as_array().unwrap().iter().map(|value| value.as_f64().unwrap()).collect();
+    let off = found.iter().zip([5.4, 3.6, 0.7]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    assert!(off < 0.02, "{off} m beside where it was left");
+    assert_eq!(robot.end().0, Some(0), "{}", robot.said());
+}
+
+/// The active controller or estimator dies without a standby: stop on the path, hold.
+fn stops_on_the_path(name: &str) {
+    let mut robot = Robot::up();
+    robot.fly();
+    robot.kill(name);
+    robot.until("the robot holds", 5.0, |robot| {
+        matches!(robot.last.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED) && robot.at_rest()
+    });
+    assert!(robot.taut(), "{:?}", robot.seen);
+    let place = robot.seen.position_m;
+    robot.pause(1.0);
+    assert!(robot.at_rest() && robot.taut());
+    assert!(
+        place.iter().zip(robot.seen.position_m).all(|(a, b)| (a - b).abs() < 0.005),
+        "it drifts: {place:?} {:?}",
+        robot.seen.position_m
+    );
+    assert!(robot.said().contains(&format!("{name} was ended by signal 9")), "{}", robot.said());
+    let (code, _) = robot.end();
+    assert_eq!(code, Some(1), "a run in which {name} died is no success");
+    robot.files_are_closed();
+    robot.next_start_is_clean();
+}
+
+#[test]
+fn without_its_controller_the_robot_stops_on_the_path_and_holds() {
+    stops_on_the_path("controller");
+}
+
+#[test]
+fn without_its_estimator_the_robot_stops_on_the_path_and_holds() {
+    stops_on_the_path("estimator");
+}
+
+#[test]
+fn without_its_planner_the_robot_finishes_the_segment_and_holds() {
+    let mut robot = Robot::up();
+    robot.fly();
+    robot.kill("planner");
+    robot.until("the robot holds", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING && robot.at_rest());
+    let off = robot.seen.position_m.iter().zip([5.4, 3.6, 0.7]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    assert!(off < 0.01 && robot.taut(), "{off} m from the end of the segment");
+    robot.end();
+    robot.files_are_closed();
+    robot.next_start_is_clean();
+}
+
+#[test]
+fn without_its_recorder_the_mission_goes_on_and_a_new_file_begins() {
+    let mut robot = Robot::up();
+    robot.fly();
+    robot.kill("recorder");
+    robot.until("the loss is said", 5.0, |robot| robot.said().contains("recorder was ended by signal 9"));
+    robot.until("the move is done", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+    let off = robot.seen.position_m.iter().zip([5.4, 3.6, 0.7]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    assert!(off < 0.01, "{off} m from the goal");
+    robot.until("it records again", 5.0, |robot| robot.folder.path().join("run/run-0002.mcap.part").exists());
+    robot.end();
+    robot.files_are_closed();
+    assert!(robot.folder.path().join("run/run-0002.mcap").is_file());
+    robot.next_start_is_clean();
+}
+
+#[test]
+fn without_motor_io_the_drives_stop_the_motors() {
+    let mut robot = Robot::up();
+    robot.fly();
+    let pid = robot.pid("motor-io");
+    robot.until("it is fast", 5.0, |robot| robot.speed() > 0.15);
+    signal(pid, "KILL");
+    robot.look();
+    let place = robot.seen.position_m;
+    robot.pause(WATCHDOG_S + 1.5);
+    let travel = place.iter().zip(robot.seen.position_m).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    // The gears of this robot hold an unpowered line, so nothing sinks afterwards. 50 ms pass between the kill and the look.
+    assert!(travel < (WATCHDOG_S + 0.05) * SPEED_M_S + 0.01, "{travel} m");
+    assert!(robot.at_rest() && robot.taut(), "{:?}", robot.seen);
+    robot.until("the loss is said", 5.0, |robot| robot.said().contains("motor-io was ended by signal 9"));
+    let (code, _) = robot.end();
+    assert_eq!(code, Some(1));
+    robot.files_are_closed();
+    robot.next_start_is_clean();
+}
+
+#[test]
+fn without_its_supervisor_the_robot_stops_and_the_next_one_cleans_up() {
+    let mut robot = Robot::up();
+    robot.fly();
+    let children: Vec<u32> = ["motor-io", "controller", "recorder"].iter().map(|name| robot.pid(name)).collect();
+    signal(robot.supervisor.id(), "KILL");
+    robot.supervisor.wait().unwrap();
+    robot.until("the robot holds", 6.0, |robot| robot.last.mode != MotorAuthority::MODE_FOLLOWING && robot.at_rest());
+    assert!(robot.taut());
+    robot.next_start_is_clean();
+    for pid in children {
+        let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        assert!(state.is_empty() || state.contains(") Z"), "process {pid} is still there: {state}");
+    }
+    // The orphaned recorder was asked to end in good order.
+    robot.files_are_closed();
+}
