@@ -11,6 +11,19 @@ use crate::sentences::FaultList;
 use cable_robot::{Vector3, elastic, kinematics, tension};
 use messages::{MotorInput, MotorState, OperatorRequest};
 
+/// A number as it was given; huge ones in powers of ten, so that they leave room for the rest of the sentence.
+struct Given(f64);
+
+impl std::fmt::Display for Given {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.0.abs() < 1e6 && (self.0 == 0.0 || self.0.abs() > 1e-6) {
+            write!(f, "{}", self.0)
+        } else {
+            write!(f, "{:e}", self.0)
+        }
+    }
+}
+
 /// Accepted or refused, with its sentence.
 type Outcome = Result<Sentence, Sentence>;
 
@@ -245,7 +258,8 @@ impl Core {
         self.may_zero()?;
         let at = Vector3::new(args[0], args[1], args[2]);
         if !at.iter().all(|v| v.is_finite() && v.abs() < 1e5) {
-            return no!("Not zeroed: [{}, {}, {}] is no position; give x, y and z in metres.", at.x, at.y, at.z);
+            let [x, y, z] = [Given(at.x), Given(at.y), Given(at.z)];
+            return no!("Not zeroed: [{x}, {y}, {z}] is no position; give x, y and z in metres.");
         }
         let robot = &self.config.robot;
         let held = match tension::at(robot, &at, &Vector3::zeros(), self.config.distribution) {
@@ -272,7 +286,11 @@ impl Core {
     fn check_lengths(&self, lengths_m: &[f64]) -> Outcome {
         for (i, (length, [low, high])) in lengths_m.iter().zip(self.config.robot.length_limits_m()).enumerate() {
             if !(*low..=*high).contains(length) {
-                return no!("Not zeroed: cable {} would be {length} m long; accepted: {low} to {high} m.", i + 1);
+                return no!(
+                    "Not zeroed: cable {} would be {} m long; accepted: {low} to {high} m.",
+                    i + 1,
+                    Given(*length)
+                );
             }
         }
         yes!("")
@@ -296,11 +314,12 @@ impl Core {
         let n = self.config.cable_count();
         let [number, metres] = [args[0], args[1]];
         if !(1..=n).any(|cable| cable as f64 == number) {
-            return no!("Not jogged: there is no cable {number}; accepted: 1 to {n}.");
+            return no!("Not jogged: there is no cable {}; accepted: 1 to {n}.", Given(number));
         }
         if !metres.is_finite() || metres == 0.0 || metres.abs() > JOG_LIMIT_M {
             return no!(
-                "Not jogged: {metres} m is no distance for a jog; accepted: up to {JOG_LIMIT_M} m, positive pays line out, negative reels in."
+                "Not jogged: {} m is no distance for a jog; accepted: up to {JOG_LIMIT_M} m, positive pays line out, negative reels in.",
+                Given(metres)
             );
         }
         match self.safety.mode() {
@@ -334,7 +353,7 @@ impl Core {
         if self.clock.set_speed(fraction) {
             yes!("Motions run at {:.0} % of their planned speed.", fraction * 100.0)
         } else {
-            no!("{fraction} is no speed; accepted: a fraction from {SLOWEST} to 1.")
+            no!("{} is no speed; accepted: a fraction from {SLOWEST} to 1.", Given(fraction))
         }
     }
 }

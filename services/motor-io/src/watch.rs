@@ -110,7 +110,7 @@ impl Watch {
             if input.slow_fresh[unit] == 1 {
                 self.status[unit] = input.status[unit];
                 // Not a number: not read yet.
-                if input.supply_v[unit].is_finite() {
+                if plausible(input.supply_v[unit]) {
                     self.supply_v[unit] = input.supply_v[unit];
                     count(&mut self.low_supply[unit], self.supply_v[unit] < config.supply_min_v);
                 }
@@ -147,7 +147,7 @@ impl Watch {
             && input.estimate_cycle[situation.estimator].checked_add(1) == Some(input.header.cycle);
         for i in 0..config.cable_count() {
             let unit = config.unit_of_cable[i];
-            if input.slow_fresh[unit] == 1 && input.current_a[i].is_finite() && input.duty[i].is_finite() {
+            if input.slow_fresh[unit] == 1 && plausible(input.current_a[i]) && plausible(input.duty[i]) {
                 self.current_a[i] = input.current_a[i];
                 self.duty[i] = input.duty[i];
             }
@@ -229,6 +229,11 @@ impl Default for Watch {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// A reading that the protocol can carry at all.
+fn plausible(reading: f64) -> bool {
+    reading.abs() < 1e4
 }
 
 fn count(counter: &mut u32, condition: bool) {

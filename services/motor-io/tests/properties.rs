@@ -131,7 +131,7 @@ fn check(config: &motor_io::CoreConfig, before: Option<&Step>, now: &Step, asked
 }
 
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 96, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
     fn whatever_arrives(events in prop::collection::vec(event(), 10..80)) {
         let config = rig::config();
