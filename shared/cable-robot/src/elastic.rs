@@ -10,6 +10,9 @@ use crate::kinematics::{
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
 
+/// Coordinates (m) and accelerations (m/s²) beyond this are a wrong unit or an error.
+const LARGEST: f64 = 1e6;
+
 /// Bound of the equilibrium iteration; from the last cycle's position it needs two or three.
 const MAX_ITERATIONS: usize = 100;
 
@@ -83,8 +86,8 @@ pub enum ElasticError {
         /// The measured length, m.
         length_m: f64,
     },
-    /// The guess or acceleration is not a number.
-    #[error("{what} is not finite; give finite numbers")]
+    /// The guess or acceleration is not a number, or no acceleration or position on Earth.
+    #[error("{what} is not finite or beyond 1e6; give numbers in SI units")]
     NotFinite {
         /// Which.
         what: &'static str,
@@ -145,10 +148,10 @@ pub fn equilibrium(
     if unstretched_m.len() != n {
         return Err(KinematicsError::WrongCount { given: unstretched_m.len(), cables: n }.into());
     }
-    if !acceleration_m_s2.iter().all(|v| v.is_finite()) {
+    if !acceleration_m_s2.iter().all(|v| v.abs() <= LARGEST) {
         return Err(ElasticError::NotFinite { what: "the acceleration" });
     }
-    if guess.is_some_and(|g| !g.iter().all(|v| v.is_finite())) {
+    if guess.is_some_and(|g| !g.iter().all(|v| v.abs() <= LARGEST)) {
         return Err(ElasticError::NotFinite { what: "the guess of the position" });
     }
     let Some(stiffness) = robot.stiffness_n() else {

@@ -16,6 +16,11 @@ const SAMPLES: usize = 512;
 /// The lower shares leave more room between the profile and the limit and so need fewer knots.
 const ACROSS_SHARES: [f64; 4] = [0.8, 0.65, 0.5, 0.35];
 
+/// Arc lengths, speeds and accelerations beyond these are a wrong unit or an error.
+const FARTHEST_M: f64 = 1e6;
+const FASTEST_M_S: f64 = 1e4;
+const STEEPEST_M_S2: f64 = 1e6;
+
 /// Relative excess that counts as rounding.
 const ROUNDING: f64 = 1e-9;
 
@@ -156,8 +161,8 @@ impl Profile {
         let mut result =
             Self { knots: [Knot::default(); MAX_KNOTS], times: [0.0; MAX_KNOTS], count: given.len(), duration_s: 0.0 };
         for (i, knot) in given.iter().enumerate() {
-            if !(knot.s_m.is_finite() && knot.v_m_s.is_finite() && knot.v_m_s >= 0.0) {
-                return bad(i, "is negative or not a finite number");
+            if !(knot.s_m.abs() <= FARTHEST_M && (0.0..=FASTEST_M_S).contains(&knot.v_m_s)) {
+                return bad(i, "is negative, not a finite number or in a wrong unit");
             }
             result.knots[i] = *knot;
             if i == 0 {
@@ -169,6 +174,9 @@ impl Profile {
             let ds = knot.s_m - given[i - 1].s_m;
             if !(ds > 0.0) {
                 return bad(i, "does not lie beyond the one before");
+            }
+            if !(slope(given[i - 1], *knot).abs() <= STEEPEST_M_S2) {
+                return bad(i, "changes the speed at once");
             }
             let sum = knot.v_m_s + given[i - 1].v_m_s;
             if sum == 0.0 {
