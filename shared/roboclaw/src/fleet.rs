@@ -54,7 +54,7 @@ pub struct PortReport {
     pub counters: Counters,
     /// Why the device is not there; `None` while it is.
     pub lost: Option<Error>,
-    /// How long this cycle took on it, ns.
+    /// How long commands and encoders took on it in this cycle, ns.
     pub took_ns: u64,
 }
 
@@ -211,6 +211,9 @@ impl Fleet {
     /// Let all lines do their part of the cycle at the same time, and wait for all of them, but not beyond `deadline_ns` of the
     /// monotonic clock. A line that is not done by then is [`Error::Busy`]; what it finds out is in the next cycle's report.
     ///
+    /// Returns as soon as every unit has its command and its encoders are read. The lines use the rest of the time until the deadline
+    /// for currents and slow values, which are in the next cycle's reports with the time at which they were asked for.
+    ///
     /// Does not allocate.
     pub fn exchange(&mut self, command: &FleetCommand, deadline_ns: u64) -> &FleetReply {
         self.turn += 1;
@@ -277,7 +280,7 @@ fn work<T: Transport>(mut bus: Bus<T>, board: &Board, index: usize) {
             let began_ns = monotonic_ns();
             let left_ns = order.deadline_ns.saturating_sub(began_ns);
             let deadline_ns = bus.line().now_ns() + left_ns;
-            bus.cycle(&order.drives, deadline_ns, &mut answers);
+            bus.drive(&order.drives, deadline_ns, &mut answers);
             lost = answers.iter().find_map(|answer| answer.outcome.clone().err().filter(Error::is_lost));
             let mut slots = board.slots();
             if let Some(slot) = slots.get_mut(index) {
@@ -288,6 +291,8 @@ fn work<T: Transport>(mut bus: Bus<T>, board: &Board, index: usize) {
             }
             drop(slots);
             board.answered.notify_all();
+            // The caller goes on with the encoders; what is read now is in its next cycle's reports.
+            bus.spend(deadline_ns);
         }
         pause = IDLE;
         if !bus.is_settled() || lost.is_some() {

@@ -169,9 +169,9 @@ fn any_write() -> impl Strategy<Value = Write> {
         any::<[i16; 2]>().prop_map(Write::Duties),
         (any_motor(), any::<i32>()).prop_map(|(motor, speed)| Write::Speed(motor, speed)),
         any::<[i32; 2]>().prop_map(Write::Speeds),
-        (any_motor(), ramp.clone()).prop_map(|(motor, (ramp, speed))| Write::SpeedRamp(motor, ramp, speed)),
+        (any_motor(), ramp).prop_map(|(motor, (ramp, speed))| Write::SpeedRamp(motor, ramp, speed)),
         any::<(u32, [i32; 2])>().prop_map(|(ramp, speeds)| Write::SpeedsRamp(ramp, speeds)),
-        (ramp.clone(), ramp).prop_map(|(one, two)| Write::SpeedsRamps([one, two])),
+        (ramp, ramp).prop_map(|(one, two)| Write::SpeedsRamps([one, two])),
         Just(Write::Save),
         (any_motor(), any::<u32>()).prop_map(|(motor, centiamps)| Write::MaxCurrent(motor, centiamps)),
     ]

@@ -288,10 +288,10 @@ fn no_stale_sample_and_no_false_acknowledgement_under_faults() {
         for cycle in 1..=cycles {
             let start_ns = run.tick_ns;
             run.cycle(Drive::Speed(cycle));
-            for unit in 0..2 {
+            for (unit, last) in last_counts.iter_mut().enumerate() {
                 let answer = &run.answers[unit];
-                assert!(answer.report.counts.value[0] >= last_counts[unit], "{name}: time went back");
-                last_counts[unit] = answer.report.counts.value[0];
+                assert!(answer.report.counts.value[0] >= *last, "{name}: time went back");
+                *last = answer.report.counts.value[0];
                 if answer.outcome.is_ok() {
                     good += 1;
                     assert!(answer.report.counts.at_ns >= start_ns, "{name}: a sample of an earlier cycle");

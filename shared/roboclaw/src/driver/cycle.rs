@@ -42,13 +42,21 @@ impl<T: Transport> Bus<T> {
         self.units.iter().map(blank).collect()
     }
 
-    /// Give each unit its command, read its encoders, then currents and one slow value as the time until `deadline_ns` allows.
-    ///
-    /// `drives` and `answers` have the units in the configuration's order; a unit without a drive is left idle. Nothing is begun
-    /// that is unlikely to end by the deadline, except each unit's command and encoders; an answer that does not come ends the call
-    /// later than the deadline by at most the margin of the configuration. While the line is out of step the call returns at once
-    /// where the time does not suffice, and the next goes on.
+    /// [`Bus::drive`], and then [`Bus::spend`] what is left of the time.
     pub fn cycle(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
+        self.drive(drives, deadline_ns, answers);
+        self.spend(deadline_ns);
+        for (unit, answer) in self.units.iter().zip(answers) {
+            answer.report = unit.report;
+        }
+    }
+
+    /// Give each unit its command and read its encoders: what a control cycle waits for.
+    ///
+    /// `drives` and `answers` have the units in the configuration's order; a unit without a drive is left idle. Nothing is sent once
+    /// the deadline is over; an answer that does not come ends the call later than the deadline by at most the margin of the
+    /// configuration. While the line is out of step the call returns at once where the time does not suffice, and the next goes on.
+    pub fn drive(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
         let whole_line = if self.line.now_ns() >= deadline_ns {
             Err(Error::TooLate { port: self.port() })
         } else {
@@ -60,15 +68,20 @@ impl<T: Transport> Bus<T> {
                 Ok(()) => self.serve(index, drives.get(index).copied().unwrap_or_default(), deadline_ns),
             };
         }
-        if whole_line.is_ok() {
-            // What these find out is told in the next cycle.
-            let in_step = self.get_in_step(deadline_ns).is_ok();
-            if in_step && self.set_up_units(deadline_ns).is_ok() {
-                self.read_what_can_wait(deadline_ns);
-            }
-        }
         for (unit, answer) in self.units.iter().zip(answers) {
             answer.report = unit.report;
+        }
+    }
+
+    /// Use the time until `deadline_ns`: bring back units that are not in use; when all are, read currents and one slow value.
+    ///
+    /// Nothing is begun that is unlikely to end by the deadline. What it finds out is in the next cycle's reports.
+    pub fn spend(&mut self, deadline_ns: u64) {
+        if self.line.now_ns() < deadline_ns
+            && self.get_in_step(deadline_ns).is_ok()
+            && self.set_up_units(deadline_ns).is_ok()
+        {
+            self.read_what_can_wait(deadline_ns);
         }
     }
 
