@@ -37,6 +37,8 @@
 //! * What the system does not permit is left out with one warning that names the cure.
 //! * A program says in one sentence why it failed, and exits with 2 (something given cannot be used) or 1 (it could not be done now).
 
+#![forbid(unsafe_code)]
+
 mod args;
 mod chassis;
 pub mod config;
