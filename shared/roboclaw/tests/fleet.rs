@@ -12,7 +12,7 @@ use roboclaw::{BusConfig, Drive, Error, Fleet, FleetCommand, FleetReply, PortCon
 use serial::{Device, Jack, Paced, Pipe, monotonic_ns, sleep_until};
 
 const MS: u64 = 1_000_000;
-/// A machine that stands still for a quarter of a second must not make a test fail.
+/// Long enough that a machine which stands still for a quarter of a second makes no test fail.
 const PATIENCE_NS: u64 = 400 * MS;
 
 /// Units behind a jack, answered by a thread.

@@ -194,7 +194,7 @@ impl<D: Device> Pipe<D> {
                 Self::send(&self.faults, &mut self.random, &mut self.counts, wire, at_ns + late_ns, byte);
             }
         }
-        // A device that was told to wait must not hold up a later, unrelated answer by the outbox's own clock.
+        // A device that was told to wait does not hold up a later, unrelated answer by the outbox's own clock.
         self.outbox.clear();
     }
 }

@@ -119,7 +119,7 @@ impl<T: Transport> Bus<T> {
         if got > 0 {
             self.counters.stray_bytes += got as u64;
             self.step = Step::Draining { quiet_from_ns: now_ns };
-            // Noise without end must not hold the caller for ever.
+            // Noise without end does not hold the caller for ever.
             if now_ns < deadline_ns { Ok(()) } else { Err(self.resynchronising()) }
         } else if now_ns >= quiet_at_ns {
             self.step = Step::Settled;
