@@ -12,6 +12,7 @@ use messages::{
 use motor_io::{Core, CoreConfig};
 use planner::{Mission, Planner, PlannerConfig};
 use plant::{MotorInput as DriveInput, Plant, PlantConfig};
+use service::config::{ControllerSection, EstimatorSection, PlannerSection};
 use service::motion::motion_of;
 
 /// Time from a tick until a drive unit has answered, ns: two units at 230400 baud, 37 bytes out and 39 bytes back each.
@@ -132,6 +133,56 @@ pub struct Cycle {
     pub truth_n: CableVec,
 }
 
+/// The deciding parts of the processes of the control chain, fresh.
+pub struct Chain {
+    /// Of motor-io.
+    pub core: Core,
+    /// Of the estimator.
+    pub estimator: Estimator,
+    /// Of the controller.
+    pub controller: Controller,
+    /// Of the planner.
+    pub planner: Planner,
+}
+
+impl Chain {
+    /// As the scenario says, everything else as the configuration files have it by default.
+    pub fn new(scenario: &Scenario) -> Result<Self> {
+        let robot = if scenario.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() };
+        let n = robot.cable_count();
+        let counts_per_m: Vec<f64> = scenario.plant.idlers.iter().map(|idler| idler.counts_per_m).collect();
+        let units: Vec<Vec<usize>> = (0..n).collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
+        let mut core = CoreConfig::new(robot, scenario.period_s, &counts_per_m, &units)?;
+        core.distribution = scenario.distribution;
+        let section = ControllerSection::default();
+        let controller = ControllerConfig {
+            robot,
+            law: Law::by_name(&section.law, section.state_weight, section.input_weight)?,
+            horizon: scenario.horizon,
+            distribution: scenario.distribution,
+            redundant_s: section.redundant_s,
+            cable_speed_limit_m_s: 2.0 * robot.speed_limit_m_s(),
+            error_limit_m: section.error_limit_m,
+            ttl_cycles: core.ttl_cycles,
+            incarnation: 2,
+        };
+        let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, .. } = PlannerSection::default();
+        let distribution = scenario.distribution;
+        Ok(Self {
+            core: Core::new(core),
+            estimator: Estimator::new(&EstimatorConfig::of(&EstimatorSection::default(), robot, 1)),
+            controller: Controller::new(controller),
+            planner: Planner::new(PlannerConfig {
+                robot: scenario.robot,
+                distribution,
+                speed_m_s,
+                acceleration_m_s2,
+                check_step_m,
+            }),
+        })
+    }
+}
+
 /// The chain and the plant.
 pub struct Lockstep {
     scenario: Scenario,
@@ -152,43 +203,12 @@ pub struct Lockstep {
 impl Lockstep {
     /// Sets everything up, the node hanging at the plant's start, disarmed, position unknown.
     pub fn new(scenario: Scenario) -> Result<Self> {
-        let robot = if scenario.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() };
         let plant = Plant::new(scenario.plant.clone())?;
-        let n = robot.cable_count();
-        let counts_per_m: Vec<f64> = scenario.plant.idlers.iter().map(|idler| idler.counts_per_m).collect();
-        let units: Vec<Vec<usize>> = (0..n).collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
-        let mut config = CoreConfig::new(robot, scenario.period_s, &counts_per_m, &units)?;
-        config.distribution = scenario.distribution;
-        let estimator = Estimator::new(&EstimatorConfig {
-            robot,
-            eta: 50,
-            ridge: 1e-4,
-            prior: [0.6, 0.4],
-            sigma_length_m: 0.001,
-            incarnation: 1,
-        });
-        let controller = Controller::new(ControllerConfig {
-            robot,
-            law: Law::LqEndpoint { state_weight: 0.0, input_weight: 1.0 },
-            horizon: scenario.horizon,
-            distribution: scenario.distribution,
-            redundant_s: 0.3,
-            cable_speed_limit_m_s: 2.0 * robot.speed_limit_m_s(),
-            error_limit_m: 0.25,
-            ttl_cycles: 3,
-            incarnation: 2,
-        });
-        let planner = Planner::new(PlannerConfig {
-            robot: scenario.robot,
-            distribution: scenario.distribution,
-            speed_m_s: 0.2,
-            acceleration_m_s2: 0.3,
-            check_step_m: 0.02,
-        });
+        let Chain { core, estimator, controller, planner } = Chain::new(&scenario)?;
         Ok(Self {
             scenario,
             plant,
-            core: Core::new(config),
+            core,
             estimator,
             controller,
             planner,

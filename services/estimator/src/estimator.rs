@@ -61,6 +61,8 @@ pub struct Estimator {
     incarnation: u32,
     cables: [Cable; MAX_CABLES],
     last_cycle: u64,
+    last_stamp_ns: u64,
+    last_instant_ns: u64,
     position: Option<Vector3<f64>>,
 }
 
@@ -81,22 +83,25 @@ impl Estimator {
             incarnation: config.incarnation,
             cables: [cable; MAX_CABLES],
             last_cycle: 0,
+            last_stamp_ns: 0,
+            last_instant_ns: 0,
             position: None,
         }
     }
 
-    /// The estimate for the cycle and the instant (`header.stamp_ns`) of one motor/state.
+    /// The estimate for the cycle of one motor/state, true at the instant of its newest reading.
     ///
     /// The paper predicts lengths over a whole iteration, because its encoder counts arrive with the last command. Here
     /// they are read in the cycle itself, so the model bridges only the milliseconds between the reading of each cable
     /// and the common instant, and whole cycles when the bus lost a reading. Nothing is allocated.
     pub fn step(&mut self, state: &MotorState, authority: Option<&MotorAuthority>) -> NodeEstimate {
         let n = self.robot.cable_count();
+        let instant_ns = self.instant_ns(state, authority);
         let mut estimate = NodeEstimate {
             header: Header {
                 cycle: state.header.cycle,
                 seq: 0,
-                stamp_ns: state.header.stamp_ns,
+                stamp_ns: instant_ns,
                 oldest_input_ns: state.header.oldest_input_ns,
             },
             measured_m: state.length_m,
@@ -109,13 +114,14 @@ impl Estimator {
         if state.header.cycle <= self.last_cycle {
             self.forget();
         }
-        self.last_cycle = state.header.cycle;
+        (self.last_cycle, self.last_stamp_ns, self.last_instant_ns) =
+            (state.header.cycle, state.header.stamp_ns, instant_ns);
         let mut known = usize::from(state.cable_count) == n && state.position_known != MotorState::POSITION_UNKNOWN;
         let mut sigma_m = CableVec::repeat(n, self.sigma_length_m);
         for i in 0..n {
             let cable = &mut self.cables[i];
             cable.read(state, i);
-            let Some((predicted_m, moved_m)) = cable.predict(state) else {
+            let Some((predicted_m, moved_m)) = cable.predict(state.header.cycle, instant_ns) else {
                 known = false;
                 continue;
             };
@@ -136,6 +142,19 @@ impl Estimator {
             self.position = None;
         }
         estimate
+    }
+
+    /// When the estimate of this cycle is true: when the newest encoder was read. In a cycle without any reading the
+    /// sample repeats the instant of the last one; then it is a period later, as if it had been read.
+    fn instant_ns(&self, state: &MotorState, authority: Option<&MotorAuthority>) -> u64 {
+        let cycles = state.header.cycle.saturating_sub(self.last_cycle);
+        let repeated = state.header.stamp_ns == self.last_stamp_ns && (1..=BRIDGED_CYCLES).contains(&cycles);
+        match authority {
+            Some(authority) if repeated && (0.0..1.0).contains(&authority.period_s) => {
+                self.last_instant_ns.saturating_add(cycles * (authority.period_s * 1e9) as u64)
+            }
+            _ => state.header.stamp_ns,
+        }
     }
 
     fn forget(&mut self) {
@@ -213,17 +232,17 @@ impl Cable {
 
     /// Length at the instant of the sample, and how much of it is prediction, m; `None` without a reading that is new
     /// enough.
-    fn predict(&self, state: &MotorState) -> Option<(f64, f64)> {
+    fn predict(&self, cycle: u64, instant_ns: u64) -> Option<(f64, f64)> {
         let length_m = self.length_m?;
-        let silent = state.header.cycle.checked_sub(self.cycle)?;
+        let silent = cycle.checked_sub(self.cycle)?;
         if silent > BRIDGED_CYCLES {
             return None;
         }
         // Signed: the instant of the cycle may lie before the reading.
-        let ahead_s = if state.header.stamp_ns >= self.sampled_ns {
-            (state.header.stamp_ns - self.sampled_ns) as f64 * 1e-9
+        let ahead_s = if instant_ns >= self.sampled_ns {
+            (instant_ns - self.sampled_ns) as f64 * 1e-9
         } else {
-            -((self.sampled_ns - state.header.stamp_ns) as f64 * 1e-9)
+            -((self.sampled_ns - instant_ns) as f64 * 1e-9)
         };
         // A clock that jumped must not throw the node about: at 250 Hz to 10 Hz no cycle is longer than this.
         let moved_m = self.velocity_m_s * ahead_s.clamp(-0.1, 0.1 * (1 + silent) as f64);

@@ -3,7 +3,7 @@
 
 use cable_robot::{CableVec, Distribution, Robot, RobotParts, Vector3, elastic};
 use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig};
-use messages::{Header, MotorState, NodeEstimate};
+use messages::{Header, MotorAuthority, MotorState, NodeEstimate};
 use proptest::prelude::*;
 
 const PERIOD_NS: u64 = 10_000_000;
@@ -145,6 +145,31 @@ fn the_motor_model_bridges_lost_readings_but_not_for_long() {
     let estimate = estimator.step(&state, None);
     assert_eq!(estimate.valid, 1);
     assert!(distance(&estimate, position) < 1e-3);
+}
+
+/// A cycle in which the bus gave nothing at all carries the readings and the instant of the last one.
+#[test]
+fn a_cycle_without_any_reading_is_predicted_a_period_ahead() {
+    let robot = robot(4, Some(6000.0));
+    let mut estimator = estimator(robot);
+    let authority = MotorAuthority { period_s: 0.01, ..MotorAuthority::default() };
+    for cycle in 1..=100 {
+        estimator.step(&steady(&robot, cycle).0, Some(&authority));
+    }
+    let (last, _) = steady(&robot, 100);
+    for cycle in 101..=102 {
+        let mut state = MotorState { fresh: [0; 8], ..last };
+        state.header.cycle = cycle;
+        let estimate = estimator.step(&state, Some(&authority));
+        let (read, position) = steady(&robot, cycle);
+        assert_eq!((estimate.valid, estimate.header.stamp_ns), (1, read.header.stamp_ns));
+        assert_eq!(estimate.header.oldest_input_ns, last.header.oldest_input_ns);
+        assert!(distance(&estimate, position) < 1e-4, "{} m", distance(&estimate, position));
+    }
+    let (state, position) = steady(&robot, 103);
+    let estimate = estimator.step(&state, Some(&authority));
+    assert_eq!(estimate.header.stamp_ns, state.header.stamp_ns);
+    assert!(distance(&estimate, position) < 1e-4);
 }
 
 #[test]
