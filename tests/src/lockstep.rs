@@ -331,7 +331,7 @@ impl Lockstep {
         let estimate = self.estimator.step(&state, Some(&authority));
         self.estimate = Some(estimate);
         self.authority = Some(authority);
-        if cycle % PLANNER_CYCLES == 0 {
+        if cycle.is_multiple_of(PLANNER_CYCLES) {
             let seen = planner::Seen {
                 now_ns: self.plant.time_ns(),
                 authority: self.authority.as_ref(),
