@@ -197,3 +197,21 @@ fn a_broken_line_stops_the_robot() {
     assert_ne!(last.authority.faults, 0);
     assert_eq!(last.plan.state, PlanStatus::STATE_ABORTED);
 }
+
+#[test]
+fn every_mission_that_comes_along_can_be_flown_by_every_robot() {
+    for robot in ["lab3", "lab4"] {
+        for mission in ["demo", "spiral", "polyline"] {
+            let scenario = Case { robot, mission, motor_s: QUICK }.scenario(true).unwrap();
+            let config = planner::PlannerConfig {
+                robot: scenario.robot,
+                distribution: scenario.distribution,
+                speed_m_s: 0.2,
+                acceleration_m_s2: 0.3,
+                check_step_m: 0.02,
+            };
+            let summary = planner::dry_run(&scenario.mission, &config, scenarios::START_M).unwrap();
+            assert!(summary.duration_s < 120.0, "{summary:?}");
+        }
+    }
+}
