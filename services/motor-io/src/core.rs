@@ -223,6 +223,16 @@ impl Core {
         self.safety.mode()
     }
 
+    /// True while the robot moves by a controller's commands, so that one that is a little late is worth waiting for.
+    #[must_use]
+    pub fn awaits_command(&self) -> bool {
+        match self.safety.mode() {
+            Mode::Following => !self.unit_trouble && self.missing == 0,
+            Mode::Stopping => !self.stop.open && self.missing == 0,
+            _ => false,
+        }
+    }
+
     /// What would have to be kept on disk: lengths and counts, if the lengths mean something.
     #[must_use]
     pub fn position(&self) -> Option<([f64; CABLES], [i64; CABLES])> {

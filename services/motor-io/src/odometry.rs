@@ -134,10 +134,18 @@ impl Odometry {
             return;
         }
         if let Some((lengths_m, counts)) = self.restore.take() {
+            // Decided for all cables together: counts that begin at zero again say nothing about the time before, even where the old
+            // count of one cable happened to be near zero.
+            let since = |from: [i64; CABLES]| {
+                std::array::from_fn::<f64, CABLES, _>(|i| metres(self.cables[i].counts, from[i], self.counts_per_m[i]))
+            };
+            let (from_zero, from_then) = (since([0; CABLES]), since(counts));
+            let within = |moved: &[f64; CABLES], bound_m: f64| moved[..self.count].iter().all(|m| m.abs() <= bound_m);
+            let began_anew = within(&from_zero, RETURN_TOLERANCE_M);
+            let counted_on = within(&from_then, if began_anew { RETURN_TOLERANCE_M } else { SAME_COUNT_M });
             for i in 0..self.count {
                 let it = &mut self.cables[i];
-                let moved = metres(it.counts, counts[i], self.counts_per_m[i]);
-                it.zero_m = lengths_m[i] + if moved.abs() <= SAME_COUNT_M { moved } else { 0.0 };
+                it.zero_m = lengths_m[i] + if counted_on { from_then[i] } else { 0.0 };
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
             }

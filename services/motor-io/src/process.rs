@@ -18,8 +18,13 @@ use service::{BadInput, Chassis};
 use std::path::Path;
 use tracing::{info, warn};
 
-/// Share of the period in which the drives have to answer; the rest belongs to estimator and controller.
-const BUS_SHARE: f64 = 0.75;
+/// Share of the period, from its tick, in which the drives have to answer; the rest belongs to estimator and controller.
+const BUS_SHARE: f64 = 0.85;
+/// Share of the period that the drives get at least, however late the cycle began.
+const BUS_LEAST: f64 = 0.65;
+/// Share of the period for which a command that is not there at the tick is waited for: a hiccup of the machine then costs a
+/// little delay and not a cycle.
+const GRACE_SHARE: f64 = 0.2;
 /// The energy changes slowly: every so many seconds.
 const ENERGY_S: f64 = 0.1;
 /// Drives have this long to come up, s; the virtual box makes its ports while this process starts.
@@ -80,13 +85,15 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
     inbox.first((chassis.incarnation() & 0x3fff_ffff).max(1), restored);
 
     let period_ns = (config.period_s * 1e9).round() as u64;
-    let bus_ns = (config.period_s * 1e9 * BUS_SHARE) as u64;
+    let share = |share: f64| (config.period_s * 1e9 * share) as u64;
+    let (bus_ns, bus_least_ns, grace_ns) = (share(BUS_SHARE), share(BUS_LEAST), share(GRACE_SHARE));
     let patience = config.cycles(PATIENCE_S).into();
     let last_stop = config.cycles(LAST_STOP_S).into();
     let energy_every = u64::from(config.cycles(ENERGY_S));
     let mut core = Core::new(config);
     let mut reporter = Reporter::default();
     let mut server = chassis.bus().server(chassis.name())?;
+    let mut waiter = chassis.bus().waiter(&["motor/command/a", "motor/command/b"])?;
     let (mut ready, mut ending) = (false, 0_u64);
     let mut pacer = Pacer::new(period_ns);
 
@@ -103,10 +110,18 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
                 inbox.request(0, OperatorRequest::VERB_STOP, &[0.0; 8]);
             }
         }
-        let call = ports.gather(cycle, &mut inbox, &mut server, &mut reporter);
-        let input = inbox.begin(cycle, tick.scheduled_ns, tick.woke_ns);
+        // Takes away the wake-ups of the last cycle; from here on a new one is not lost.
+        reporter.bus(waiter.wait_until(Some(0)).map(|_| ()));
+        let mut answered = ports.commands(cycle, &mut inbox, &mut reporter);
+        while !answered && core.awaits_command() && now_ns() < tick.woke_ns + grace_ns {
+            reporter.bus(waiter.wait_until(Some(tick.woke_ns + grace_ns)).map(|_| ()));
+            answered = ports.commands(cycle, &mut inbox, &mut reporter);
+        }
+        let call = ports.gather(&mut inbox, &mut server, &mut reporter);
+        let begin_ns = now_ns();
+        let input = inbox.begin(cycle, tick.scheduled_ns, begin_ns);
         let command = core.decide(input);
-        drives.exchange(cycle, &command, tick.woke_ns + bus_ns, input);
+        drives.exchange(cycle, &command, (tick.scheduled_ns + bus_ns).max(begin_ns + bus_least_ns), input);
         input.end_ns = now_ns();
         let observation = core.observe(input);
         ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
@@ -127,6 +142,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
                 }
                 chassis.ready()?;
                 ready = true;
+                let _ = drives.trouble(); // what was said while the units were being set up
             }
         }
         inbox.finish();
@@ -168,24 +184,27 @@ impl Ports {
         })
     }
 
-    /// Takes in what has arrived, and at most one request.
-    fn gather<'a>(
-        &mut self,
-        cycle: u64,
-        inbox: &mut Inbox,
-        server: &'a mut Server,
-        reporter: &mut Reporter,
-    ) -> Option<Call<'a>> {
-        for slot in 0..SLOT_NAMES.len() {
+    /// Takes in commands; true once one of them answers the last cycle.
+    fn commands(&mut self, cycle: u64, inbox: &mut Inbox, reporter: &mut Reporter) -> bool {
+        let mut any = false;
+        for (slot, commands) in self.commands.iter_mut().enumerate() {
             // What a dead controller left behind arrives first: the answer to the last cycle counts, whenever it comes.
             let mut answered = false;
-            while let Some(command) = reporter.take(self.commands[slot].receive()) {
-                let current = command.based_on_cycle + 1 == cycle;
+            while let Some(command) = reporter.take(commands.receive()) {
+                let current = command.based_on_cycle.checked_add(1) == Some(cycle);
                 if current || !answered {
                     inbox.command(slot, &command);
                 }
                 answered |= current;
             }
+            any |= answered;
+        }
+        any
+    }
+
+    /// Takes in everything else that has arrived, and at most one request.
+    fn gather<'a>(&mut self, inbox: &mut Inbox, server: &'a mut Server, reporter: &mut Reporter) -> Option<Call<'a>> {
+        for slot in 0..SLOT_NAMES.len() {
             if let Some(estimate) = reporter.take(self.estimates[slot].latest()) {
                 inbox.estimate(slot, &estimate);
             }
