@@ -13,6 +13,11 @@ const START: &str = "4.8,3.0,0.3";
 /// The drives' watchdog in the box file, s, and the speed of the moves below, m/s.
 const WATCHDOG_S: f64 = 0.3;
 const SPEED_M_S: f64 = 0.2;
+/// Ten steps of the encoder: less than that in 0.3 s is holding.
+const STILL_M: f64 = 0.001;
+/// How far the node swings on its lines after a stop.
+const SWING_M: f64 = 0.01;
+const GOAL: [f64; 3] = [5.4, 3.6, 0.7];
 
 fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
@@ -168,8 +173,21 @@ impl Robot {
         cables == 3 && self.seen.tension_n[..cables].iter().all(|tension| *tension > 1.0)
     }
 
-    fn at_rest(&self) -> bool {
-        self.speed() < 0.005
+    /// Waits until no drum turns. The node itself swings on the elastic lines by a millimetre or so for some seconds more.
+    fn until_still(&mut self, seconds: f64) {
+        let give_up = clock::now_ns() + (seconds * 1e9) as u64;
+        loop {
+            let before = self.seen.length_m;
+            self.pause(0.3);
+            if before.iter().zip(self.seen.length_m).all(|(a, b)| (a - b).abs() < STILL_M) {
+                return;
+            }
+            assert!(clock::now_ns() < give_up, "the drums still turn after {seconds} s\n{}", self.said());
+        }
+    }
+
+    fn distance(&self, from: [f64; 3]) -> f64 {
+        self.seen.position_m.iter().zip(from).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
     }
 
     /// Ctrl-C; what `nims up` answered.
@@ -266,8 +284,7 @@ fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file(
     assert_eq!(sky.status.code(), Some(2), "{}", String::from_utf8_lossy(&sky.stderr));
     robot.until("the move is done", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     robot.pause(0.3);
-    let off = robot.seen.position_m.iter().zip([5.4, 3.6, 0.7]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-    assert!(off < 0.01, "{off} m from the goal");
+    assert!(robot.distance(GOAL) < SWING_M, "{} m from the goal", robot.distance(GOAL));
 
     let listed: Value = serde_json::from_slice(&robot.nims(&["channel", "list", "--json"]).stdout).unwrap();
     assert!(listed["channels"].as_array().unwrap().iter().any(|channel| channel["name"] == "motor/state"), "{listed}");
@@ -287,10 +304,12 @@ fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file(
     assert_eq!(code, Some(0), "{}", robot.said());
     assert_eq!(answer["mode"], "holding", "{answer}");
     robot.files_are_closed();
-    // The last thing in the file is a robot at rest on taut lines.
+    // The last thing in the file is a robot that holds on taut lines.
     let truth = runlog::read_channel::<TruthNode>(&robot.folder.path().join("run"), "truth/node").unwrap();
-    robot.seen = truth.last().unwrap().1;
-    assert!(robot.at_rest() && robot.taut(), "{:?}", robot.seen);
+    let (earlier, last) = (truth[truth.len() - 10].1, truth.last().unwrap().1);
+    assert!(earlier.length_m.iter().zip(last.length_m).all(|(a, b)| (a - b).abs() < STILL_M), "{earlier:?} {last:?}");
+    robot.seen = last;
+    assert!(robot.taut(), "{last:?}");
     robot.next_start_is_clean();
 }
 
@@ -335,18 +354,13 @@ fn stops_on_the_path(name: &str) {
     let mut robot = Robot::up();
     robot.fly();
     robot.kill(name);
-    robot.until("the robot holds", 5.0, |robot| {
-        matches!(robot.last.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED) && robot.at_rest()
-    });
+    robot.until("the robot holds", 5.0, |robot| matches!(robot.last.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED));
+    robot.until_still(5.0);
     assert!(robot.taut(), "{:?}", robot.seen);
+    assert!(robot.distance(GOAL) > 0.3, "it stopped on the path, not at its end");
     let place = robot.seen.position_m;
     robot.pause(1.0);
-    assert!(robot.at_rest() && robot.taut());
-    assert!(
-        place.iter().zip(robot.seen.position_m).all(|(a, b)| (a - b).abs() < 0.005),
-        "it drifts: {place:?} {:?}",
-        robot.seen.position_m
-    );
+    assert!(robot.taut() && robot.distance(place) < SWING_M, "it drifts: {place:?} {:?}", robot.seen.position_m);
     assert!(robot.said().contains(&format!("{name} was ended by signal 9")), "{}", robot.said());
     let (code, _) = robot.end();
     assert_eq!(code, Some(1), "a run in which {name} died is no success");
@@ -369,9 +383,9 @@ fn without_its_planner_the_robot_finishes_the_segment_and_holds() {
     let mut robot = Robot::up();
     robot.fly();
     robot.kill("planner");
-    robot.until("the robot holds", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING && robot.at_rest());
-    let off = robot.seen.position_m.iter().zip([5.4, 3.6, 0.7]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-    assert!(off < 0.01 && robot.taut(), "{off} m from the end of the segment");
+    robot.until("the robot holds", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+    robot.until_still(5.0);
+    assert!(robot.distance(GOAL) < SWING_M && robot.taut(), "{} m from the end of the segment", robot.distance(GOAL));
     robot.end();
     robot.files_are_closed();
     robot.next_start_is_clean();
@@ -384,8 +398,7 @@ fn without_its_recorder_the_mission_goes_on_and_a_new_file_begins() {
     robot.kill("recorder");
     robot.until("the loss is said", 5.0, |robot| robot.said().contains("recorder was ended by signal 9"));
     robot.until("the move is done", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-    let off = robot.seen.position_m.iter().zip([5.4, 3.6, 0.7]).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
-    assert!(off < 0.01, "{off} m from the goal");
+    assert!(robot.distance(GOAL) < SWING_M, "{} m from the goal", robot.distance(GOAL));
     robot.until("it records again", 5.0, |robot| robot.folder.path().join("run/run-0002.mcap.part").exists());
     robot.end();
     robot.files_are_closed();
@@ -403,10 +416,11 @@ fn without_motor_io_the_drives_stop_the_motors() {
     robot.look();
     let place = robot.seen.position_m;
     robot.pause(WATCHDOG_S + 1.5);
-    let travel = place.iter().zip(robot.seen.position_m).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    let travel = robot.distance(place);
     // The gears of this robot hold an unpowered line, so nothing sinks afterwards. 50 ms pass between the kill and the look.
     assert!(travel < (WATCHDOG_S + 0.05) * SPEED_M_S + 0.01, "{travel} m");
-    assert!(robot.at_rest() && robot.taut(), "{:?}", robot.seen);
+    robot.until_still(5.0);
+    assert!(robot.taut(), "{:?}", robot.seen);
     robot.until("the loss is said", 5.0, |robot| robot.said().contains("motor-io was ended by signal 9"));
     let (code, _) = robot.end();
     assert_eq!(code, Some(1));
@@ -421,7 +435,8 @@ fn without_its_supervisor_the_robot_stops_and_the_next_one_cleans_up() {
     let children: Vec<u32> = ["motor-io", "controller", "recorder"].iter().map(|name| robot.pid(name)).collect();
     signal(robot.supervisor.id(), "KILL");
     robot.supervisor.wait().unwrap();
-    robot.until("the robot holds", 6.0, |robot| robot.last.mode != MotorAuthority::MODE_FOLLOWING && robot.at_rest());
+    robot.until("the robot holds", 6.0, |robot| robot.last.mode != MotorAuthority::MODE_FOLLOWING);
+    robot.until_still(5.0);
     assert!(robot.taut());
     robot.next_start_is_clean();
     for pid in children {

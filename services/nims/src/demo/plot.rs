@@ -78,7 +78,7 @@ fn errors(area: &Area<'_>, track: &[Point]) -> Drawn {
     let off = |a: &Position, b: &Position| 1000.0 * (a - b).norm();
     let estimate: Vec<(f64, f64)> = track.iter().map(|p| (p.time_s, off(&p.estimate, &p.setpoint))).collect();
     let truth: Vec<(f64, f64)> = track.iter().filter_map(|p| Some((p.time_s, off(&p.truth?, &p.setpoint)))).collect();
-    let top = estimate.iter().chain(&truth).map(|(_, error)| *error).fold(1.0, f64::max) * 1.1;
+    let top = estimate.iter().chain(&truth).map(|(_, error)| *error).fold(1.0, f64::max) * 1.4;
     let end = track.last().map_or(1.0, |p| p.time_s).max(0.1);
     let mut chart = ChartBuilder::on(area)
         .caption("distance from the setpoint while it moves", ("sans-serif", 15))
@@ -95,6 +95,11 @@ fn errors(area: &Area<'_>, track: &[Point]) -> Drawn {
         .draw_series(LineSeries::new(estimate, &ESTIMATE))?
         .label("estimate")
         .legend(|(x, y)| PathElement::new([(x, y), (x + 20, y)], ESTIMATE));
-    chart.configure_series_labels().background_style(WHITE).border_style(PLANNED).draw()?;
+    chart
+        .configure_series_labels()
+        .position(SeriesLabelPosition::UpperMiddle)
+        .background_style(WHITE)
+        .border_style(PLANNED)
+        .draw()?;
     Ok(())
 }

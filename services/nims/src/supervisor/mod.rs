@@ -41,6 +41,8 @@ const READY_NS: u64 = 20_000_000_000;
 const SILENT_NS: u64 = 2_000_000_000;
 /// Time for the robot to come to rest when everything ends, ns: the longest stop ramp and some.
 const REST_NS: u64 = 6_000_000_000;
+/// From the last command to standing drums, ns: several times a drive's delay and lag.
+const SETTLE_NS: u64 = 500_000_000;
 /// Time for a process to end in good order, ns; the recorder writes out what it holds.
 const END_NS: u64 = 8_000_000_000;
 /// A process that dies this often is not started again.
@@ -244,6 +246,10 @@ impl Supervisor {
         let mode = self.last_authority.map(|authority| authority.mode);
         let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
         self.close(because);
+        let Self { domain, bus, voice, heartbeat, table, authority, beats, _claim, .. } = self;
+        drop((voice, heartbeat, table, authority, beats, bus));
+        // What is left is debris of processes that were killed; if it stays, the next start removes it.
+        let _ = domain.sweep();
         Ending { run, died, mode }
     }
 
@@ -440,6 +446,8 @@ impl Supervisor {
         while clock::now_ns() < give_up {
             clock::sleep_until(clock::now_ns() + 20_000_000);
             if self.look().is_err() || self.last_authority.as_ref().is_none_or(at_rest) {
+                // The drives lag behind their commands; the run file shows them come to rest too.
+                clock::sleep_until(clock::now_ns() + SETTLE_NS);
                 return;
             }
         }
