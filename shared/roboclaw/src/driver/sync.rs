@@ -10,9 +10,10 @@ use crate::packet::MAX_PACKET;
 /// So long without a byte, the line is empty and so are the units' parsers.
 const QUIET_NS: u64 = BYTE_GAP_NS + 2_000_000;
 
-/// A unit that has left this many fences unanswered is asked less often,
-const FENCES_BEFORE_SILENT: u32 = 2;
-/// namely twice a second: each attempt costs the other units of the line a few cycles.
+/// A unit that has left this many fences unanswered, in about a tenth of a second, is asked less often: fewer, and a computer that
+/// stands still for a moment would take its own pause for the unit's.
+const FENCES_BEFORE_SILENT: u32 = 6;
+/// Namely twice a second: each attempt costs the other units of the line a few cycles.
 const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
 
 /// How long a call that can do nothing at the moment lets time pass: short beside a cycle.
@@ -326,7 +327,7 @@ impl<T: Transport> Bus<T> {
         match unit.phase {
             Phase::Ready => None,
             Phase::Setup(_) => Some(Error::Preparing { port, address }),
-            Phase::Suspect { failed: 0, .. } => Some(Error::Resynchronising { port }),
+            Phase::Suspect { failed, .. } if failed < FENCES_BEFORE_SILENT => Some(Error::Resynchronising { port }),
             Phase::Suspect { .. } => Some(Error::Silent { port, address }),
             Phase::Unusable { wanted, got, .. } => Some(Error::WatchdogRefused { port, address, wanted, got }),
         }
