@@ -1,5 +1,6 @@
 //! Tests across crates and processes.
 #![forbid(unsafe_code)]
 
-pub mod lockstep;
 pub mod scenarios;
+
+pub use nims::lockstep;
