@@ -41,6 +41,7 @@
 
 pub mod cables;
 pub mod elastic;
+pub mod energy;
 pub mod kinematics;
 pub mod law;
 pub mod limits;

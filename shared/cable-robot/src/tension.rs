@@ -5,20 +5,19 @@
 //! same as the paper's elimination of one cable, without its division by a determinant that may vanish. More lines are
 //! solved through the dual problem, which has three unknowns whatever their number.
 
-use nalgebra::{Matrix3, Vector3};
+pub mod general;
+
+use nalgebra::Vector3;
 use thiserror::Error;
 
 use crate::kinematics::{KinematicsError, StructureMatrix};
-use crate::{CableVec, MAX_CABLES, Robot, linalg};
+use crate::{CableVec, Robot, linalg};
 
 /// Tensions this close to a limit keep it, as a share of the larger of force and limit: rounding.
 const TOLERANCE: f64 = 1e-10;
 
 /// Forces above this are a wrong unit or an error, N; infinity as an upper limit of tension is not a force.
 const STRONGEST_N: f64 = 1e9;
-
-/// Bound of the dual iteration; it needs about six.
-const MAX_ITERATIONS: usize = 200;
 
 /// Which of the feasible distributions is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -27,7 +26,7 @@ pub enum Distribution {
     Unique,
     /// Least sum of squares (27), the least I²R loss of ideal motors. It moves continuously with the pose.
     LeastNorm,
-    /// Least sum (37). It jumps between bounds where two cables' roles change. Three and four cables.
+    /// Least sum (37). It jumps between bounds where two cables' roles change.
     MinSum,
     /// Greatest distance to the nearest limit.
     Safest,
@@ -220,7 +219,7 @@ pub fn distribute(
                 None => t,
             }
         }
-        (_, Distribution::Unique) => return wrong("least-norm, safest, or with four cables min-sum"),
+        (_, Distribution::Unique) => return wrong("least-norm, min-sum or safest"),
         (4, _) => {
             let line = FourCables::new(structure, wrench_n, limits_n)?;
             match method {
@@ -229,15 +228,17 @@ pub fn distribute(
                 _ => line.least_norm(),
             }
         }
-        (_, Distribution::MinSum) => return wrong("least-norm or safest"),
-        (_, Distribution::Safest) => safest_of_many(structure, wrench_n, limits_n)?,
-        (_, Distribution::LeastNorm) => least_norm(structure, wrench_n, limits_n)?,
+        _ => general::distribute(&structure.into(), wrench_n.as_slice(), limits_n, method)?.tensions_n,
     };
     Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) })
 }
 
 fn check_arguments(wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<(), TensionError> {
-    let [low, high] = limits_n;
+    check_limits(limits_n)?;
+    check_wrench(wrench_n.as_slice())
+}
+
+fn check_limits([low, high]: [f64; 2]) -> Result<(), TensionError> {
     if !(0.0..=STRONGEST_N).contains(&low) {
         return Err(TensionError::InvalidArgument {
             what: "the lower tension limit",
@@ -245,18 +246,22 @@ fn check_arguments(wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<(), Te
             accepted: "0 N to 1e9 N",
         });
     }
-    if !(high > low) {
-        let accepted = "more than the lower limit, or infinity";
+    if !(high >= low) {
+        let accepted = "no less than the lower limit, or infinity";
         return Err(TensionError::InvalidArgument { what: "the upper tension limit", value: high, accepted });
     }
-    if let Some(value) = wrench_n.iter().find(|v| !(v.abs() <= STRONGEST_N)) {
-        return Err(TensionError::InvalidArgument {
+    Ok(())
+}
+
+fn check_wrench(wrench_n: &[f64]) -> Result<(), TensionError> {
+    match wrench_n.iter().find(|v| !(v.abs() <= STRONGEST_N)) {
+        None => Ok(()),
+        Some(value) => Err(TensionError::InvalidArgument {
             what: "the force on the node",
             value: *value,
             accepted: "at most 1e9 N in each direction",
-        });
+        }),
     }
-    Ok(())
 }
 
 /// Least distance to a limit, N; negative outside.
@@ -433,126 +438,13 @@ fn null_vector(s: &StructureMatrix) -> CableVec {
     })
 }
 
-/// Least norm within limits for any number of cables (27): maximises the dual, whose optimum y gives
-/// T = clamp(Λᵀy, min, max). Newton steps with an exact line search; the dual is concave and piecewise quadratic, so the
-/// steps end at the optimum after finitely many pieces. An unbounded ascent proves that nothing is feasible (Farkas).
-///
-/// Also for planar robots: a structure matrix with a row of zeros and no force in it.
+/// Least norm within limits for any number of cables (27). Also for planar robots: a structure matrix with a row of zeros
+/// and no force in it.
 pub fn least_norm(
     structure: &StructureMatrix,
     wrench_n: &Vector3<f64>,
     limits_n: [f64; 2],
 ) -> Result<CableVec, TensionError> {
     check_arguments(wrench_n, limits_n)?;
-    let n = structure.len();
-    let [low, high] = limits_n;
-    let scale = 1.0 + wrench_n.norm() + low * n as f64;
-    let tension = |y: &Vector3<f64>, i: usize| structure[i].dot(y).clamp(low, high);
-    let mut y = Vector3::zeros();
-    // The best point so far: at its end the iteration may wander within rounding.
-    let (mut best, mut least_missing) = (y, f64::INFINITY);
-    for _ in 0..MAX_ITERATIONS {
-        let mut residual = *wrench_n;
-        let mut hessian = Matrix3::identity() * 1e-9;
-        for i in 0..n {
-            residual -= structure[i] * tension(&y, i);
-            let s = structure[i].dot(&y);
-            if s > low && s < high {
-                hessian += linalg::outer(&structure[i], &structure[i]);
-            }
-        }
-        let missing = residual.norm();
-        if missing < least_missing {
-            (best, least_missing) = (y, missing);
-        }
-        if missing <= 1e-12 * scale {
-            break;
-        }
-        let direction = linalg::solve_spd(&hessian, &residual).unwrap_or(residual);
-        match ascend(structure, wrench_n, limits_n, &y, &direction) {
-            Some(step) => y += direction * step,
-            None => break,
-        }
-    }
-    if least_missing <= TOLERANCE * scale {
-        return Ok(CableVec::from_fn(n, |i| tension(&best, i)));
-    }
-    // Why not: the cable that is worst off without limits.
-    let free = least_norm_unbounded(structure, wrench_n).unwrap_or_else(|_| CableVec::zeros(n));
-    match worst_violation(&free, limits_n) {
-        Some(violation) => Err(TensionError::Infeasible(violation)),
-        None => Err(TensionError::Singular),
-    }
-}
-
-/// The step along `d` that maximises the dual, or None where it rises for ever.
-fn ascend(
-    structure: &StructureMatrix,
-    wrench_n: &Vector3<f64>,
-    [low, high]: [f64; 2],
-    y: &Vector3<f64>,
-    d: &Vector3<f64>,
-) -> Option<f64> {
-    let n = structure.len();
-    let b = wrench_n.dot(d);
-    let (mut s, mut p) = ([0.0; MAX_CABLES], [0.0; MAX_CABLES]);
-    for i in 0..n {
-        (s[i], p[i]) = (structure[i].dot(y), structure[i].dot(d));
-    }
-    let derivative = |step: f64| {
-        let pulled: f64 = (0..n).map(|i| (s[i] + step * p[i]).clamp(low, high) * p[i]).sum();
-        b - pulled
-    };
-    // The derivative falls and is linear between the steps at which a cable reaches a limit.
-    let mut breaks = [f64::INFINITY; 2 * MAX_CABLES];
-    let mut count = 0;
-    for i in 0..n {
-        for limit in [low, high] {
-            let at = (limit - s[i]) / p[i];
-            if at.is_finite() && at > 0.0 {
-                breaks[count] = at;
-                count += 1;
-            }
-        }
-    }
-    breaks[..count].sort_unstable_by(f64::total_cmp);
-    let (mut from, mut at_from) = (0.0, derivative(0.0));
-    for to in &breaks[..count] {
-        let at_to = derivative(*to);
-        if at_to <= 0.0 {
-            return Some(from + (to - from) * at_from / (at_from - at_to));
-        }
-        (from, at_from) = (*to, at_to);
-    }
-    // A force on the very edge of what is feasible leaves only rounding here: the last break is the optimum.
-    let magnitude = b.abs() + (0..n).map(|i| ((s[i] + from * p[i]).clamp(low, high) * p[i]).abs()).sum::<f64>();
-    if from > 0.0 && at_from <= 1e-13 * magnitude {
-        return Some(from);
-    }
-    // Beyond the last break it is linear still: constant where every cable is at a limit.
-    let unit = from.abs().max(1.0);
-    let fall = at_from - derivative(from + unit);
-    if fall > 1e-12 * at_from.abs() { Some(from + unit * at_from / fall) } else { None }
-}
-
-/// Greatest margin for more than four cables, by bisection on the margin.
-fn safest_of_many(
-    structure: &StructureMatrix,
-    wrench_n: &Vector3<f64>,
-    limits_n: [f64; 2],
-) -> Result<CableVec, TensionError> {
-    let [low, high] = limits_n;
-    let mut best = least_norm(structure, wrench_n, limits_n)?;
-    if !high.is_finite() {
-        return Ok(best);
-    }
-    let (mut kept, mut lost) = (0.0, 0.5 * (high - low));
-    for _ in 0..50 {
-        let margin = 0.5 * (kept + lost);
-        match least_norm(structure, wrench_n, [low + margin, high - margin]) {
-            Ok(tensions) => (kept, best) = (margin, tensions),
-            Err(_) => lost = margin,
-        }
-    }
-    Ok(best)
+    general::least_norm(&structure.into(), wrench_n.as_slice(), limits_n)
 }

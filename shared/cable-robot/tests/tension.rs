@@ -295,7 +295,7 @@ fn methods_and_limits_that_do_not_fit_are_refused_with_a_sentence() {
     let nan = Vector3::new(0.0, f64::NAN, 0.0);
     let cases = [
         distribute(&s4, &b, LIMITS, Distribution::Unique),
-        distribute(&s5, &b, LIMITS, Distribution::MinSum),
+        distribute(&s5, &b, LIMITS, Distribution::Unique),
         distribute(&s4, &b, [2.0, 1.0], Distribution::LeastNorm),
         distribute(&s4, &b, [-2.0, 1.0], Distribution::LeastNorm),
         distribute(&s4, &b, [2.0, f64::NAN], Distribution::LeastNorm),

@@ -1,0 +1,260 @@
+//! The I²R loss of a move: tension from the pose, current from tension and reel-in speed, Simpson's rule over the path.
+
+use nalgebra::Vector3;
+use thiserror::Error;
+
+use super::{Current, TableError, parabola};
+use crate::path::Parabola;
+use crate::profile::Profile;
+use crate::tension::{TensionError, general, worst_violation};
+use crate::{CableVec, Distribution, Path, Segment};
+
+/// Most intervals of Simpson's rule; 64 leave an error of 3e-6 with the default motor.
+pub const MAX_INTERVALS: usize = 100_000;
+
+/// A move whose cost cannot be told.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum EnergyError {
+    /// A parameter outside its range.
+    #[error("{what} is {value}; accepted: {accepted}")]
+    InvalidArgument {
+        /// The parameter.
+        what: &'static str,
+        /// Its value.
+        value: f64,
+        /// What is accepted.
+        accepted: &'static str,
+    },
+    /// Start and end coincide.
+    #[error("start and end of the move coincide; give two different points")]
+    NoDistance,
+    /// An end of the move is below the ground.
+    #[error("the move has an end at a height of {height_m} m, below the ground at {ground_m} m; raise it")]
+    BelowGround {
+        /// Height of the lower end, m.
+        height_m: f64,
+        /// Height of the ground, m.
+        ground_m: f64,
+    },
+    /// The lines cannot hold the node on the way.
+    #[error("at ({x:.3}, {y:.3}, {z:.3}) m: {why}")]
+    Tension {
+        /// x of the position, m.
+        x: f64,
+        /// y of the position, m.
+        y: f64,
+        /// z of the position, m.
+        z: f64,
+        /// Why not.
+        why: TensionError,
+    },
+    /// The measured table does not cover the move.
+    #[error(transparent)]
+    Table(#[from] TableError),
+}
+
+impl EnergyError {
+    /// The kind as a short word for other programs: `invalid_argument`, `degenerate_geometry`, `infeasible`, `singular` or
+    /// `out_of_range`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::InvalidArgument { .. } | Self::BelowGround { .. } => "invalid_argument",
+            Self::NoDistance => "degenerate_geometry",
+            Self::Tension { why, .. } => why.kind(),
+            Self::Table(error) => error.kind(),
+        }
+    }
+
+    /// True if this path cannot be flown, but another between the same ends might.
+    pub fn is_of_the_path(&self) -> bool {
+        matches!(self.kind(), "infeasible" | "singular" | "out_of_range")
+    }
+}
+
+/// What a move costs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Cost {
+    /// Loss in the armatures of all motors, J.
+    pub energy_j: f64,
+    /// How long it takes, s.
+    pub duration_s: f64,
+    /// Arc length, m.
+    pub length_m: f64,
+    /// Highest tension, N.
+    pub peak_tension_n: f64,
+    /// Highest current of a motor, by magnitude, A.
+    pub peak_current_a: f64,
+    /// Least distance of a tension to a limit, N.
+    pub margin_n: f64,
+}
+
+impl Cost {
+    /// Mean loss, W.
+    pub fn mean_power_w(&self) -> f64 {
+        if self.duration_s > 0.0 { self.energy_j / self.duration_s } else { 0.0 }
+    }
+}
+
+/// A robot as the cost of its moves needs it.
+pub struct Hoist<'a> {
+    /// Where the lines leave their pulleys, m; of a planar robot with y = 0.
+    pub anchors: &'a [Vector3<f64>],
+    /// True for a robot in the x-z plane.
+    pub planar: bool,
+    /// The force that the lines provide at rest, m g less buoyancy, N.
+    pub wrench_n: Vector3<f64>,
+    /// Lowest and highest tension, N.
+    pub limits_n: [f64; 2],
+    /// How tensions are chosen. A move has to keep the limits whatever the method.
+    pub method: Distribution,
+    /// The motors.
+    pub current: &'a dyn Current,
+}
+
+/// One point of a move.
+struct Instant {
+    loss_w: f64,
+    tensions_n: CableVec,
+    margin_n: f64,
+    peak_a: f64,
+}
+
+impl Hoist<'_> {
+    /// Cost of a parabola at constant speed, quasi-static as the paper has it: ∫ R Σ I² dt with dt = |dX/du| / v du, by
+    /// Simpson's rule over the horizontal fraction u with an even number of intervals.
+    pub fn constant_speed(&self, path: &Parabola, speed_m_s: f64, intervals: usize) -> Result<Cost, EnergyError> {
+        parabola::check(path)?;
+        check_speed(speed_m_s)?;
+        check_intervals(intervals)?;
+        self.integrate(path, speed_m_s, intervals)
+    }
+
+    /// [`Hoist::constant_speed`] with arguments that were checked.
+    pub(super) fn integrate(&self, path: &Parabola, speed_m_s: f64, intervals: usize) -> Result<Cost, EnergyError> {
+        let mut sum = Sum::new();
+        for i in 0..=intervals {
+            let at = parabola::at_fraction(path, i as f64 / intervals as f64);
+            let per_u = at.tangent.norm();
+            // A vertical parabola's point is never at rest: the ends are apart.
+            let velocity = at.tangent * (speed_m_s / per_u);
+            let instant = self.instant(&at.position, &velocity, &self.wrench_n)?;
+            sum.add(&instant, weight(i, intervals) * per_u / speed_m_s);
+        }
+        let length_m = parabola::length_m(path);
+        Ok(sum.cost(3.0 * intervals as f64, length_m / speed_m_s, length_m))
+    }
+
+    /// Cost of a path flown with a speed profile, with the forces of its accelerations of a node of `mass_kg`: Simpson's rule
+    /// over time, in each piece between two knots with at least two of about `intervals` intervals.
+    pub fn along_profile(
+        &self,
+        path: &Path,
+        profile: &Profile,
+        mass_kg: f64,
+        intervals: usize,
+    ) -> Result<Cost, EnergyError> {
+        check_intervals(intervals)?;
+        let segment = Segment { id: 0, path: *path, profile: *profile, start_s: 0.0 };
+        let duration_s = profile.duration();
+        let mut total = Sum::new();
+        let knots = profile.knots();
+        let mut from_s = 0.0;
+        for pair in knots.windows(2) {
+            let to_s = profile.time_at(pair[1].s_m);
+            let pieces = 2 * (1 + (0.5 * intervals as f64 * (to_s - from_s) / duration_s) as usize);
+            for i in 0..=pieces {
+                // A piece has its own acceleration; its ends belong to its inside.
+                let inside = (i as f64 / pieces as f64).clamp(1e-9, 1.0 - 1e-9);
+                let setpoint = segment.setpoint(from_s + (to_s - from_s) * inside);
+                let wrench = self.wrench_n + setpoint.acceleration * mass_kg;
+                let instant = self.instant(&setpoint.position, &setpoint.velocity, &wrench)?;
+                total.add(&instant, weight(i, pieces) * (to_s - from_s) / (3.0 * pieces as f64));
+            }
+            from_s = to_s;
+        }
+        Ok(total.cost(1.0, duration_s, path.length()))
+    }
+
+    /// Tensions, currents and loss at a pose in motion.
+    fn instant(
+        &self,
+        position: &Vector3<f64>,
+        velocity_m_s: &Vector3<f64>,
+        wrench_n: &Vector3<f64>,
+    ) -> Result<Instant, EnergyError> {
+        let fail = |why| EnergyError::Tension { x: position.x, y: position.y, z: position.z, why };
+        let held =
+            general::hold(self.anchors, self.planar, position, wrench_n, self.limits_n, self.method).map_err(fail)?;
+        if let Some(violation) = worst_violation(&held.tensions_n, self.limits_n) {
+            return Err(fail(TensionError::Infeasible(violation)));
+        }
+        let (mut square, mut peak_a) = (0.0, 0.0f64);
+        for (anchor, tension) in self.anchors.iter().zip(held.tensions_n.iter()) {
+            let line = anchor - position;
+            let reel_in = line.dot(velocity_m_s) / line.norm();
+            let current = self.current.current_a(*tension, reel_in)?;
+            square += current * current;
+            peak_a = peak_a.max(current.abs());
+        }
+        let loss_w = square * self.current.resistance_ohm();
+        Ok(Instant { loss_w, tensions_n: held.tensions_n, margin_n: held.margin_n, peak_a })
+    }
+}
+
+/// 1, 4, 2, 4, .., 1.
+fn weight(i: usize, intervals: usize) -> f64 {
+    if i == 0 || i == intervals {
+        1.0
+    } else if i % 2 == 1 {
+        4.0
+    } else {
+        2.0
+    }
+}
+
+struct Sum {
+    weighted: f64,
+    peak_tension_n: f64,
+    peak_current_a: f64,
+    margin_n: f64,
+}
+
+impl Sum {
+    fn new() -> Self {
+        Self { weighted: 0.0, peak_tension_n: 0.0, peak_current_a: 0.0, margin_n: f64::INFINITY }
+    }
+
+    fn add(&mut self, instant: &Instant, weight: f64) {
+        self.weighted += weight * instant.loss_w;
+        self.peak_tension_n = instant.tensions_n.iter().fold(self.peak_tension_n, |m, t| m.max(*t));
+        self.peak_current_a = self.peak_current_a.max(instant.peak_a);
+        self.margin_n = self.margin_n.min(instant.margin_n);
+    }
+
+    fn cost(&self, divisor: f64, duration_s: f64, length_m: f64) -> Cost {
+        Cost {
+            energy_j: self.weighted / divisor,
+            duration_s,
+            length_m,
+            peak_tension_n: self.peak_tension_n,
+            peak_current_a: self.peak_current_a,
+            margin_n: self.margin_n,
+        }
+    }
+}
+
+pub(super) fn check_speed(speed_m_s: f64) -> Result<(), EnergyError> {
+    if speed_m_s > 0.0 && speed_m_s <= 1e3 {
+        return Ok(());
+    }
+    let (what, accepted) = ("speed_m_s", "a speed above 0 m/s, at most 1000 m/s");
+    Err(EnergyError::InvalidArgument { what, value: speed_m_s, accepted })
+}
+
+pub(super) fn check_intervals(intervals: usize) -> Result<(), EnergyError> {
+    if (2..=MAX_INTERVALS).contains(&intervals) && intervals.is_multiple_of(2) {
+        return Ok(());
+    }
+    let (what, accepted) = ("intervals", "an even number from 2 to 100000");
+    Err(EnergyError::InvalidArgument { what, value: intervals as f64, accepted })
+}

@@ -1,0 +1,58 @@
+//! What a move costs in heat: section VIII of the paper.
+//!
+//! * [`table`]: the current of a winch, measured over speed and tension.
+//! * [`parabola`]: the sagging path of (25)-(26), by its horizontal fraction, and how deep the ground lets it sag.
+//! * [`Hoist`]: the I²R loss of a move, by Simpson's rule: at constant speed, as the paper computes it, or along a speed
+//!   profile with its accelerations.
+//! * [`optimum`]: the sag that costs least. The cost has several minima with real motors, and jumps where tensions are
+//!   distributed by least sum, so it is scanned before it is refined.
+//!
+//! # Example
+//! ```
+//! use cable_robot::{Distribution, Vector3, energy::{Bounds, Hoist}, motor::Motor, path::Parabola};
+//! let anchors = [[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]].map(Vector3::from);
+//! let motor = Motor::ideal(40.0, 1.2);
+//! let hoist = Hoist {
+//!     anchors: &anchors,
+//!     planar: false,
+//!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
+//!     limits_n: [1.0, 150.0],
+//!     method: Distribution::LeastNorm,
+//!     current: &motor,
+//! };
+//! let (from, to) = (Vector3::new(2.5, 2.5, 4.0), Vector3::new(7.5, 2.5, 4.0));
+//! let best = hoist.best_parabola(&from, &to, 0.2, 64, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
+//! let line = best.line.expect("the straight line is possible here");
+//! assert!(best.cost.energy_j < 0.7 * line.energy_j && best.cost.duration_s > line.duration_s);
+//! # Ok::<(), cable_robot::energy::EnergyError>(())
+//! ```
+
+pub mod hoist;
+pub mod optimum;
+pub mod parabola;
+pub mod table;
+
+pub use hoist::{Cost, EnergyError, Hoist};
+pub use optimum::{Best, Bounds};
+pub use table::{CurrentTable, TableError};
+
+use crate::motor::Motor;
+
+/// What a winch draws at the cable: the friction model or a measured table.
+pub trait Current {
+    /// Armature current, A, for a tension, N, and a reel-in speed -dL/dt, m/s. Fails outside what was measured.
+    fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError>;
+
+    /// Armature resistance, Ω.
+    fn resistance_ohm(&self) -> f64;
+}
+
+impl Current for Motor {
+    fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
+        Ok(Motor::current_a(self, tension_n, reel_in_m_s))
+    }
+
+    fn resistance_ohm(&self) -> f64 {
+        self.resistance_ohm
+    }
+}

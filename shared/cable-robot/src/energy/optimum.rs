@@ -1,0 +1,204 @@
+//! The µ that costs least, between the straight line and the ground.
+//!
+//! With real motors the cost has several minima, its optimum may sit where the path touches the ground, part of the range
+//! may be beyond the limits of tension (there the cost counts as infinite, even on the straight line), and with least-sum
+//! tensions it jumps. So the whole range is scanned, finer near the straight line, and every low point is then refined.
+
+use nalgebra::Vector3;
+
+use super::hoist::{check_intervals, check_speed};
+use super::{Cost, EnergyError, Hoist, parabola};
+use crate::path::Parabola;
+
+/// Points of the scan.
+const SCAN: usize = 80;
+
+/// Low points of the scan that are refined.
+const REFINED: usize = 3;
+
+/// Brackets through which a minimum is followed.
+const FOLLOWED: usize = 10;
+
+/// Steps of a refinement: golden sections to 2e-7 of the bracket, below which a flat minimum is rounding.
+const SECTIONS: usize = 32;
+
+/// Intervals of Simpson's rule in the scan, which only has to tell low points from high ones.
+const SCAN_INTERVALS: usize = 16;
+
+/// How closely a cost is computed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Precision {
+    /// For the scan.
+    Coarse,
+    /// For the refinement and the answer.
+    Fine,
+}
+
+/// Deepest sag where no ground limits it, in lengths of the move (extent and height): ten lengths deep cost more than twenty
+/// times the way.
+const DEEPEST_SAG: f64 = 10.0;
+
+/// What limits the choice.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// The path stays at or above this height, m; None for no limit.
+    pub ground_m: Option<f64>,
+    /// What a second costs in addition, W (J per second); 0 for least loss.
+    pub time_weight_w: f64,
+}
+
+/// The best parabola.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Best {
+    /// µ, 1/m; 0 for the straight line.
+    pub mu_per_m: f64,
+    /// What it costs, without the weight of time.
+    pub cost: Cost,
+    /// What the straight line costs; None if the lines cannot hold the node on it.
+    pub line: Option<Cost>,
+}
+
+impl Hoist<'_> {
+    /// The parabola between two points that costs least at constant speed: I²R loss plus the weight of time.
+    ///
+    /// Fails with the straight line's reason if no parabola can be flown.
+    pub fn best_parabola(
+        &self,
+        from: &Vector3<f64>,
+        to: &Vector3<f64>,
+        speed_m_s: f64,
+        intervals: usize,
+        bounds: &Bounds,
+    ) -> Result<Best, EnergyError> {
+        check_speed(speed_m_s)?;
+        check_intervals(intervals)?;
+        best(from, to, bounds, |path, precision| {
+            let coarse = SCAN_INTERVALS.min(intervals);
+            self.integrate(path, speed_m_s, if precision == Precision::Coarse { coarse } else { intervals })
+        })
+    }
+}
+
+/// The parabola between two points that costs least by any reckoning of a path's cost.
+pub fn best(
+    from: &Vector3<f64>,
+    to: &Vector3<f64>,
+    bounds: &Bounds,
+    mut cost: impl FnMut(&Parabola, Precision) -> Result<Cost, EnergyError>,
+) -> Result<Best, EnergyError> {
+    if !(bounds.time_weight_w >= 0.0 && bounds.time_weight_w.is_finite()) {
+        let (what, accepted) = ("time_weight_w", "a finite power of 0 W or more");
+        return Err(EnergyError::InvalidArgument { what, value: bounds.time_weight_w, accepted });
+    }
+    let deepest = deepest(from, to, bounds.ground_m)?;
+    let path = |mu_per_m: f64| Parabola { from: *from, to: *to, mu_per_m };
+    let line = cost(&path(0.0), Precision::Fine);
+    if let Err(error) = &line
+        && (!error.is_of_the_path() || deepest == 0.0)
+    {
+        return Err(error.clone());
+    }
+    let mut objective = |mu: f64, precision| match cost(&path(mu), precision) {
+        Ok(found) => found.energy_j + bounds.time_weight_w * found.duration_s,
+        Err(_) => f64::INFINITY,
+    };
+    let mu = if deepest > 0.0 {
+        // A narrow place beyond the limits may slip through a coarse scan and then spoil every point it found.
+        least(&mut objective, deepest, Precision::Coarse).or_else(|| least(&mut objective, deepest, Precision::Fine))
+    } else {
+        Some(0.0)
+    };
+    match (mu, &line) {
+        (Some(mu_per_m), _) => Ok(Best { mu_per_m, cost: cost(&path(mu_per_m), Precision::Fine)?, line: line.ok() }),
+        (None, Err(error)) => Err(error.clone()),
+        (None, Ok(found)) => Ok(Best { mu_per_m: 0.0, cost: *found, line: Some(*found) }),
+    }
+}
+
+/// Largest µ to be tried, 1/m.
+fn deepest(from: &Vector3<f64>, to: &Vector3<f64>, ground_m: Option<f64>) -> Result<f64, EnergyError> {
+    let line = Parabola { from: *from, to: *to, mu_per_m: 0.0 };
+    parabola::check(&line)?;
+    if parabola::is_vertical(&line) {
+        if let Some(ground) = ground_m {
+            parabola::mu_limit(from, to, ground)?;
+        }
+        return Ok(0.0);
+    }
+    let xf = line.extent();
+    // The sag below the middle of the line is µ xf² / 4.
+    let cap = 4.0 * DEEPEST_SAG * (xf + (to.z - from.z).abs()) / (xf * xf);
+    match ground_m {
+        None => Ok(cap),
+        Some(ground) => Ok(parabola::mu_limit(from, to, ground)?.unwrap_or(0.0).min(cap)),
+    }
+}
+
+/// Where a function on 0..=`end` is least; None where it is infinite at every point tried.
+fn least(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Precision) -> Option<f64> {
+    // Squares put more points near the straight line, where the cost falls fastest.
+    let grid = |i: usize| {
+        let share = i as f64 / (SCAN - 1) as f64;
+        if i == SCAN - 1 { end } else { end * share * share }
+    };
+    let mut values = [f64::INFINITY; SCAN];
+    for (i, value) in values.iter_mut().enumerate() {
+        *value = objective(grid(i), scan);
+    }
+    let mut best: Option<(f64, f64)> = None;
+    let mut tried = [false; SCAN];
+    let mut refined = 0;
+    loop {
+        // The lowest point of the scan that is a low point and was not tried.
+        let low = (0..SCAN)
+            .filter(|i| {
+                let before = if *i > 0 { values[i - 1] } else { f64::INFINITY };
+                let after = if *i + 1 < SCAN { values[i + 1] } else { f64::INFINITY };
+                !tried[*i] && values[*i].is_finite() && values[*i] <= before && values[*i] <= after
+            })
+            .min_by(|i, j| values[*i].total_cmp(&values[*j]));
+        let Some(i) = low.filter(|_| refined < REFINED) else { break };
+        tried[i] = true;
+        refined += 1;
+        let mut keep = |mu: f64, value: f64| {
+            if value.is_finite() && best.is_none_or(|(_, least)| value < least) {
+                best = Some((mu, value));
+            }
+        };
+        keep(grid(i), objective(grid(i), Precision::Fine));
+        // What the coarse scan takes for the lowest may be a neighbour of it: follow a minimum at the end of its bracket.
+        let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(SCAN - 1));
+        for _ in 0..FOLLOWED {
+            let (mu, value) = golden(|mu| objective(mu, Precision::Fine), grid(a), grid(b));
+            keep(mu, value);
+            let edge = 1e-3 * (grid(b) - grid(a));
+            if mu - grid(a) < edge && a > 0 {
+                (a, b) = (a - 1, a + 1);
+            } else if grid(b) - mu < edge && b < SCAN - 1 {
+                (a, b) = (b - 1, b + 1);
+            } else {
+                break;
+            }
+        }
+    }
+    best.map(|(mu, _)| mu)
+}
+
+/// Golden sections between `a` and `b`.
+fn golden(mut objective: impl FnMut(f64) -> f64, mut a: f64, mut b: f64) -> (f64, f64) {
+    const SHARE: f64 = 0.618_033_988_749_894_9;
+    let (mut x, mut y) = (b - SHARE * (b - a), a + SHARE * (b - a));
+    let (mut fx, mut fy) = (objective(x), objective(y));
+    for _ in 0..SECTIONS {
+        if fx <= fy {
+            (b, y, fy) = (y, x, fx);
+            x = b - SHARE * (b - a);
+            fx = objective(x);
+        } else {
+            (a, x, fx) = (x, y, fy);
+            y = a + SHARE * (b - a);
+            fy = objective(y);
+        }
+    }
+    if fx <= fy { (x, fx) } else { (y, fy) }
+}

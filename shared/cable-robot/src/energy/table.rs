@@ -1,0 +1,185 @@
+//! The current of a winch as it was measured while it raised and lowered known loads (the paper's lookup tables, Fig. 11).
+
+use thiserror::Error;
+
+use super::Current;
+
+/// A table that cannot be built or does not cover a point.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum TableError {
+    /// The parts do not make a table.
+    #[error("{what}; give rising finite speeds and tensions, two or more of each, and a row of currents per speed")]
+    Shape {
+        /// What is wrong.
+        what: String,
+    },
+    /// A point outside the measured range; nothing is extrapolated.
+    #[error(
+        "the {what} of {value:.6} {unit} is outside the measured {low} to {high} {unit}; measure further or move within"
+    )]
+    OutOfRange {
+        /// Speed or tension.
+        what: &'static str,
+        /// The value asked for.
+        value: f64,
+        /// Its unit.
+        unit: &'static str,
+        /// Lowest measured.
+        low: f64,
+        /// Highest measured.
+        high: f64,
+    },
+}
+
+impl TableError {
+    /// The kind as a short word for other programs: `invalid_argument` or `out_of_range`.
+    pub fn kind(&self) -> &'static str {
+        match self {
+            Self::Shape { .. } => "invalid_argument",
+            Self::OutOfRange { .. } => "out_of_range",
+        }
+    }
+}
+
+/// Measured current over speed and tension, bilinear between the points.
+///
+/// ```
+/// use cable_robot::energy::{Current, CurrentTable};
+/// let table = CurrentTable::new(
+///     vec![-0.2, 0.0, 0.2],
+///     vec![0.0, 20.0],
+///     &[vec![-0.1, 0.0], vec![0.0, 0.5], vec![0.2, 1.1]],
+///     1.2,
+/// )?;
+/// assert!((table.current_a(10.0, 0.1)? - 0.45).abs() < 1e-12);
+/// assert!(table.current_a(21.0, 0.1).is_err());
+/// # Ok::<(), cable_robot::energy::TableError>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct CurrentTable {
+    speeds_m_s: Vec<f64>,
+    tensions_n: Vec<f64>,
+    /// A row per speed.
+    currents_a: Vec<f64>,
+    resistance_ohm: f64,
+}
+
+impl CurrentTable {
+    /// From rising reel-in speeds (m/s, negative pays out), rising tensions (N) and a row of currents (A) per speed.
+    pub fn new(
+        speeds_m_s: Vec<f64>,
+        tensions_n: Vec<f64>,
+        currents_a: &[Vec<f64>],
+        resistance_ohm: f64,
+    ) -> Result<Self, TableError> {
+        let refuse = |what: String| Err(TableError::Shape { what });
+        for (name, axis) in [("speeds_m_s", &speeds_m_s), ("tensions_n", &tensions_n)] {
+            if axis.len() < 2 {
+                return refuse(format!("{name} has {} values", axis.len()));
+            }
+            if !axis.iter().all(|v| v.is_finite()) || !axis.windows(2).all(|pair| pair[0] < pair[1]) {
+                return refuse(format!("{name} is not a rising sequence of finite numbers"));
+            }
+        }
+        if currents_a.len() != speeds_m_s.len() {
+            return refuse(format!("currents_a has {} rows for {} speeds", currents_a.len(), speeds_m_s.len()));
+        }
+        if let Some(i) = currents_a.iter().position(|row| row.len() != tensions_n.len()) {
+            let (given, wanted) = (currents_a[i].len(), tensions_n.len());
+            return refuse(format!("row {} of currents_a has {given} values for {wanted} tensions", i + 1));
+        }
+        if !currents_a.iter().flatten().all(|v| v.is_finite()) {
+            return refuse("a current is not a finite number".to_owned());
+        }
+        if !(resistance_ohm.is_finite() && resistance_ohm >= 0.0) {
+            return refuse(format!("resistance_ohm is {resistance_ohm}"));
+        }
+        Ok(Self { speeds_m_s, tensions_n, currents_a: currents_a.concat(), resistance_ohm })
+    }
+}
+
+impl Current for CurrentTable {
+    fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
+        let (i, u) = place(&self.speeds_m_s, reel_in_m_s, "speed", "m/s")?;
+        let (j, w) = place(&self.tensions_n, tension_n, "tension", "N")?;
+        let columns = self.tensions_n.len();
+        let at = |i: usize, j: usize| self.currents_a[i * columns + j];
+        let (slow, fast) = (at(i, j) * (1.0 - w) + at(i, j + 1) * w, at(i + 1, j) * (1.0 - w) + at(i + 1, j + 1) * w);
+        Ok(slow * (1.0 - u) + fast * u)
+    }
+
+    fn resistance_ohm(&self) -> f64 {
+        self.resistance_ohm
+    }
+}
+
+/// The interval of an axis that a value is in, and how far along it; rounding at the ends is forgiven.
+fn place(axis: &[f64], value: f64, what: &'static str, unit: &'static str) -> Result<(usize, f64), TableError> {
+    let (low, high) = (axis[0], axis[axis.len() - 1]);
+    let rounding = 1e-12 * (high - low);
+    // Also true for NaN.
+    if !(value >= low - rounding && value <= high + rounding) {
+        return Err(TableError::OutOfRange { what, value, unit, low, high });
+    }
+    let value = value.clamp(low, high);
+    let i = axis.partition_point(|v| *v <= value).clamp(1, axis.len() - 1) - 1;
+    Ok((i, (value - axis[i]) / (axis[i + 1] - axis[i])))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motor::Motor;
+    use proptest::prelude::*;
+
+    fn sampled(motor: &Motor) -> CurrentTable {
+        let speeds: Vec<f64> = (-40..=40).map(|i| f64::from(i) * 0.01).collect();
+        let tensions: Vec<f64> = (0..=20).map(|i| f64::from(i) * 5.0).collect();
+        let rows: Vec<Vec<f64>> =
+            speeds.iter().map(|v| tensions.iter().map(|t| motor.current_a(*t, *v)).collect()).collect();
+        CurrentTable::new(speeds, tensions, &rows, motor.resistance_ohm).unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn a_sampled_motor_is_given_back(t in 0.0..100.0f64, v in 0.1..0.4f64, lower in any::<bool>()) {
+            let motor = Motor::default();
+            let v = if lower { -v } else { v };
+            let read = sampled(&motor).current_a(t, v).unwrap();
+            prop_assert!((read - motor.current_a(t, v)).abs() < 1e-3, "{read}");
+        }
+
+        #[test]
+        fn at_a_measured_point_it_is_the_measurement(i in -40i32..=40, j in 0i32..=20) {
+            let motor = Motor::default();
+            let (v, t) = (f64::from(i) * 0.01, f64::from(j) * 5.0);
+            prop_assert!((sampled(&motor).current_a(t, v).unwrap() - motor.current_a(t, v)).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn nothing_is_extrapolated() {
+        let table = sampled(&Motor::default());
+        for (t, v) in [(-0.1, 0.0), (100.1, 0.0), (10.0, 0.41), (10.0, -0.41), (f64::NAN, 0.0), (10.0, f64::NAN)] {
+            assert_eq!(table.current_a(t, v).unwrap_err().kind(), "out_of_range");
+        }
+        assert!(table.current_a(100.0, 0.4).is_ok() && table.current_a(0.0, -0.4).is_ok());
+    }
+
+    #[test]
+    fn what_is_no_table_is_refused() {
+        let rows = |n: usize, m: usize| vec![vec![1.0; m]; n];
+        for (speeds, tensions, currents) in [
+            (vec![0.0], vec![0.0, 1.0], rows(1, 2)),
+            (vec![0.0, 0.0], vec![0.0, 1.0], rows(2, 2)),
+            (vec![0.0, 1.0], vec![1.0, 0.0], rows(2, 2)),
+            (vec![0.0, f64::NAN], vec![0.0, 1.0], rows(2, 2)),
+            (vec![0.0, 1.0], vec![0.0, 1.0], rows(3, 2)),
+            (vec![0.0, 1.0], vec![0.0, 1.0], rows(2, 3)),
+            (vec![0.0, 1.0], vec![0.0, 1.0], vec![vec![f64::INFINITY; 2]; 2]),
+        ] {
+            assert_eq!(CurrentTable::new(speeds, tensions, &currents, 1.0).unwrap_err().kind(), "invalid_argument");
+        }
+        assert!(CurrentTable::new(vec![0.0, 1.0], vec![0.0, 1.0], &rows(2, 2), -1.0).is_err());
+    }
+}

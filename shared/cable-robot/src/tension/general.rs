@@ -1,0 +1,541 @@
+//! Tension distribution for any number of directions and cables: m ≥ n, so that a planar robot with four lines (2 x 4) and
+//! a spatial one with eight are the same problem.
+//!
+//! * Least norm (27): projection of the origin on the solutions within the limits, through its dual, which has one unknown
+//!   per direction, T = clamp(Λᵀy, min, max). The dual is concave and piecewise quadratic.
+//! * Least sum: the best vertex of the solutions, all of which are tried, as the paper's reference [37] does for one
+//!   redundant cable; where several are best, the least norm among everything with that sum.
+//! * Safest: the greatest distance to the nearest limit; where that has no bound, the least norm.
+
+use nalgebra::Vector3;
+
+use super::{TOLERANCE, TensionError, Tensions, Violation, check_limits, check_wrench, margin, worst_violation};
+use crate::{CableVec, Distribution, MAX_CABLES, StructureMatrix};
+
+/// Most directions in which forces add up: as many as cables.
+pub const MAX_ROWS: usize = MAX_CABLES;
+
+/// A row whose part orthogonal to the others is below this share of it adds no direction.
+const RANK_TOLERANCE: f64 = 1e-9;
+
+/// Bound of the dual iteration; it needs about six.
+const MAX_ITERATIONS: usize = 200;
+
+/// Halvings of the margin for the safest distribution: to rounding.
+const HALVINGS: usize = 60;
+
+/// Forces are balanced to this share where the edge of what is feasible is searched: the search would use up any more.
+const EDGE_TOLERANCE: f64 = 1e-12;
+
+type Row = [f64; MAX_ROWS];
+
+/// A structure matrix with n rows (directions) and m ≥ n columns (cables).
+///
+/// ```
+/// use cable_robot::{Distribution, tension::general::{self, GeneralStructure}};
+/// // A planar robot with four lines and a node that floats: only preload.
+/// let d = 0.5f64.sqrt();
+/// let structure = GeneralStructure::new(&[vec![-d, d, d, -d], vec![d, d, -d, -d]])?;
+/// let held = general::distribute(&structure, &[0.0, 0.0], [2.0, 60.0], Distribution::LeastNorm)?;
+/// assert!(held.tensions_n.iter().all(|t| (t - 2.0).abs() < 1e-9));
+/// # Ok::<(), cable_robot::tension::TensionError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GeneralStructure {
+    columns: [Row; MAX_CABLES],
+    rows: usize,
+    cables: usize,
+}
+
+impl GeneralStructure {
+    /// From its rows: 1 to 8 rows of as many or more, at most 8, finite values.
+    pub fn new(rows: &[Vec<f64>]) -> Result<Self, TensionError> {
+        let refuse = |what, value| {
+            let accepted = "1 to 8 rows of equal length, at least as many and at most 8 columns";
+            Err(TensionError::InvalidArgument { what, value, accepted })
+        };
+        if !(1..=MAX_ROWS).contains(&rows.len()) {
+            return refuse("the number of rows of the structure matrix", rows.len() as f64);
+        }
+        let cables = rows[0].len();
+        if !(rows.len()..=MAX_CABLES).contains(&cables) {
+            return refuse("the number of columns of the structure matrix", cables as f64);
+        }
+        let mut columns = [[0.0; MAX_ROWS]; MAX_CABLES];
+        for (r, row) in rows.iter().enumerate() {
+            if row.len() != cables {
+                return refuse("the length of a row of the structure matrix", row.len() as f64);
+            }
+            for (c, value) in row.iter().enumerate() {
+                if !(value.abs() <= 1e9) {
+                    let (what, accepted) = ("an entry of the structure matrix", "finite numbers up to 1e9");
+                    return Err(TensionError::InvalidArgument { what, value: *value, accepted });
+                }
+                columns[c][r] = *value;
+            }
+        }
+        Ok(Self { columns, rows: rows.len(), cables })
+    }
+
+    /// That of a planar robot in the x-z plane: two rows. `unit` are vectors from the node to the anchors, of length 1.
+    fn planar(unit: &[Vector3<f64>]) -> Self {
+        let mut columns = [[0.0; MAX_ROWS]; MAX_CABLES];
+        for (column, u) in columns.iter_mut().zip(unit) {
+            (column[0], column[1]) = (u.x, u.z);
+        }
+        Self { columns, rows: 2, cables: unit.len().min(MAX_CABLES) }
+    }
+
+    /// How many directions.
+    pub fn rows(&self) -> usize {
+        self.rows
+    }
+
+    /// How many cables.
+    pub fn cables(&self) -> usize {
+        self.cables
+    }
+
+    /// The force of these tensions, N, one value per row.
+    pub fn force(&self, tensions_n: &[f64]) -> Row {
+        let mut sum = [0.0; MAX_ROWS];
+        for (column, t) in self.columns[..self.cables].iter().zip(tensions_n) {
+            for r in 0..self.rows {
+                sum[r] += column[r] * t;
+            }
+        }
+        sum
+    }
+
+    /// Λᵀ(ΛΛᵀ)⁻¹b (38), N: the least norm without limits. Fails where rows depend on each other.
+    pub fn least_norm_unbounded(&self, wrench_n: &[f64]) -> Result<CableVec, TensionError> {
+        // Λᵀ = Q R by Gram-Schmidt carried out twice, then T = Q R⁻ᵀ b.
+        let (n, m) = (self.rows, self.cables);
+        let mut q = [[0.0; MAX_CABLES]; MAX_ROWS];
+        let mut z = [0.0; MAX_ROWS];
+        for j in 0..n {
+            let mut v = [0.0; MAX_CABLES];
+            for (vi, column) in v.iter_mut().zip(&self.columns).take(m) {
+                *vi = column[j];
+            }
+            let size = norm(&v[..m]);
+            let mut r = [0.0; MAX_ROWS];
+            for _ in 0..2 {
+                for i in 0..j {
+                    let d = dot(&q[i][..m], &v[..m]);
+                    r[i] += d;
+                    for (vk, qk) in v.iter_mut().zip(&q[i]) {
+                        *vk -= d * qk;
+                    }
+                }
+            }
+            let rest = norm(&v[..m]);
+            if !(rest > RANK_TOLERANCE * size) {
+                return Err(TensionError::Singular);
+            }
+            for (qk, vk) in q[j].iter_mut().zip(&v) {
+                *qk = vk / rest;
+            }
+            z[j] = (wrench_n[j] - dot(&r[..j], &z[..j])) / rest;
+        }
+        Ok(CableVec::from_fn(m, |i| (0..n).map(|j| q[j][i] * z[j]).sum()))
+    }
+
+    /// The same forces with rows of unit length, so that forces and moments weigh alike.
+    fn balanced(&self, wrench_n: &[f64]) -> (Self, Row) {
+        let (mut result, mut wrench) = (*self, [0.0; MAX_ROWS]);
+        for r in 0..self.rows {
+            let size = self.columns[..self.cables].iter().map(|c| c[r] * c[r]).sum::<f64>().sqrt();
+            let scale = if size > 0.0 { 1.0 / size } else { 1.0 };
+            for column in &mut result.columns {
+                column[r] *= scale;
+            }
+            wrench[r] = wrench_n[r] * scale;
+        }
+        (result, wrench)
+    }
+
+    /// With a further row of ones: the sum of the tensions as a force.
+    fn with_sum_row(&self) -> Option<Self> {
+        if self.rows == MAX_ROWS {
+            return None;
+        }
+        let mut result = *self;
+        for column in &mut result.columns[..self.cables] {
+            column[self.rows] = 1.0;
+        }
+        result.rows += 1;
+        Some(result)
+    }
+}
+
+impl From<&StructureMatrix> for GeneralStructure {
+    fn from(structure: &StructureMatrix) -> Self {
+        let mut columns = [[0.0; MAX_ROWS]; MAX_CABLES];
+        for (column, c) in columns.iter_mut().zip(structure.iter()) {
+            column[..3].copy_from_slice(c.as_slice());
+        }
+        Self { columns, rows: 3, cables: structure.len() }
+    }
+}
+
+/// Tensions within `limits_n` = [min, max] whose forces add up to the wrench, N. [`Distribution::Unique`] is for as many
+/// cables as directions and leaves the limits out of account.
+pub fn distribute(
+    structure: &GeneralStructure,
+    wrench_n: &[f64],
+    limits_n: [f64; 2],
+    method: Distribution,
+) -> Result<Tensions, TensionError> {
+    check_limits(limits_n)?;
+    check_wrench(wrench_n)?;
+    if wrench_n.len() != structure.rows {
+        let (what, accepted) = ("the number of forces", "one per row of the structure matrix");
+        return Err(TensionError::InvalidArgument { what, value: wrench_n.len() as f64, accepted });
+    }
+    let free = structure.least_norm_unbounded(wrench_n)?;
+    let square = structure.rows == structure.cables;
+    if method == Distribution::Unique && !square {
+        let accepted = "least-norm, min-sum or safest; unique is for as many cables as directions";
+        return Err(TensionError::Method { method, cables: structure.cables, accepted });
+    }
+    let tensions_n = if square {
+        match worst_violation(&free, limits_n) {
+            Some(violation) if method != Distribution::Unique => return Err(TensionError::Infeasible(violation)),
+            _ => free,
+        }
+    } else {
+        match method {
+            Distribution::MinSum => min_sum(structure, wrench_n, limits_n)?,
+            Distribution::Safest => safest(structure, wrench_n, limits_n)?,
+            _ => least_norm(structure, wrench_n, limits_n)?,
+        }
+    };
+    Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) })
+}
+
+/// Tensions that hold a node at a position: of a planar robot (anchors and position in the x-z plane, y = 0) or a spatial
+/// one. [`Distribution::Unique`] leaves the limits out of account.
+pub fn hold(
+    anchors: &[Vector3<f64>],
+    planar: bool,
+    position: &Vector3<f64>,
+    wrench_n: &Vector3<f64>,
+    limits_n: [f64; 2],
+    method: Distribution,
+) -> Result<Tensions, TensionError> {
+    let mut unit = [Vector3::zeros(); MAX_CABLES];
+    for (u, anchor) in unit.iter_mut().zip(anchors) {
+        let d = anchor - position;
+        let length = d.norm();
+        // Also true for NaN.
+        if !(length >= 1e-9 && length.is_finite()) {
+            return Err(TensionError::Singular);
+        }
+        *u = d / length;
+    }
+    let unit = &unit[..anchors.len().min(MAX_CABLES)];
+    if planar {
+        return distribute(&GeneralStructure::planar(unit), &[wrench_n.x, wrench_n.z], limits_n, method);
+    }
+    let structure = StructureMatrix::from_columns(unit);
+    if method == Distribution::Unique {
+        let tensions_n = super::unique(&structure, wrench_n)?;
+        return Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) });
+    }
+    super::distribute(&structure, wrench_n, limits_n, method)
+}
+
+/// Least norm within limits (27), through its dual: Newton steps with an exact line search, which end at the optimum after
+/// finitely many pieces. An ascent without bound proves that nothing is feasible (Farkas).
+///
+/// Rows that depend on each other are no obstacle as long as the forces agree.
+pub fn least_norm(
+    structure: &GeneralStructure,
+    wrench_n: &[f64],
+    limits_n: [f64; 2],
+) -> Result<CableVec, TensionError> {
+    least_norm_within(structure, wrench_n, limits_n, TOLERANCE)
+}
+
+/// As [`least_norm`], with forces balanced to this share.
+fn least_norm_within(
+    structure: &GeneralStructure,
+    wrench_n: &[f64],
+    limits_n: [f64; 2],
+    tolerance: f64,
+) -> Result<CableVec, TensionError> {
+    let (balanced, wrench) = structure.balanced(wrench_n);
+    let (n, m) = (balanced.rows, balanced.cables);
+    let [low, high] = limits_n;
+    let scale = 1.0 + norm(&wrench[..n]) + low * m as f64;
+    let tension = |y: &Row, i: usize| dot(&balanced.columns[i][..n], &y[..n]).clamp(low, high);
+    let mut y = [0.0; MAX_ROWS];
+    // The best point so far: at its end the iteration may wander within rounding.
+    let (mut best, mut least_missing, mut in_vain) = (y, f64::INFINITY, 0);
+    for _ in 0..MAX_ITERATIONS {
+        let mut residual = wrench;
+        let mut hessian = [[0.0; MAX_ROWS]; MAX_ROWS];
+        for (r, row) in hessian.iter_mut().enumerate() {
+            row[r] = 1e-9;
+        }
+        for i in 0..m {
+            let column = &balanced.columns[i];
+            let s = dot(&column[..n], &y[..n]);
+            let t = s.clamp(low, high);
+            for r in 0..n {
+                residual[r] -= column[r] * t;
+                if s > low && s < high {
+                    for c in 0..n {
+                        hessian[r][c] += column[r] * column[c];
+                    }
+                }
+            }
+        }
+        let missing = norm(&residual[..n]);
+        if missing < least_missing {
+            in_vain = if missing < 0.5 * least_missing { 0 } else { in_vain + 1 };
+            (best, least_missing) = (y, missing);
+        } else {
+            in_vain += 1;
+        }
+        // At rounding, or no longer getting closer to it.
+        if missing <= 1e-16 * scale || (least_missing <= 1e-13 * scale && in_vain > 2) {
+            break;
+        }
+        let direction = solve(&hessian, &residual, n).unwrap_or(residual);
+        match ascend(&balanced, &wrench, limits_n, &y, &direction) {
+            Some(step) => (0..n).for_each(|r| y[r] += direction[r] * step),
+            None => break,
+        }
+    }
+    if least_missing <= tolerance * scale {
+        return Ok(CableVec::from_fn(m, |i| tension(&best, i)));
+    }
+    // Why not: the cable that is worst off without limits, or else the one that the best compromise leaves at a limit.
+    let free = structure.least_norm_unbounded(wrench_n)?;
+    Err(TensionError::Infeasible(worst_violation(&free, limits_n).unwrap_or(Violation {
+        cable: 0,
+        tension_n: free[0],
+        limit_n: low,
+    })))
+}
+
+/// The step along `d` that maximises the dual, or None where it rises for ever.
+fn ascend(structure: &GeneralStructure, wrench: &Row, [low, high]: [f64; 2], y: &Row, d: &Row) -> Option<f64> {
+    let (n, m) = (structure.rows, structure.cables);
+    let b = dot(&wrench[..n], &d[..n]);
+    let (mut s, mut p) = ([0.0; MAX_CABLES], [0.0; MAX_CABLES]);
+    for i in 0..m {
+        let column = &structure.columns[i][..n];
+        (s[i], p[i]) = (dot(column, &y[..n]), dot(column, &d[..n]));
+    }
+    let derivative = |step: f64| {
+        let pulled: f64 = (0..m).map(|i| (s[i] + step * p[i]).clamp(low, high) * p[i]).sum();
+        b - pulled
+    };
+    // The derivative falls and is linear between the steps at which a cable reaches a limit.
+    let mut breaks = [f64::INFINITY; 2 * MAX_CABLES];
+    let mut count = 0;
+    for i in 0..m {
+        for limit in [low, high] {
+            let at = (limit - s[i]) / p[i];
+            if at.is_finite() && at > 0.0 {
+                breaks[count] = at;
+                count += 1;
+            }
+        }
+    }
+    breaks[..count].sort_unstable_by(f64::total_cmp);
+    let (mut from, mut at_from) = (0.0, derivative(0.0));
+    for to in &breaks[..count] {
+        let at_to = derivative(*to);
+        if at_to <= 0.0 {
+            return Some(from + (to - from) * at_from / (at_from - at_to));
+        }
+        (from, at_from) = (*to, at_to);
+    }
+    // A force on the very edge of what is feasible leaves only rounding here: the last break is the optimum.
+    let magnitude = b.abs() + (0..m).map(|i| ((s[i] + from * p[i]).clamp(low, high) * p[i]).abs()).sum::<f64>();
+    if from > 0.0 && at_from <= 1e-13 * magnitude {
+        return Some(from);
+    }
+    // Beyond the last break it is linear still: constant where every cable is at a limit.
+    let unit = from.abs().max(1.0);
+    let fall = at_from - derivative(from + unit);
+    if fall > 1e-12 * at_from.abs() { Some(from + unit * at_from / fall) } else { None }
+}
+
+/// Least sum: of all vertices of the solutions, the best; among equals everything between them, the least norm.
+pub fn min_sum(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2]) -> Result<CableVec, TensionError> {
+    // Also says why, if there is nothing.
+    let least = least_norm(structure, wrench_n, limits_n)?;
+    let (n, m) = (structure.rows, structure.cables);
+    let [low, high] = limits_n;
+    let scale = 1.0 + least.max_abs() + low;
+    let mut best: Option<(f64, CableVec)> = None;
+    let mut tied = false;
+    for basis in 0u32..1 << m {
+        if basis.count_ones() as usize != n {
+            continue;
+        }
+        // Every way to put the others at their lower or upper limit.
+        let others = m - n;
+        for at_high in 0u32..if high.is_finite() { 1 << others } else { 1 } {
+            let Some(vertex) = vertex(structure, wrench_n, limits_n, basis, at_high) else { continue };
+            if !vertex.iter().all(|t| *t >= low - TOLERANCE * scale && *t <= high + TOLERANCE * scale) {
+                continue;
+            }
+            let sum = vertex.sum();
+            match &best {
+                Some((least, at)) if (sum - least).abs() <= 1e-10 * scale => {
+                    let apart = vertex.zip_map(at, |a, b| a - b).max_abs();
+                    tied |= apart > 1e-7 * scale;
+                    if sum < *least {
+                        best = Some((sum, vertex));
+                    }
+                }
+                Some((least, _)) if sum > *least => {}
+                _ => (best, tied) = (Some((sum, vertex)), false),
+            }
+        }
+    }
+    match (best, tied) {
+        (Some((_, vertex)), false) => Ok(vertex.map(|t| t.clamp(low, high))),
+        (Some((sum, vertex)), true) => {
+            let face = structure.with_sum_row().and_then(|with_sum| {
+                let mut forces = [0.0; MAX_ROWS];
+                forces[..n].copy_from_slice(wrench_n);
+                forces[n] = sum;
+                least_norm(&with_sum, &forces[..=n], limits_n).ok()
+            });
+            Ok(face.unwrap_or(vertex))
+        }
+        // On the edge of what is feasible rounding may leave no vertex; then the solutions are one point.
+        (None, _) => Ok(least),
+    }
+}
+
+/// The tensions with the cables outside `basis` at limits and the forces balanced by those in it; None where those are
+/// singular.
+fn vertex(
+    structure: &GeneralStructure,
+    wrench_n: &[f64],
+    [low, high]: [f64; 2],
+    basis: u32,
+    at_high: u32,
+) -> Option<CableVec> {
+    let (n, m) = (structure.rows, structure.cables);
+    let mut a = [[0.0; MAX_ROWS + 1]; MAX_ROWS];
+    let mut result = CableVec::zeros(m);
+    let mut order = [0; MAX_CABLES];
+    let (mut inside, mut outside) = (0, 0);
+    let mut rest = [0.0; MAX_ROWS];
+    rest[..n].copy_from_slice(wrench_n);
+    for i in 0..m {
+        let column = &structure.columns[i];
+        if basis >> i & 1 == 1 {
+            for r in 0..n {
+                a[r][inside] = column[r];
+            }
+            order[inside] = i;
+            inside += 1;
+        } else {
+            result[i] = if at_high >> outside & 1 == 1 { high } else { low };
+            outside += 1;
+            for r in 0..n {
+                rest[r] -= column[r] * result[i];
+            }
+        }
+    }
+    for r in 0..n {
+        a[r][n] = rest[r];
+    }
+    eliminate(&mut a, n)?;
+    for (k, i) in order[..n].iter().enumerate() {
+        result[*i] = a[k][n];
+    }
+    Some(result)
+}
+
+/// Solves the n x n system in the left of `a` for its column n, in place, with the largest pivots; None where one is
+/// rounding.
+fn eliminate(a: &mut [[f64; MAX_ROWS + 1]; MAX_ROWS], n: usize) -> Option<()> {
+    let size = a[..n].iter().flat_map(|row| &row[..n]).fold(0.0, |m: f64, v| m.max(v.abs()));
+    for c in 0..n {
+        let pivot = (c..n).max_by(|i, j| a[*i][c].abs().total_cmp(&a[*j][c].abs()))?;
+        if !(a[pivot][c].abs() > 1e-11 * size) {
+            return None;
+        }
+        a.swap(c, pivot);
+        let leading = a[c];
+        for (r, row) in a.iter_mut().enumerate().take(n) {
+            if r != c {
+                let factor = row[c] / leading[c];
+                for k in c..=n {
+                    row[k] -= factor * leading[k];
+                }
+            }
+        }
+    }
+    for c in 0..n {
+        a[c][n] /= a[c][c];
+    }
+    Some(())
+}
+
+/// Greatest margin, by bisection; of all distributions with it the least norm.
+pub fn safest(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2]) -> Result<CableVec, TensionError> {
+    let [low, high] = limits_n;
+    let mut best = least_norm(structure, wrench_n, limits_n)?;
+    let mut lost = 0.5 * (high - low);
+    if !high.is_finite() {
+        // Far above any tension that the force calls for: if even that margin can be had, it has no bound.
+        lost = 1e3 * (1.0 + best.max_abs() + low);
+        if least_norm(structure, wrench_n, [low + lost, high]).is_ok() {
+            return Ok(best);
+        }
+    }
+    let mut kept = 0.0;
+    for _ in 0..HALVINGS {
+        let margin = 0.5 * (kept + lost);
+        match least_norm_within(structure, wrench_n, [low + margin, high - margin], EDGE_TOLERANCE) {
+            Ok(tensions) => (kept, best) = (margin, tensions),
+            Err(_) => lost = margin,
+        }
+    }
+    Ok(best)
+}
+
+/// Solves the symmetric positive definite n x n system by Cholesky.
+fn solve(m: &[Row; MAX_ROWS], b: &Row, n: usize) -> Option<Row> {
+    let mut l = [[0.0; MAX_ROWS]; MAX_ROWS];
+    let mut x = [0.0; MAX_ROWS];
+    for i in 0..n {
+        for j in 0..=i {
+            let rest = m[i][j] - dot(&l[i][..j], &l[j][..j]);
+            if i == j {
+                if !(rest > 1e-290) {
+                    return None;
+                }
+                l[i][i] = rest.sqrt();
+            } else {
+                l[i][j] = rest / l[j][j];
+            }
+        }
+        x[i] = (b[i] - dot(&l[i][..i], &x[..i])) / l[i][i];
+    }
+    for i in (0..n).rev() {
+        let rest: f64 = (i + 1..n).map(|k| l[k][i] * x[k]).sum();
+        x[i] = (x[i] - rest) / l[i][i];
+    }
+    Some(x)
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    crate::linalg::dot(a, b)
+}
+
+fn norm(a: &[f64]) -> f64 {
+    dot(a, a).sqrt()
+}
