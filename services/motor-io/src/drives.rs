@@ -24,6 +24,7 @@ pub struct Drives {
     /// When anything slow was last read of a unit.
     slow_ns: [u64; UNITS],
     trouble: Option<Error>,
+    lost: Option<Error>,
 }
 
 impl Drives {
@@ -50,6 +51,7 @@ impl Drives {
             reboots: [0; UNITS],
             slow_ns: [0; UNITS],
             trouble: None,
+            lost: None,
         })
     }
 
@@ -66,6 +68,7 @@ impl Drives {
             };
         }
         let reply = self.fleet.exchange(&FleetCommand { cycle, drives }, deadline_ns);
+        self.lost = reply.ports.iter().find_map(|port| port.lost.clone());
         for (unit, answer) in reply.units.iter().enumerate().take(UNITS) {
             input.unit[unit] = outcome(answer, &mut self.reboots[unit]);
             if let Err(error) = &answer.outcome {
@@ -99,14 +102,10 @@ impl Drives {
         self.trouble.take()
     }
 
-    /// The first unit that has not answered yet in this life, with the reason.
-    pub fn missing(&mut self) -> Option<Error> {
-        let nothing = FleetCommand::default();
-        let reply = self.fleet.exchange(&nothing, 0);
-        let lost = reply.ports.iter().find_map(|port| port.lost.clone());
-        lost.or_else(|| {
-            reply.units.iter().filter(|u| !u.report.counts.is_known()).find_map(|u| u.outcome.clone().err())
-        })
+    /// The port that is not there, as of the last exchange.
+    #[must_use]
+    pub fn lost(&self) -> Option<&Error> {
+        self.lost.as_ref()
     }
 }
 

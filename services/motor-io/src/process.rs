@@ -126,23 +126,22 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         let observation = core.observe(input);
         ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
         answer(call, &core, &mut reporter);
-        reporter.look(&observation.authority);
         if ready {
+            reporter.look(&observation.authority);
             reporter.drives(&mut drives);
         }
         keeper.keep(core.position(), tick.woke_ns);
         if !ready {
             let up = observation.state.unit_ok[..usize::from(observation.state.unit_count)].iter().all(|ok| *ok == 1);
             if up || cycle >= patience {
-                if let Some(error) = drives.missing() {
-                    if error.is_lost() {
-                        anyhow::bail!("the drives are not there: {error}");
-                    }
-                    warn!("{error}");
+                if let Some(error) = drives.lost() {
+                    anyhow::bail!("the drives are not there: {error}");
                 }
                 chassis.ready()?;
                 ready = true;
-                let _ = drives.trouble(); // what was said while the units were being set up
+                if up {
+                    let _ = drives.trouble(); // what was said while the units were being set up
+                }
             }
         }
         inbox.finish();
@@ -263,6 +262,7 @@ struct Reporter {
     faults: u32,
     complained_ns: u64,
     troubled_ns: u64,
+    trouble: Option<roboclaw::Error>,
 }
 
 impl Reporter {
@@ -283,14 +283,16 @@ impl Reporter {
         })
     }
 
-    /// Noise comes in bursts: the first of it is said, then not more than one sentence a second.
+    /// Noise comes in bursts, and a line that is gone stays gone: not more than one sentence a second, and the same one again
+    /// only after a minute.
     fn drives(&mut self, drives: &mut Drives) {
         let now = now_ns();
-        if now > self.troubled_ns + SECOND_NS
-            && let Some(error) = drives.trouble()
-        {
+        let Some(error) = drives.trouble() else { return };
+        let pause_ns = if self.trouble.as_ref() == Some(&error) { 60 * SECOND_NS } else { SECOND_NS };
+        if now > self.troubled_ns + pause_ns {
             self.troubled_ns = now;
             warn!("{error}");
+            self.trouble = Some(error);
         }
     }
 

@@ -1,0 +1,264 @@
+//! The process motor-io against virtual drive units on a pseudo-terminal: what only the real thing shows.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use bus::{Bus, Client, Domain, Subscriber, TestDomain};
+use messages::{MotorAuthority, MotorState, OperatorRequest as R, text_of};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::time::{Duration, Instant};
+
+/// Longest wait for anything: the machine may stand still for a quarter of a second now and then.
+const LONG: Duration = Duration::from_secs(20);
+
+fn binary(name: &str) -> PathBuf {
+    let mut path = std::env::current_exe().unwrap();
+    path.pop();
+    path.pop();
+    path.join(name)
+}
+
+/// A box of one port with two units, its files, its domain.
+struct Place {
+    domain: TestDomain,
+    folder: tempfile::TempDir,
+}
+
+impl Place {
+    fn new() -> Self {
+        let place = Self { domain: Domain::for_test(), folder: tempfile::tempdir().unwrap() };
+        let configs = Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs/robots/lab3.toml");
+        let text = format!(
+            "name = \"test\"\nrobot = \"{}\"\nrate_hz = 50.0\n[motor_io]\ncounts_per_m = [10865.0, 10865.0, 10865.0]\n\
+             [[motor_io.ports]]\npath = \"{{domain}}/drive0\"\nunits = [{{ address = 128, cables = [1, 2] }}, {{ address = 129, cables = [3] }}]\n\
+             [motor_box]\n",
+            configs.canonicalize().unwrap().display()
+        );
+        std::fs::write(place.box_file(), text).unwrap();
+        place
+    }
+
+    fn box_file(&self) -> PathBuf {
+        self.folder.path().join("box.toml")
+    }
+
+    fn command(&self, name: &str) -> Command {
+        let mut command = Command::new(binary(name));
+        command.arg("--box").arg(self.box_file()).arg("--domain").arg(self.domain.root());
+        if name == "motor-io" {
+            command.arg("--state").arg(self.folder.path().join("state"));
+        }
+        command
+    }
+
+    fn start(&self, name: &str) -> Running {
+        Running(self.command(name).stdin(Stdio::null()).stderr(Stdio::null()).spawn().unwrap())
+    }
+
+    fn eyes(&self, name: &str) -> Eyes {
+        let bus = Bus::join(&self.domain, name).unwrap();
+        let (state, authority) = (bus.subscriber("motor/state").unwrap(), bus.subscriber("motor/authority").unwrap());
+        Eyes { client: None, state, authority, bus, last: None }
+    }
+}
+
+/// A child that does not outlive its test.
+struct Running(Child);
+
+impl Running {
+    fn kill(mut self) {
+        self.0.kill().unwrap();
+        self.0.wait().unwrap();
+    }
+
+    fn end(mut self) -> bool {
+        assert!(Command::new("kill").args(["-TERM", &self.0.id().to_string()]).status().unwrap().success());
+        self.0.wait().unwrap().success()
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+struct Eyes {
+    client: Option<Client>,
+    state: Subscriber<MotorState>,
+    authority: Subscriber<MotorAuthority>,
+    bus: Bus,
+    last: Option<(MotorState, MotorAuthority)>,
+}
+
+impl Eyes {
+    fn until(
+        &mut self,
+        what: &str,
+        wanted: impl Fn(&MotorState, &MotorAuthority) -> bool,
+    ) -> (MotorState, MotorAuthority) {
+        let give_up = Instant::now() + LONG;
+        while Instant::now() < give_up {
+            if let (Some(state), Some(authority)) = (self.state.latest().unwrap(), self.authority.latest().unwrap()) {
+                self.last = Some((state, authority));
+                if wanted(&state, &authority) {
+                    return (state, authority);
+                }
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        panic!("waited in vain for {what}; last seen {:?}", self.last.map(|(_, authority)| authority));
+    }
+
+    fn up(&mut self) {
+        self.until("all units", |state, _| state.unit_ok[..2] == [1, 1]);
+    }
+
+    fn ask(&mut self, verb: u8, args: &[f64]) -> (bool, String) {
+        let mut request = R { verb, ..R::default() };
+        request.args[..args.len()].copy_from_slice(args);
+        let client = self.client.get_or_insert_with(|| self.bus.client("motor-io").unwrap());
+        let answer = client.ask(&request, LONG).unwrap();
+        (answer.accepted == 1, text_of(&answer.answer))
+    }
+
+    fn demand(&mut self, verb: u8, args: &[f64]) {
+        let (accepted, sentence) = self.ask(verb, args);
+        assert!(accepted, "{sentence}");
+    }
+}
+
+fn one_sentence(output: &Output) -> String {
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(text.lines().count(), 1, "{text}");
+    text
+}
+
+#[test]
+fn a_line_is_jogged_by_the_distance_through_the_real_protocol() {
+    let place = Place::new();
+    let _box = place.start("motor-box");
+    let io = place.start("motor-io");
+    let mut eyes = place.eyes("test");
+    eyes.up();
+    eyes.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    eyes.demand(R::VERB_ARM, &[]);
+    let (before, _) = eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
+    assert_eq!(before.position_known, MotorState::POSITION_KNOWN);
+    eyes.demand(R::VERB_JOG, &[2.0, -0.05]);
+    eyes.until("jogging", |_, authority| authority.mode == MotorAuthority::MODE_JOGGING);
+    let wanted = before.length_m[1] - 0.05;
+    let (after, authority) = eyes.until("the end of the jog", |state, authority| {
+        authority.mode == MotorAuthority::MODE_HOLDING && (state.length_m[1] - wanted).abs() < 0.002
+    });
+    assert_eq!(authority.faults, 0);
+    assert!((after.length_m[0] - before.length_m[0]).abs() < 0.002);
+    eyes.demand(R::VERB_DISARM, &[]);
+    assert!(io.end());
+}
+
+#[test]
+fn after_sigkill_the_position_is_from_before_and_nothing_is_armed() {
+    let place = Place::new();
+    let _box = place.start("motor-box");
+    let io = place.start("motor-io");
+    let mut eyes = place.eyes("test");
+    eyes.up();
+    eyes.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    eyes.demand(R::VERB_ARM, &[]);
+    eyes.demand(R::VERB_JOG, &[1.0, -0.04]);
+    eyes.until("the jog", |_, authority| authority.mode == MotorAuthority::MODE_JOGGING);
+    let (before, _) = eyes.until("the end of the jog", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
+    // Kept at most twice a second.
+    std::thread::sleep(Duration::from_millis(700));
+    io.kill();
+    drop(eyes);
+
+    let _io = place.start("motor-io");
+    let mut eyes = place.eyes("later");
+    eyes.up();
+    let (state, authority) = eyes
+        .until("the restored position", |state, _| state.position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!((authority.mode, authority.faults), (MotorAuthority::MODE_DISARMED, 0));
+    for cable in 0..3 {
+        // The unit went on counting, and an unpowered line may creep.
+        assert!((state.length_m[cable] - before.length_m[cable]).abs() < 0.05, "{}", state.length_m[cable]);
+    }
+    eyes.demand(R::VERB_CONFIRM_POSITION, &[]);
+    eyes.until("the confirmed position", |state, _| state.position_known == MotorState::POSITION_KNOWN);
+}
+
+#[test]
+fn a_box_that_dies_is_a_fault_and_its_return_moves_nothing() {
+    let place = Place::new();
+    let box_process = place.start("motor-box");
+    let _io = place.start("motor-io");
+    let mut eyes = place.eyes("test");
+    eyes.up();
+    eyes.demand(R::VERB_ARM, &[]);
+    eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
+    box_process.kill();
+    let (_, authority) = eyes.until("the fault", |_, authority| authority.mode == MotorAuthority::MODE_FAULTED);
+    assert_eq!(authority.faults, MotorAuthority::FAULT_LOST_UNIT);
+    let (accepted, sentence) = eyes.ask(R::VERB_RESET, &[]);
+    assert!(!accepted && sentence.contains("does not answer"), "{sentence}");
+    let _box = place.start("motor-box");
+    eyes.up();
+    let (_, authority) = eyes.until("its return", |state, _| state.unit_ok[..2] == [1, 1]);
+    assert_eq!(authority.mode, MotorAuthority::MODE_FAULTED);
+    let give_up = Instant::now() + LONG;
+    while !eyes.ask(R::VERB_RESET, &[]).0 {
+        assert!(Instant::now() < give_up, "the reset is refused for ever");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    eyes.until("holding again", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
+}
+
+#[test]
+fn without_its_port_it_says_which_one_and_ends() {
+    let place = Place::new();
+    let output = place.command("motor-io").output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(one_sentence(&output).contains("drive0"));
+}
+
+#[test]
+fn a_second_one_is_refused_in_one_sentence() {
+    let place = Place::new();
+    let _box = place.start("motor-box");
+    let _io = place.start("motor-io");
+    let mut eyes = place.eyes("test");
+    eyes.up();
+    let output = place.command("motor-io").output().unwrap();
+    assert!(matches!(output.status.code(), Some(1 | 2)));
+    assert!(one_sentence(&output).contains("motor-io"));
+    eyes.demand(R::VERB_ARM, &[]);
+}
+
+#[test]
+fn a_configuration_that_cannot_be_meant_is_refused_before_anything_moves() {
+    let place = Place::new();
+    let text = std::fs::read_to_string(place.box_file()).unwrap();
+    let cases = [
+        ("rate_hz = 50.0", "rate_hz = 5000.0"),
+        ("10865.0, 10865.0]", "10865.0]"),
+        ("10865.0, 10865.0]", "10865.0, nan]"),
+        ("cables = [3]", "cables = [2]"),
+        ("cables = [3]", "cables = [7]"),
+        ("address = 129", "address = 5"),
+        ("[motor_box]", "watchdog_s = 0.0\n[motor_box]"),
+    ];
+    for (from, to) in cases {
+        assert!(text.contains(from));
+        let spoiled = text.replace(from, to).replace("watchdog_s = 0.0\n[motor_box]", "[motor_box]");
+        let spoiled = if to.starts_with("watchdog") {
+            spoiled.replace("[motor_io]\n", "[motor_io]\nwatchdog_s = 0.0\n")
+        } else {
+            spoiled
+        };
+        std::fs::write(place.box_file(), spoiled).unwrap();
+        let output = place.command("motor-io").output().unwrap();
+        assert_eq!(output.status.code(), Some(2), "{to}: {}", String::from_utf8_lossy(&output.stderr));
+        one_sentence(&output);
+    }
+}
