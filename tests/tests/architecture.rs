@@ -1,5 +1,7 @@
 //! The rules of the workspace that a compiler does not check: who may depend on whom, and what each crate promises.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 

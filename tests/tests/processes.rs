@@ -1,5 +1,7 @@
 //! The robot as it is run: `nims up` on the virtual motor box, missions, and the death of each process.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
 use bus::{Bus, Domain, Subscriber, TestDomain, clock};
 use messages::{MotorAuthority, TruthNode};
 use serde_json::Value;
@@ -354,7 +356,9 @@ fn stops_on_the_path(name: &str) {
     let mut robot = Robot::up();
     robot.fly();
     robot.kill(name);
-    robot.until("the robot holds", 5.0, |robot| matches!(robot.last.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED));
+    robot.until("the robot holds", 5.0, |robot| {
+        matches!(robot.last.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED)
+    });
     robot.until_still(5.0);
     assert!(robot.taut(), "{:?}", robot.seen);
     assert!(robot.distance(GOAL) > 0.3, "it stopped on the path, not at its end");
