@@ -100,6 +100,14 @@ pub enum Command {
     },
     /// Cable tensions for a position and acceleration of the node.
     Tension(Tension),
+    /// Every figure and table of the paper from this code, on one page with what the paper claims.
+    Paper {
+        /// Which, such as fig3 or table8; default: all.
+        figures: Vec<String>,
+        /// Folder for the page and its pictures.
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
     /// Restore a run file that was not closed.
     Recover {
         /// Run folder, or a file that ends in .mcap.part or .mcap.

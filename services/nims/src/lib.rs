@@ -18,6 +18,7 @@ pub mod live;
 pub mod lockstep;
 mod offline;
 mod operate;
+pub mod paper;
 pub mod picture;
 mod runs;
 mod status;
@@ -116,6 +117,11 @@ pub fn run(cli: &Cli) -> Answer {
         Command::Ik { config, at } => offline::ik(config, *at).map(|value| answers::print(true, &value, "")),
         Command::Fk { config, lengths } => offline::fk(config, lengths).map(|value| answers::print(true, &value, "")),
         Command::Tension(tension) => offline::tensions(tension).map(|value| answers::print(true, &value, "")),
+        Command::Paper { figures, out } => {
+            let (value, words) = paper::paper(figures, out)?;
+            print(&value, &words);
+            Ok(())
+        }
         Command::Recover { run } => {
             let (value, words) = runs::recover(run)?;
             print(&value, &words);
