@@ -140,16 +140,16 @@ pub fn forward_kinematics(
     least_squares(anchors, lengths_m, near)
 }
 
-struct Pair {
+pub(crate) struct Pair {
     /// Both points; the same point twice where the spheres do not meet.
-    points: [Vector3<f64>; 2],
+    pub(crate) points: [Vector3<f64>; 2],
     /// Squared distance from the plane of the anchors; negative where the spheres do not meet.
-    height_squared: f64,
+    pub(crate) height_squared: f64,
 }
 
 /// Intersection of three spheres in the frame of their plane: solves (7)-(9) without (10)-(12)'s division by the
 /// horizontal distance of the anchors, which fails for anchors one above the other.
-fn trilaterate(a: [Vector3<f64>; 3], l: [f64; 3]) -> Result<Pair, KinematicsError> {
+pub(crate) fn trilaterate(a: [Vector3<f64>; 3], l: [f64; 3]) -> Result<Pair, KinematicsError> {
     let (p, q) = (a[1] - a[0], a[2] - a[0]);
     let normal = p.cross(&q);
     let longest = p.norm_squared().max(q.norm_squared()).max((q - p).norm_squared());

@@ -7,8 +7,8 @@
 //! system", IEEE Transactions on Robotics 25 (2), 2009.
 //!
 //! # Invariants
-//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except where a [`Robot`] is built
-//!   from its parts and where an error is turned into text.
+//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except [`calibration`],
+//!   which is offline work, where a [`Robot`] is built from its parts and where an error is turned into text.
 //! * SI units, z up. Cable velocity is dL/dt: positive pays line out. Only [`motor`] speaks of reel-in speed.
 //! * Trigonometric and hyperbolic functions come from `libm`, and matrices have fixed sizes, so that the same input gives
 //!   the same bits on every processor.
@@ -40,6 +40,7 @@
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
 pub mod cables;
+pub mod calibration;
 pub mod elastic;
 pub mod energy;
 pub mod kinematics;
