@@ -100,6 +100,8 @@ pub enum Command {
     },
     /// Cable tensions for a position and acceleration of the node.
     Tension(Tension),
+    /// Every formula from any language: one JSON object per line in, one per line out.
+    Solve,
     /// Every figure and table of the paper from this code, on one page with what the paper claims.
     Paper {
         /// Which, such as fig3 or table8; default: all.

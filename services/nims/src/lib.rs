@@ -21,6 +21,7 @@ mod operate;
 pub mod paper;
 pub mod picture;
 mod runs;
+pub mod solve;
 mod status;
 pub mod supervisor;
 
@@ -122,6 +123,7 @@ pub fn run(cli: &Cli) -> Answer {
             print(&value, &words);
             Ok(())
         }
+        Command::Solve => solve::serve(std::io::stdin(), std::io::stdout().lock()).map_err(Failure::not_now),
         Command::Recover { run } => {
             let (value, words) = runs::recover(run)?;
             print(&value, &words);

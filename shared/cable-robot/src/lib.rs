@@ -51,6 +51,7 @@ pub mod motion;
 pub mod motor;
 pub mod motor_model;
 pub mod path;
+pub mod planar;
 pub mod profile;
 pub mod robot;
 pub mod tension;

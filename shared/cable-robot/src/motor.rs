@@ -53,7 +53,8 @@ impl Motor {
         }
     }
 
-    pub(crate) fn check(&self) -> Result<(), RobotError> {
+    /// Refuses parameters that no winch has.
+    pub fn check(&self) -> Result<(), RobotError> {
         positive("force_constant_n_a", self.force_constant_n_a, "a finite value above 0, in newtons per ampere")?;
         not_negative("resistance_ohm", self.resistance_ohm, "a finite resistance of 0 or more, in ohms")?;
         not_negative(

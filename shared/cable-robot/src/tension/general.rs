@@ -27,7 +27,8 @@ const HALVINGS: usize = 60;
 /// Forces are balanced to this share where the edge of what is feasible is searched: the search would use up any more.
 const EDGE_TOLERANCE: f64 = 1e-12;
 
-type Row = [f64; MAX_ROWS];
+/// A number per direction; unused places are 0.
+pub type Row = [f64; MAX_ROWS];
 
 /// A structure matrix with n rows (directions) and m ≥ n columns (cables).
 ///
@@ -139,6 +140,19 @@ impl GeneralStructure {
             z[j] = (wrench_n[j] - dot(&r[..j], &z[..j])) / rest;
         }
         Ok(CableVec::from_fn(m, |i| (0..n).map(|j| q[j][i] * z[j]).sum()))
+    }
+
+    /// The pseudo-inverse: a row per cable, a column per direction. Fails where rows depend on each other.
+    pub fn pseudo_inverse(&self) -> Result<[Row; MAX_CABLES], TensionError> {
+        let mut result = [[0.0; MAX_ROWS]; MAX_CABLES];
+        for c in 0..self.rows {
+            let mut unit = [0.0; MAX_ROWS];
+            unit[c] = 1.0;
+            for (row, value) in result.iter_mut().zip(self.least_norm_unbounded(&unit)?.iter()) {
+                row[c] = *value;
+            }
+        }
+        Ok(result)
     }
 
     /// The same forces with rows of unit length, so that forces and moments weigh alike.

@@ -1,0 +1,276 @@
+//! The arguments of a request: read by key, each refused with its key and what is accepted.
+
+use super::SolveError;
+use cable_robot::energy::CurrentTable;
+use cable_robot::kinematics::LONGEST_M;
+use cable_robot::motor::Motor;
+use cable_robot::{Distribution, MAX_CABLES, STANDARD_GRAVITY, Vector3};
+use serde_json::{Map, Value};
+
+type Read<T> = Result<T, SolveError>;
+
+/// The keys of one request.
+pub struct Args<'a>(&'a Map<String, Value>);
+
+/// Points of space, or of the x-z plane.
+pub struct Points {
+    /// The points; planar ones have y = 0.
+    pub points: Vec<Vector3<f64>>,
+    /// True if they were given as [x, z].
+    pub planar: bool,
+}
+
+impl<'a> Args<'a> {
+    /// The arguments in this object.
+    pub fn new(object: &'a Map<String, Value>) -> Self {
+        Self(object)
+    }
+
+    /// A value that is not null.
+    pub fn get(&self, key: &str) -> Option<&'a Value> {
+        self.0.get(key).filter(|value| !value.is_null())
+    }
+
+    fn needed(&self, key: &str) -> Read<&'a Value> {
+        self.get(key).ok_or_else(|| SolveError::invalid(format!("{key} is missing; the op needs it")))
+    }
+
+    /// A text.
+    pub fn text(&self, key: &str) -> Read<&'a str> {
+        self.needed(key)?.as_str().ok_or_else(|| refuse(key, "no text", "a text in quotes"))
+    }
+
+    /// A finite number.
+    pub fn number(&self, key: &str) -> Read<f64> {
+        number(key, self.needed(key)?)
+    }
+
+    /// A finite number or nothing.
+    pub fn optional(&self, key: &str) -> Read<Option<f64>> {
+        self.get(key).map(|value| number(key, value)).transpose()
+    }
+
+    /// A finite number that is not negative.
+    pub fn not_negative(&self, key: &str) -> Read<f64> {
+        let value = self.number(key)?;
+        if value >= 0.0 { Ok(value) } else { Err(refuse(key, &value.to_string(), "0 or more")) }
+    }
+
+    /// A finite number above zero.
+    pub fn positive(&self, key: &str) -> Read<f64> {
+        let value = self.number(key)?;
+        if value > 0.0 { Ok(value) } else { Err(refuse(key, &value.to_string(), "a number above 0")) }
+    }
+
+    /// True, false or nothing, which is false.
+    pub fn flag(&self, key: &str) -> Read<bool> {
+        match self.get(key) {
+            None => Ok(false),
+            Some(value) => value.as_bool().ok_or_else(|| refuse(key, "no truth value", "true or false")),
+        }
+    }
+
+    /// A whole number that is not negative.
+    pub fn count(&self, key: &str) -> Read<usize> {
+        let value = self.number(key)?;
+        if value >= 0.0 && value <= 1e9 && value.fract() == 0.0 {
+            return Ok(value as usize);
+        }
+        Err(refuse(key, &value.to_string(), "a whole number of 0 or more"))
+    }
+
+    /// +1, -1 or nothing.
+    pub fn side(&self) -> Read<Option<cable_robot::calibration::Side>> {
+        match self.optional("side")? {
+            None => Ok(None),
+            Some(value) if value.abs() == 1.0 => Ok(Some(cable_robot::calibration::Side::from_sign(value as i64)?)),
+            Some(value) => Err(refuse("side", &value.to_string(), "1 (left) or -1 (right)")),
+        }
+    }
+
+    /// Finite numbers.
+    pub fn numbers(&self, key: &str) -> Read<Vec<f64>> {
+        numbers(key, self.needed(key)?)
+    }
+
+    /// Rows of finite numbers, all of the same length, at least one of at least one.
+    pub fn matrix(&self, key: &str) -> Read<Vec<Vec<f64>>> {
+        matrix(key, self.needed(key)?)
+    }
+
+    /// Exactly so many numbers.
+    pub fn exactly<const N: usize>(&self, key: &str) -> Read<[f64; N]> {
+        let values = self.numbers(key)?;
+        let given = values.len();
+        values.try_into().map_err(|_| refuse(key, &format!("{given} numbers"), &format!("{N} numbers")))
+    }
+
+    /// Rows of exactly so many numbers.
+    pub fn rows<const N: usize>(&self, key: &str) -> Read<Vec<[f64; N]>> {
+        let rows = self.matrix(key)?.into_iter();
+        let row = |row: Vec<f64>| {
+            let given = row.len();
+            row.try_into().map_err(|_| refuse(key, &format!("a row of {given}"), &format!("rows of {N} numbers")))
+        };
+        rows.map(row).collect()
+    }
+
+    /// Anchors [x, y, z], or [x, z] in the plane: at least as many as directions, at most eight.
+    pub fn anchors(&self) -> Read<Points> {
+        let anchors = self.points("anchors_m")?;
+        let least = if anchors.planar { 2 } else { 3 };
+        let given = anchors.points.len();
+        if !(least..=MAX_CABLES).contains(&given) {
+            return Err(refuse("anchors_m", &format!("{given} points"), &format!("{least} to {MAX_CABLES} points")));
+        }
+        Ok(anchors)
+    }
+
+    /// Points [x, y, z], or [x, z] in the plane.
+    pub fn points(&self, key: &str) -> Read<Points> {
+        let rows = self.matrix(key)?;
+        let planar = rows[0].len() == 2;
+        let points = rows.iter().map(|row| point(key, row, planar)).collect::<Read<_>>()?;
+        Ok(Points { points, planar })
+    }
+
+    /// A point or vector of the same kind as others.
+    pub fn vector(&self, key: &str, planar: bool) -> Read<Vector3<f64>> {
+        point(key, &self.numbers(key)?, planar)
+    }
+
+    /// A point whose kind decides about others.
+    pub fn first_point(&self, key: &str) -> Read<(Vector3<f64>, bool)> {
+        let values = self.numbers(key)?;
+        let planar = values.len() == 2;
+        Ok((point(key, &values, planar)?, planar))
+    }
+
+    /// As many numbers as cables, none negative.
+    pub fn per_cable(&self, key: &str, cables: usize) -> Read<Vec<f64>> {
+        let values = self.numbers(key)?;
+        if values.len() != cables {
+            return Err(refuse(key, &format!("{} numbers for {cables} cables", values.len()), "one per cable"));
+        }
+        Ok(values)
+    }
+
+    /// [min, max], null as the upper limit for none.
+    pub fn limits(&self) -> Read<[f64; 2]> {
+        const KEY: &str = "limits_n";
+        let accepted = "[min, max] with 0 <= min <= max, or null for no upper limit";
+        let Some(pair) = self.needed(KEY)?.as_array().filter(|pair| pair.len() == 2) else {
+            return Err(refuse(KEY, "no pair", accepted));
+        };
+        let low = if pair[0].is_null() { 0.0 } else { number(KEY, &pair[0])? };
+        let open = pair[1].is_null() || pair[1].as_str() == Some("Infinity");
+        let high = if open { f64::INFINITY } else { number(KEY, &pair[1])? };
+        if 0.0 <= low && low <= high {
+            Ok([low, high])
+        } else {
+            Err(refuse(KEY, &format!("[{low}, {high}]"), accepted))
+        }
+    }
+
+    /// How tensions are chosen.
+    pub fn method(&self) -> Read<Distribution> {
+        let name = self.text("method")?;
+        name.parse().map_err(|_| refuse("method", &format!("{name:?}"), "unique, least_norm, min_sum or safest"))
+    }
+
+    /// Acceleration of gravity; default standard gravity.
+    pub fn gravity(&self) -> Read<f64> {
+        Ok(self.optional("gravity_m_s2")?.unwrap_or(STANDARD_GRAVITY))
+    }
+
+    /// A number for a multiple of the identity, or the n x n matrix.
+    pub fn weight(&self, key: &str, n: usize) -> Read<Vec<Vec<f64>>> {
+        let value = self.needed(key)?;
+        if value.is_array() {
+            let rows = matrix(key, value)?;
+            if rows.len() != n || rows[0].len() != n {
+                let given = format!("{} x {}", rows.len(), rows[0].len());
+                return Err(refuse(key, &given, &format!("a number, or {n} x {n}")));
+            }
+            return Ok(rows);
+        }
+        let scalar = number(key, value)?;
+        Ok((0..n).map(|i| (0..n).map(|j| if i == j { scalar } else { 0.0 }).collect()).collect())
+    }
+
+    /// The keys of the robot file's `[motor]`, with its defaults.
+    pub fn motor(&self) -> Read<Motor> {
+        let inner = self.object("motor")?;
+        let fill = Motor::default();
+        let value = |key: &str, default: f64| -> Read<f64> { Ok(inner.optional(key)?.unwrap_or(default)) };
+        let motor = Motor {
+            force_constant_n_a: value("force_constant_n_a", fill.force_constant_n_a)?,
+            resistance_ohm: value("resistance_ohm", fill.resistance_ohm)?,
+            gear_friction: value("gear_friction", fill.gear_friction)?,
+            coulomb_n: value("coulomb_n", fill.coulomb_n)?,
+            viscous_n_s_m: value("viscous_n_s_m", fill.viscous_n_s_m)?,
+            transition_m_s: value("transition_m_s", fill.transition_m_s)?,
+        };
+        motor.check().map_err(|error| SolveError::invalid(format!("motor: {error}")))?;
+        Ok(motor)
+    }
+
+    /// A measured table under this key.
+    pub fn table(&self, resistance_ohm: f64) -> Read<Option<CurrentTable>> {
+        if self.get("table").is_none() {
+            return Ok(None);
+        }
+        let inner = self.object("table")?;
+        let (speeds, tensions) = (inner.numbers("speeds_m_s")?, inner.numbers("tensions_n")?);
+        let currents = inner.matrix("currents_a")?;
+        Ok(Some(CurrentTable::new(speeds, tensions, &currents, resistance_ohm)?))
+    }
+
+    fn object(&self, key: &str) -> Read<Args<'a>> {
+        self.needed(key)?.as_object().map(Args).ok_or_else(|| refuse(key, "no object", "an object in braces"))
+    }
+}
+
+/// What is wrong at a key, and what is accepted.
+pub fn refuse(key: &str, given: &str, accepted: &str) -> SolveError {
+    SolveError::invalid(format!("{key} is {given}; accepted: {accepted}"))
+}
+
+fn number(key: &str, value: &Value) -> Read<f64> {
+    match value.as_f64() {
+        Some(number) if number.is_finite() => Ok(number),
+        _ => {
+            let text: String = value.to_string().chars().take(40).collect();
+            Err(refuse(key, &text, "finite numbers"))
+        }
+    }
+}
+
+fn numbers(key: &str, value: &Value) -> Read<Vec<f64>> {
+    let list = value.as_array().ok_or_else(|| refuse(key, "no list", "a list of finite numbers"))?;
+    list.iter().map(|value| number(key, value)).collect()
+}
+
+fn matrix(key: &str, value: &Value) -> Read<Vec<Vec<f64>>> {
+    let accepted = "a list of rows of equal length, at least one";
+    let list = value.as_array().ok_or_else(|| refuse(key, "no list", accepted))?;
+    let rows: Vec<Vec<f64>> = list.iter().map(|row| numbers(key, row)).collect::<Read<_>>()?;
+    match rows.first() {
+        Some(first) if !first.is_empty() && rows.iter().all(|row| row.len() == first.len()) => Ok(rows),
+        _ => Err(refuse(key, "empty or of unequal rows", accepted)),
+    }
+}
+
+fn point(key: &str, values: &[f64], planar: bool) -> Read<Vector3<f64>> {
+    if let Some(value) = values.iter().find(|v| v.abs() > LONGEST_M) {
+        return Err(refuse(key, &value.to_string(), "coordinates up to 1e5"));
+    }
+    match (values, planar) {
+        ([x, z], true) => Ok(Vector3::new(*x, 0.0, *z)),
+        ([x, y, z], false) => Ok(Vector3::new(*x, *y, *z)),
+        _ => {
+            let wanted = if planar { "[x, z], like the others" } else { "[x, y, z], or [x, z] throughout" };
+            Err(refuse(key, &format!("a point of {} numbers", values.len()), wanted))
+        }
+    }
+}

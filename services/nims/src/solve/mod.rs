@@ -1,0 +1,238 @@
+//! `nims solve`: every formula from any language. One JSON object per line in, one per line out, in order, until the input
+//! ends.
+//!
+//! A request is `{"id": any, "op": "...", ...}`, an answer `{"id": same, "result": {..}}` or
+//! `{"id": same, "error": {"kind": "...", "message": "..."}}`. No line ends the loop; keys that an operation does not know
+//! are left alone. [`answer`] is the whole of it as a function of one line.
+
+mod args;
+mod calibration;
+mod control;
+mod energy;
+mod geometry;
+mod statics;
+
+use args::Args;
+use serde_json::{Value, json};
+use std::io::{BufRead, BufReader, Read, Write};
+
+/// Longest request that is read, bytes; a longer line is answered by an error.
+const LONGEST_LINE: usize = 16 << 20;
+
+/// Why a request has no result.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SolveError {
+    /// A short word for programs.
+    pub kind: &'static str,
+    /// One sentence for people.
+    pub message: String,
+}
+
+impl SolveError {
+    fn invalid(message: impl Into<String>) -> Self {
+        Self { kind: "invalid_argument", message: message.into() }
+    }
+}
+
+macro_rules! from_errors {
+    ($($error:ty),+) => {
+        $(impl From<$error> for SolveError {
+            fn from(error: $error) -> Self {
+                Self { kind: error.kind(), message: error.to_string() }
+            }
+        })+
+    };
+}
+
+from_errors!(
+    cable_robot::calibration::CalibrationError,
+    cable_robot::energy::EnergyError,
+    cable_robot::energy::TableError,
+    cable_robot::KinematicsError,
+    cable_robot::law::LawError,
+    cable_robot::motor_model::FitError,
+    cable_robot::tension::TensionError
+);
+
+type Solved = Result<Value, SolveError>;
+type Operation = fn(&Args) -> Solved;
+
+/// Every operation by its name.
+const OPERATIONS: [(&str, Operation); 22] = [
+    ("survey_anchors", calibration::survey_anchors),
+    ("fourth_anchor", calibration::fourth_anchor),
+    ("inverse_kinematics", geometry::inverse_kinematics),
+    ("forward_kinematics", geometry::forward_kinematics),
+    ("jacobian", geometry::jacobian),
+    ("cable_velocity", geometry::cable_velocity),
+    ("node_velocity", geometry::node_velocity),
+    ("calibrate_heights", calibration::calibrate_heights),
+    ("calibrate_joint", calibration::calibrate_joint),
+    ("gps_anchor", calibration::gps_anchor),
+    ("tensions", statics::tensions),
+    ("distribute", statics::distribute),
+    ("node_acceleration", statics::node_acceleration),
+    ("fit_motor", control::fit_motor),
+    ("lq_gain", control::lq_gain),
+    ("motor_current", energy::motor_current),
+    ("motor_efficiency", energy::motor_efficiency),
+    ("parabola", energy::parabola),
+    ("mu_limit", energy::mu_limit),
+    ("move_energy", energy::move_energy),
+    ("optimal_parabola", energy::optimal_parabola),
+    ("operations", operations),
+];
+
+/// The names of all operations.
+fn operations(_: &Args) -> Solved {
+    Ok(json!({ "operations": OPERATIONS.map(|(name, _)| name) }))
+}
+
+/// The answer to one line.
+#[must_use]
+pub fn answer(line: &str) -> Value {
+    let request = match parse(line) {
+        Ok(Value::Object(request)) => request,
+        Ok(_) => {
+            return refusal(
+                Value::Null,
+                &SolveError::invalid("the line is no JSON object; send {\"id\": .., \"op\": \"..\", ..}"),
+            );
+        }
+        Err(error) => return refusal(Value::Null, &SolveError::invalid(format!("the line is no JSON: {error}"))),
+    };
+    let id = request.get("id").cloned().unwrap_or(Value::Null);
+    match solve(&Args::new(&request)) {
+        Ok(result) => json!({ "id": id, "result": result }),
+        Err(error) => refusal(id, &error),
+    }
+}
+
+fn solve(args: &Args) -> Solved {
+    let name = args.text("op")?;
+    match OPERATIONS.iter().find(|(known, _)| *known == name) {
+        Some((_, operation)) => operation(args),
+        None => {
+            let known: Vec<_> = OPERATIONS.iter().map(|(name, _)| *name).collect();
+            Err(SolveError::invalid(format!("there is no op {name:?}; accepted: {}", known.join(", "))))
+        }
+    }
+}
+
+fn refusal(id: Value, error: &SolveError) -> Value {
+    let message: String = error.message.split_whitespace().collect::<Vec<_>>().join(" ");
+    json!({ "id": id, "error": { "kind": error.kind, "message": message } })
+}
+
+/// JSON, and the words NaN, Infinity and -Infinity that Python and others write into it, as text: they are then refused by
+/// the key they stand at, or mean "no limit".
+fn parse(line: &str) -> Result<Value, serde_json::Error> {
+    serde_json::from_str(line).or_else(|error| {
+        if line.contains("NaN") || line.contains("Infinity") {
+            serde_json::from_str(&quote_words(line)).map_err(|_| error)
+        } else {
+            Err(error)
+        }
+    })
+}
+
+fn quote_words(line: &str) -> String {
+    let mut result = String::with_capacity(line.len() + 16);
+    let (mut rest, mut inside) = (line, false);
+    while let Some(c) = rest.chars().next() {
+        let word = ["NaN", "Infinity", "-Infinity"].into_iter().find(|w| !inside && rest.starts_with(w));
+        let taken = match word {
+            Some(word) => {
+                result.push('"');
+                result.push_str(word);
+                result.push('"');
+                word.len()
+            }
+            None => {
+                let escaped = inside && c == '\\';
+                inside ^= c == '"';
+                let taken = if escaped { rest.chars().take(2).map(char::len_utf8).sum() } else { c.len_utf8() };
+                result.push_str(&rest[..taken]);
+                taken
+            }
+        };
+        rest = &rest[taken..];
+    }
+    result
+}
+
+/// Answers every line of `input` on `output`. Ends with the input, or when nobody reads any more.
+///
+/// # Errors
+/// An input that cannot be read.
+pub fn serve(input: impl Read, mut output: impl Write) -> std::io::Result<()> {
+    let mut input = BufReader::new(input);
+    let mut line = Vec::new();
+    loop {
+        line.clear();
+        if input.read_until(b'\n', &mut line)? == 0 {
+            return Ok(());
+        }
+        let value = if line.len() > LONGEST_LINE {
+            refusal(
+                Value::Null,
+                &SolveError::invalid(format!("the line is longer than {LONGEST_LINE} bytes; send less at once")),
+            )
+        } else {
+            answer(String::from_utf8_lossy(&line).trim_end_matches(['\n', '\r']))
+        };
+        let mut text = value.to_string();
+        text.push('\n');
+        if output.write_all(text.as_bytes()).and_then(|()| output.flush()).is_err() {
+            return Ok(());
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn kind(line: &str) -> (Value, String) {
+        let value = answer(line);
+        (value["id"].clone(), value["error"]["kind"].as_str().unwrap_or("none").to_owned())
+    }
+
+    #[test]
+    fn what_is_no_request_is_answered_and_the_next_line_is_read() {
+        let text = "\n[1]\n{\"id\": 1}\n{\"id\": 2, \"op\": \"guess\"}\nnonsense\n\u{fffd}\n{\"id\": [3], \"op\": \"operations\"}\n";
+        let mut output = Vec::new();
+        serve(text.as_bytes(), &mut output).unwrap();
+        let lines: Vec<Value> =
+            String::from_utf8(output).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        assert_eq!(lines.len(), 7);
+        for line in &lines[..6] {
+            assert_eq!(line["error"]["kind"], "invalid_argument", "{line}");
+        }
+        assert_eq!((&lines[2]["id"], &lines[3]["id"], &lines[6]["id"]), (&json!(1), &json!(2), &json!([3])));
+        assert_eq!(lines[6]["result"]["operations"].as_array().unwrap().len(), OPERATIONS.len());
+    }
+
+    #[test]
+    fn words_that_other_languages_write_for_no_number_are_refused_where_they_stand() {
+        let line = r#"{"id": "NaN \" NaN", "op": "inverse_kinematics", "anchors_m": [[0,0,NaN],[1,0,0],[0,1,0]], "position_m": [0,0,-Infinity]}"#;
+        assert_eq!(kind(line), (json!("NaN \" NaN"), "invalid_argument".to_owned()));
+        assert_eq!(answer(line)["error"]["message"].as_str().map(|m| m.contains("anchors_m")), Some(true));
+        let open = r#"{"op": "distribute", "structure_matrix": [[1, 1]], "wrench_n": [3], "limits_n": [1, Infinity]}"#;
+        assert!((answer(open)["result"]["sum_n"].as_f64().unwrap() - 3.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_closed_pipe_ends_the_loop_quietly() {
+        struct Closed;
+        impl Write for Closed {
+            fn write(&mut self, _: &[u8]) -> std::io::Result<usize> {
+                Err(std::io::ErrorKind::BrokenPipe.into())
+            }
+            fn flush(&mut self) -> std::io::Result<()> {
+                Ok(())
+            }
+        }
+        assert!(serve("{}\n{}\n".as_bytes(), Closed).is_ok());
+    }
+}
