@@ -172,10 +172,8 @@ fn after_sigkill_the_position_is_from_before_and_nothing_is_armed() {
     // Kept at most twice a second.
     std::thread::sleep(Duration::from_millis(700));
     io.kill();
-    drop(eyes);
 
     let _io = place.start("motor-io");
-    let mut eyes = place.eyes("later");
     eyes.up();
     let (state, authority) = eyes
         .until("the restored position", |state, _| state.position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT);
