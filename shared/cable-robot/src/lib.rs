@@ -41,6 +41,7 @@
 
 pub mod cables;
 pub mod calibration;
+pub mod drive_lag;
 pub mod elastic;
 pub mod energy;
 pub mod kinematics;
@@ -52,6 +53,7 @@ pub mod motor;
 pub mod motor_model;
 pub mod path;
 pub mod planar;
+pub mod preview;
 pub mod profile;
 pub mod robot;
 pub mod tension;
