@@ -506,3 +506,17 @@ fn configurations_that_cannot_be_meant_are_refused_in_words() {
     assert!(refuse(vec![unit_config(0x80), unit_config(0x80)]).contains("same address"));
     assert!(refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]).contains("watchdog of 0"));
 }
+
+#[test]
+fn answers_that_were_slow_once_do_not_keep_a_unit_from_being_set_up() {
+    let mut bus = two_units();
+    for unit in units(&mut bus) {
+        unit.answer_late(3, WIRE_MARGIN_NS - MS);
+    }
+    let until_ns = 2_000 * MS;
+    while !bus.is_settled() {
+        // The fleet's steps between two cycles are this short.
+        let _ = bus.settle(bus.line().now_ns() + 5 * MS);
+        assert!(bus.line().now_ns() < until_ns, "never set up");
+    }
+}

@@ -19,6 +19,9 @@ const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
 /// How long a call that can do nothing at the moment lets time pass: short beside a cycle.
 const PAUSE_NS: u64 = 1_000_000;
 
+/// Bytes of one exchange on the way back into use. The longest is a version text; the others are about as long as this.
+const LONGEST_STEP: usize = 20;
+
 /// Questions that neither the cycle nor the setup asks. Two in a row are never the same, so that the late answer to one fence
 /// cannot be taken for the answer to the next.
 const FENCES: [Read; 4] = [Read::LogicBattery, Read::MaxCurrent1, Read::RawSpeed1, Read::VelocityPid1];
@@ -76,8 +79,10 @@ impl Window {
 impl<T: Transport> Bus<T> {
     /// Get on with connecting, draining, fencing and setting up as far as `deadline_ns` allows; `Ok` once every unit is in use.
     ///
-    /// A step that has begun may end later, by the time an answer may take. Call it between cycles, or in a loop to connect.
+    /// A step that has begun may end later, by the time an answer may take, and one step is always begun: where answers have lately
+    /// been slow, waiting for a longer call would be waiting for ever. Call it between cycles, or in a loop to connect.
     pub fn settle(&mut self, deadline_ns: u64) -> Result<(), Error> {
+        let deadline_ns = deadline_ns.max(self.line.now_ns() + self.likely_ns(LONGEST_STEP));
         let result = self.get_in_step(deadline_ns).and_then(|()| self.set_up_units(deadline_ns));
         if result.is_err() {
             // What is missing is time; a clock that moves only when it is waited for has to be waited for.
@@ -202,8 +207,7 @@ impl<T: Transport> Bus<T> {
                 index += 1;
                 continue;
             }
-            // The longest of these exchanges is a version text; the others are about as long as this.
-            if now_ns + self.likely_ns(20) > deadline_ns {
+            if now_ns + self.likely_ns(LONGEST_STEP) > deadline_ns {
                 return Err(self.not_ready(index).unwrap_or_else(|| self.resynchronising()));
             }
             match phase {
