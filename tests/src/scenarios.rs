@@ -2,9 +2,10 @@
 
 use anyhow::Result;
 use cable_robot::{Distribution, Robot};
+use controller::Law;
 use planner::Mission;
 use plant::PlantConfig;
-use service::config::RobotFile;
+use service::config::{ControllerSection, RobotFile};
 
 use crate::lockstep::{Flight, Scenario};
 
@@ -76,6 +77,7 @@ impl Case {
             plant,
             mission: mission(self.mission)?,
             period_s,
+            law: Law::of(&ControllerSection::default())?,
             horizon: (2.0 * sluggish_s / period_s).round() as u32 + 3,
             stretch,
             distribution: Distribution::default_for(robot.cable_count()),

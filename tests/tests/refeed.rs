@@ -66,6 +66,7 @@ fn recorded_samples_give_the_same_bits_and_allocate_nothing() {
                 estimates: [Some(&cycle.estimate), None],
                 motion: Some(&cycle.motion),
                 authority: Some(&cycle.authority),
+                state: Some(&cycle.state),
             });
             assert_eq!(COUNT.with(Cell::get), before, "cycle {} allocates", cycle.input.header.cycle);
             assert_eq!(bytes(&observed.state), bytes(&cycle.state));

@@ -1,13 +1,15 @@
 //! One step per cycle: an answer for every live estimate.
 
 use cable_robot::elastic::{self, Realisation};
+use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::limits::scale_to_limits;
 use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
-use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion, SLOTS};
+use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOTS};
 use service::config::{BoxFile, RobotFile};
 use service::motion::motion_of;
 
 use crate::law::Law;
+use crate::preview::{Notice, Preview};
 
 /// Cycles by which motor/authority may lag behind an estimate: it is published just after motor/state, so one is
 /// ordinary; the plan clock is carried forward over the gap.
@@ -46,7 +48,7 @@ impl ControllerConfig {
         let parts = robot.robot()?;
         Ok(Self {
             robot: if section.stretch { parts } else { parts.with_rigid_lines() },
-            law: Law::by_name(&section.law, section.state_weight, section.input_weight)?,
+            law: Law::of(section)?,
             horizon: u32::try_from(section.horizon_cycles)?,
             distribution: section.distribution_for(parts.cable_count()),
             redundant_s: section.redundant_s,
@@ -67,6 +69,8 @@ pub struct Seen<'a> {
     pub motion: Option<&'a PlanMotion>,
     /// Newest motor/authority.
     pub authority: Option<&'a MotorAuthority>,
+    /// Newest motor/state; only a law that looks at the drives needs it.
+    pub state: Option<&'a MotorState>,
 }
 
 /// Node estimates and motion to cable velocities: steps 3 and 4 of the paper's section VI.
@@ -75,6 +79,35 @@ pub struct Controller {
     config: ControllerConfig,
     /// Decoded plan/motion and the beat it had.
     motion: Option<(u64, u32, Option<Motion>)>,
+    /// The preview law, if it was chosen.
+    preview: Option<Preview>,
+}
+
+/// When the estimate is true on the clock of the cycle.
+#[derive(Debug, Clone, Copy)]
+struct Instant {
+    /// Cycles by which the authority is older than the estimate.
+    lag: u64,
+    /// When the commands of the estimate's cycle were sent, ns.
+    began_ns: u64,
+    /// From then to the estimate, s.
+    since_s: f64,
+}
+
+impl Instant {
+    /// `None` where the authority says nothing about this estimate.
+    fn of(of: &Header, authority: &MotorAuthority) -> Option<Self> {
+        let (period_s, rate) = (authority.period_s, authority.plan_rate);
+        let lag = of.cycle.saturating_sub(authority.header.cycle);
+        if !(period_s > 0.0 && period_s < 1.0 && (0.0..=1.0).contains(&rate) && lag <= AUTHORITY_LAG) {
+            return None;
+        }
+        let began_ns = authority.header.stamp_ns.saturating_sub(authority.bus_ns);
+        let since_s = of.stamp_ns.saturating_sub(began_ns) as f64 * 1e-9;
+        let since_s = since_s.clamp(period_s * lag as f64, period_s * (lag + 1) as f64) - period_s * lag as f64;
+        let began_ns = began_ns.saturating_add(lag * (period_s * 1e9) as u64);
+        Some(Self { lag, began_ns, since_s })
+    }
 }
 
 /// Where the node should be now and at the end of the horizon, and the lengths that put it there.
@@ -88,7 +121,16 @@ struct Target {
 impl Controller {
     /// A controller that has not seen a motion.
     pub fn new(config: ControllerConfig) -> Self {
-        Self { config, motion: None }
+        let preview = match config.law {
+            Law::Preview { preview, .. } => Some(Preview::new(preview, config.robot.cable_count())),
+            Law::LqEndpoint { .. } => None,
+        };
+        Self { config, motion: None, preview }
+    }
+
+    /// What an operator may want to know of the last steps: models identified, fallbacks.
+    pub fn notice(&mut self) -> Option<Notice> {
+        self.preview.as_mut().and_then(Preview::notice)
     }
 
     /// The answer to the newest cycle among the estimates: one row per estimate of that cycle. Nothing is allocated.
@@ -117,7 +159,16 @@ impl Controller {
             ..ControlStatus::default()
         };
         let Some(authority) = seen.authority else { return (command, status) };
-        let target = self.target(seen.motion, authority, &header);
+        let instant = Instant::of(&header, authority);
+        let target = instant.and_then(|instant| self.target(seen.motion, authority, &instant));
+        if let Some(instant) = instant {
+            self.preview(seen, authority, &instant, cycle);
+        }
+        match &self.preview {
+            Some(preview) if preview.weight() >= 0.5 => status.horizon = preview.horizon() as u32,
+            Some(_) => status.law = ControlStatus::LAW_LQ_ENDPOINT,
+            None => {}
+        }
         if let Some(target) = &target {
             command.segment = target.now.segment_id as u32;
             status.describe(target);
@@ -125,7 +176,7 @@ impl Controller {
         status.segment = command.segment;
         for (slot, estimate) in seen.estimates.iter().enumerate() {
             let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) else { continue };
-            let Some(answer) = self.answer(estimate, target.as_ref(), authority.period_s) else { continue };
+            let Some(answer) = self.answer(slot, estimate, target.as_ref(), authority.period_s) else { continue };
             for (i, velocity) in answer.velocities_m_s.iter().enumerate() {
                 command.velocity_m_s[8 * slot + i] = *velocity;
             }
@@ -142,33 +193,54 @@ impl Controller {
         (command, status)
     }
 
+    /// Tells the preview law about the cycle.
+    fn preview(&mut self, seen: &Seen<'_>, authority: &MotorAuthority, instant: &Instant, cycle: u64) {
+        let Some(mut preview) = self.preview.take() else { return };
+        if let Some(state) = seen.state.filter(|state| state.header.cycle == cycle) {
+            preview.observe(state, authority, instant.began_ns);
+            for (slot, estimate) in seen.estimates.iter().enumerate() {
+                if let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) {
+                    preview.correct(slot, estimate, instant.since_s, &state.velocity_m_s);
+                }
+            }
+        }
+        if let Some((_, _, Some(motion))) = &self.motion {
+            let robot = &self.config.robot;
+            // What stretch takes from the straight lengths; where no tensions are found, as much as just before.
+            let mut stretch = CableVec::zeros(robot.cable_count());
+            preview.look_ahead(authority, instant.lag, |time_s, rate| {
+                let setpoint = at_rate(motion, time_s, rate);
+                match self.held(&setpoint) {
+                    Some(held) => {
+                        stretch = held.lengths_m.zip_map(&held.unstretched_m, |straight, paid| straight - paid);
+                        held.unstretched_m
+                    }
+                    None => inverse_kinematics(robot.anchors(), &setpoint.position).zip_map(&stretch, |l, s| l - s),
+                }
+            });
+        }
+        self.preview = Some(preview);
+    }
+
     /// The target at the instant of the estimate; `None` without a motion of the present epoch.
-    fn target(&mut self, message: Option<&PlanMotion>, authority: &MotorAuthority, of: &Header) -> Option<Target> {
+    fn target(
+        &mut self,
+        message: Option<&PlanMotion>,
+        authority: &MotorAuthority,
+        instant: &Instant,
+    ) -> Option<Target> {
         let message = message.filter(|message| message.motion != 0 && message.epoch == authority.epoch)?;
         let fresh = self.motion.is_some_and(|(beat, number, _)| beat == message.beat && number == message.motion);
         if !fresh {
             self.motion = Some((message.beat, message.motion, motion_of(message)));
         }
         let motion = self.motion.and_then(|(_, _, motion)| motion)?;
-        let period_s = authority.period_s;
-        let lag = of.cycle.saturating_sub(authority.header.cycle);
-        let rate = authority.plan_rate;
-        if !(period_s > 0.0 && period_s < 1.0 && (0.0..=1.0).contains(&rate) && lag <= AUTHORITY_LAG) {
-            return None;
-        }
+        let (period_s, rate) = (authority.period_s, authority.plan_rate);
         // The plan time is that of the beginning of the cycle; the estimate is true some milliseconds later, when the
         // encoders had been read.
-        let began_ns = authority.header.stamp_ns.saturating_sub(authority.bus_ns);
-        let since_s = of.stamp_ns.saturating_sub(began_ns) as f64 * 1e-9;
-        let since_s = since_s.clamp(period_s * lag as f64, period_s * (lag + 1) as f64);
-        let now_s = authority.plan_time_s + rate * since_s;
-        let setpoint = |time_s: f64| {
-            // On the plan clock a slower rate is a slower motion along the same path.
-            let at = motion.setpoint(time_s);
-            Setpoint { velocity: at.velocity * rate, acceleration: at.acceleration * (rate * rate), ..at }
-        };
-        let now = setpoint(now_s);
-        let ahead = setpoint(now_s + rate * period_s * f64::from(self.config.horizon));
+        let now_s = authority.plan_time_s + rate * (instant.since_s + period_s * instant.lag as f64);
+        let now = at_rate(&motion, now_s, rate);
+        let ahead = at_rate(&motion, now_s + rate * period_s * f64::from(self.config.horizon), rate);
         Some(Target { now_held: self.held(&now), ahead_held: self.held(&ahead), now, ahead })
     }
 
@@ -181,7 +253,7 @@ impl Controller {
             .ok()
     }
 
-    fn answer(&self, estimate: &NodeEstimate, target: Option<&Target>, period_s: f64) -> Option<Answer> {
+    fn answer(&self, slot: usize, estimate: &NodeEstimate, target: Option<&Target>, period_s: f64) -> Option<Answer> {
         let config = &self.config;
         let n = config.robot.cable_count();
         if estimate.valid == 0 || usize::from(estimate.cable_count) != n {
@@ -209,11 +281,19 @@ impl Controller {
             for i in 0..n {
                 u[i] += (ahead.unstretched_m[i] - now.unstretched_m[i] - straight[i]) / horizon_s;
             }
+            let mut behind = CableVec::zeros(n);
             if n > 3 {
-                let behind = redundant(&jacobian, &node_jacobian, now, estimate);
+                behind = redundant(&jacobian, &node_jacobian, now, estimate);
                 redundant_m = behind.norm_squared().sqrt();
                 for i in 0..n {
                     u[i] += behind[i] / config.redundant_s;
+                }
+            }
+            if let Some(preview) = &self.preview
+                && let Some(wanted) = preview.velocity(slot, estimate.header.cycle, &behind, config.redundant_s)
+            {
+                for i in 0..n {
+                    u[i] += preview.weight() * (wanted[i] - u[i]);
                 }
             }
         }
@@ -229,6 +309,12 @@ impl Controller {
             redundant_m,
         })
     }
+}
+
+/// The setpoint on a plan clock that runs at `rate`: a slower motion along the same path.
+fn at_rate(motion: &Motion, time_s: f64, rate: f64) -> Setpoint {
+    let at = motion.setpoint(time_s);
+    Setpoint { velocity: at.velocity * rate, acceleration: at.acceleration * (rate * rate), ..at }
 }
 
 /// What the lengths lack in the directions that do not move the node: (I - J B)(l* - l), m. For four cables that is one

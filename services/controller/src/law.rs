@@ -1,9 +1,13 @@
 //! Control laws: from where the node is and should be to the velocity the cables answer with.
 
+use cable_robot::drive_lag::DriveLag;
 use cable_robot::law::{InputWeight, LqGain};
 use cable_robot::{CableVec, Matrix3, NodeJacobian, Vector3};
 use messages::ControlStatus;
+use service::config::ControllerSection;
 use thiserror::Error;
+
+use crate::preview::PreviewSettings;
 
 /// A law that can be chosen by its name in the configuration.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,13 +19,23 @@ pub enum Law {
         /// R, times identity.
         input_weight: f64,
     },
+    /// Linear-quadratic preview control of each cable's length over a model of the drives' delay and lag; the paper's
+    /// law while there is no model that fits.
+    Preview {
+        /// Q of the fallback.
+        state_weight: f64,
+        /// R of the fallback.
+        input_weight: f64,
+        /// The preview law itself.
+        preview: PreviewSettings,
+    },
 }
 
 /// A law or a parameter that does not exist.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum LawError {
     /// No such law.
-    #[error("law is \"{0}\"; accepted: \"lq-endpoint\"")]
+    #[error("law is \"{0}\"; accepted: \"lq-endpoint\" or \"preview\"")]
     Unknown(String),
     /// A parameter out of range.
     #[error("{key} is {value}; accepted: {accepted}")]
@@ -36,7 +50,35 @@ pub enum LawError {
 }
 
 impl Law {
-    /// The law of this name with these weights.
+    /// The law that `[controller]` of a box file chooses.
+    ///
+    /// # Errors
+    /// One sentence: which key, what is accepted.
+    pub fn of(section: &ControllerSection) -> Result<Self, LawError> {
+        let &ControllerSection { state_weight, input_weight, .. } = section;
+        if section.law != "preview" {
+            return Self::by_name(&section.law, state_weight, input_weight);
+        }
+        Self::by_name("lq-endpoint", state_weight, input_weight)?;
+        let lag = match section.drive_lag_s {
+            None => None,
+            Some([delay_s, lag_s]) => Some(DriveLag::new(delay_s, lag_s).map_err(|error| LawError::Parameter {
+                key: "drive_lag_s",
+                value: error.value,
+                accepted: error.accepted,
+            })?),
+        };
+        let preview = PreviewSettings {
+            horizon: section.preview_cycles,
+            move_penalty_s4: section.move_penalty_s4,
+            lag,
+            identify: section.identify,
+            misfit_limit: section.misfit_limit,
+        };
+        Ok(Self::Preview { state_weight, input_weight, preview })
+    }
+
+    /// The law of this name with these weights; [`Law::of`] for those that need more.
     ///
     /// # Errors
     /// One sentence: which key, what is accepted.
@@ -57,10 +99,11 @@ impl Law {
     pub fn number(&self) -> u8 {
         match self {
             Self::LqEndpoint { .. } => ControlStatus::LAW_LQ_ENDPOINT,
+            Self::Preview { .. } => ControlStatus::LAW_PREVIEW,
         }
     }
 
-    /// Cable velocities (m/s) that bring the node by `error_m` in `horizon` cycles of `period_s`; `None` where the
+    /// The paper's law (the fallback of the preview law): cable velocities (m/s) that bring the node by `error_m` in `horizon` cycles of `period_s`; `None` where the
     /// geometry gives none.
     pub fn velocity(
         &self,
@@ -70,7 +113,7 @@ impl Law {
         horizon: u32,
     ) -> Option<CableVec> {
         match *self {
-            Self::LqEndpoint { state_weight, input_weight } => {
+            Self::LqEndpoint { state_weight, input_weight } | Self::Preview { state_weight, input_weight, .. } => {
                 let (q, r) = (Matrix3::identity() * state_weight, InputWeight::Scalar(input_weight));
                 let gain = LqGain::new(node_jacobian, period_s, &q, &r, horizon).ok()?;
                 Some(gain.velocity(error_m))

@@ -8,6 +8,8 @@
 
 mod controller;
 mod law;
+mod preview;
 
 pub use controller::{Controller, ControllerConfig, Seen};
 pub use law::{Law, LawError};
+pub use preview::{Notice, PreviewSettings};

@@ -93,7 +93,7 @@ fn step(
     motion: Option<&PlanMotion>,
     authority: &MotorAuthority,
 ) -> MotorCommand {
-    controller.step(&Seen { estimates: [Some(estimate), None], motion, authority: Some(authority) }).0
+    controller.step(&Seen { estimates: [Some(estimate), None], motion, authority: Some(authority), state: None }).0
 }
 
 #[test]
@@ -184,7 +184,7 @@ fn both_live_estimates_are_answered_and_an_old_one_is_not() {
     let (a, b) = (estimate(&robot, 8, from()), estimate(&robot, 8, from() + Vector3::new(0.01, 0.0, 0.0)));
     let old = estimate(&robot, 7, from());
     let (motion, authority) = (motion(), authority(8, 0.0));
-    let seen = |estimates| Seen { estimates, motion: Some(&motion), authority: Some(&authority) };
+    let seen = |estimates| Seen { estimates, motion: Some(&motion), authority: Some(&authority), state: None };
     let (both, status) = controller(robot).step(&seen([Some(&a), Some(&b)]));
     assert_eq!(both.valid, [1, 1]);
     assert_eq!(&both.velocity_m_s[..8], &step(&mut controller(robot), &a, Some(&motion), &authority).velocity_m_s[..8]);

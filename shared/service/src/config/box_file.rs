@@ -127,7 +127,8 @@ impl Default for EstimatorSection {
 #[derive(Debug, Clone, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerSection {
-    /// `lq-endpoint`: the paper's fixed-endpoint fixed-time law.
+    /// `lq-endpoint`: the paper's fixed-endpoint fixed-time law. `preview`: knows how late the drives are, and falls back
+    /// to `lq-endpoint` while its model of them does not fit.
     pub law: String,
     /// Delta of the law, cycles; best near 2 (delay + lag) / period + 3, unstable below a third of that.
     pub horizon_cycles: usize,
@@ -143,6 +144,17 @@ pub struct ControllerSection {
     pub stretch: bool,
     /// Farther than this from where it should be the controller gives no answer, and the robot stops and holds, m.
     pub error_limit_m: f64,
+    /// `preview`: how far it looks ahead beyond the delay, cycles.
+    pub preview_cycles: usize,
+    /// `preview`: what a squared acceleration of the command costs against a squared length error, s⁴. The law is about as
+    /// quick as this to the power -1/4, in rad/s.
+    pub move_penalty_s4: f64,
+    /// `preview`: `[delay, lag]` of the drives, s, if known; otherwise `lq-endpoint` flies until they are identified.
+    pub drive_lag_s: Option<[f64; 2]>,
+    /// `preview`: identify delay and lag whenever the robot starts to move from rest.
+    pub identify: bool,
+    /// `preview`: falls back to `lq-endpoint` above this misfit (about the share by which delay and lag are off together).
+    pub misfit_limit: f64,
 }
 
 impl Default for ControllerSection {
@@ -156,6 +168,11 @@ impl Default for ControllerSection {
             redundant_s: 0.3,
             stretch: true,
             error_limit_m: 0.25,
+            preview_cycles: 40,
+            move_penalty_s4: 1e-5,
+            drive_lag_s: None,
+            identify: true,
+            misfit_limit: 0.35,
         }
     }
 }

@@ -100,13 +100,19 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     }
     number("estimator.sigma_length_m", file.estimator.sigma_length_m, "above 0, at most 1 m", |v| v > 0.0 && v <= 1.0)?;
 
-    choice("controller.law", &file.controller.law, &["lq-endpoint"])?;
+    choice("controller.law", &file.controller.law, &["lq-endpoint", "preview"])?;
     count("controller.horizon_cycles", file.controller.horizon_cycles, 1, 200)?;
     number("controller.state_weight", file.controller.state_weight, "0 or more", |v| v >= 0.0)?;
     number("controller.input_weight", file.controller.input_weight, "above 0", |v| v > 0.0)?;
     choice("controller.distribution", &file.controller.distribution, &["least-norm", "min-sum", "safest"])?;
     number("controller.redundant_s", file.controller.redundant_s, "0.05 to 60 s", |v| (0.05..=60.0).contains(&v))?;
     number("controller.error_limit_m", file.controller.error_limit_m, "0.01 to 5 m", |v| (0.01..=5.0).contains(&v))?;
+    count("controller.preview_cycles", file.controller.preview_cycles, 2, cable_robot::preview::MAX_PREVIEW)?;
+    number("controller.move_penalty_s4", file.controller.move_penalty_s4, "1e-9 to 1 s⁴", |v| (1e-9..=1.0).contains(&v))?;
+    for seconds in file.controller.drive_lag_s.unwrap_or_default() {
+        number("controller.drive_lag_s", seconds, "two times of 0 to 0.5 s", |v| (0.0..=0.5).contains(&v))?;
+    }
+    number("controller.misfit_limit", file.controller.misfit_limit, "above 0, at most 1", |v| v > 0.0 && v <= 1.0)?;
 
     let (speed, acceleration) = (robot.robot.speed_limit_m_s, robot.robot.acceleration_limit_m_s2);
     let below = format!("above 0, at most the robot's `speed_limit_m_s` of {speed}");

@@ -1,0 +1,448 @@
+//! The lag-aware law while the robot runs: which model of the drives is used, whether it still fits, and by how much the
+//! command is the preview law's.
+//!
+//! The command is lq-endpoint's plus `weight` times what the preview law wants beyond it. The weight goes from 0 to 1
+//! and back in fractions of a second, so that no change of law or of model is a bump. It goes to 0
+//!
+//! * as long as there is no model: none configured, none identified yet;
+//! * while the misfit of the model ([`cable_robot::drive_lag`]) is above `misfit_limit`;
+//! * for the moment in which a newly identified model takes the old one's place.
+
+use cable_robot::drive_lag::{
+    CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record,
+};
+use cable_robot::preview::{MAX_PREVIEW, PreviewError, PreviewGain, Twin};
+use cable_robot::{CableVec, MAX_CABLES};
+use messages::{MotorAuthority, MotorState, NodeEstimate, SLOTS};
+use thiserror::Error;
+
+/// Times for the weight from 0 to 1 and from 1 to 0, s. In takes longer than the lag of slow drives; out is quicker than
+/// a law with a wrong model can build up an oscillation (a second and more).
+const FADE_S: [f64; 2] = [0.4, 0.15];
+
+/// A misfit this much below the limit is good again: no flutter at the limit itself.
+const GOOD_AGAIN: f64 = 0.8;
+
+/// Length of a record, s: the trapezoid's ramp and a little of the cruise.
+const RECORD_S: f64 = 1.0;
+
+/// Rest before a record, s: what was commanded before has died away.
+const REST_S: f64 = 0.4;
+
+/// A command below this is rest, m/s: less than what an encoder step makes of a position error.
+const REST_M_S: f64 = 2e-3;
+
+/// Below this misfit a model is not exchanged for a better one.
+const GOOD_ENOUGH: f64 = 0.1;
+
+/// A reading interval may differ from the period by this share; beyond, the machine stood still.
+const JITTER: f64 = 0.3;
+
+/// What the preview law is told.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PreviewSettings {
+    /// Preview beyond the delay, cycles.
+    pub horizon: usize,
+    /// Move penalty, s⁴; see [`PreviewGain::new`].
+    pub move_penalty_s4: f64,
+    /// Delay and lag of the drives if known beforehand.
+    pub lag: Option<DriveLag>,
+    /// Identify delay and lag whenever the robot starts to move.
+    pub identify: bool,
+    /// Misfit above which lq-endpoint takes over. For slow motion the misfit is the share by which delay and lag are
+    /// off together, and up to about a third the preview law is the better one.
+    pub misfit_limit: f64,
+}
+
+/// What an operator may want to know.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum Notice {
+    /// A model from the robot's own motion.
+    #[error(
+        "the drives were identified: delay {:.1} ms, lag {:.1} ms, misfit {:.2}",
+        .0.lag.delay_s() * 1e3, .0.lag.lag_s() * 1e3, .0.misfit
+    )]
+    Identified(Identified),
+    /// A record from which no model came.
+    #[error("the drives could not be identified: {0}")]
+    NotIdentified(IdentifyError),
+    /// The best model is not good enough.
+    #[error(
+        "the drives are not described by a delay and a lag: the misfit of the best pair is {misfit:.2}, above the limit of {limit}; lq-endpoint stays in charge"
+    )]
+    NoSuchModel {
+        /// Its misfit.
+        misfit: f64,
+        /// The limit.
+        limit: f64,
+    },
+    /// Falls back.
+    #[error(
+        "the drives do not follow their model: the misfit is {misfit:.2}, above the limit of {limit}; lq-endpoint takes over"
+    )]
+    Misfit {
+        /// Now.
+        misfit: f64,
+        /// The limit.
+        limit: f64,
+    },
+    /// Comes back.
+    #[error("the drives follow their model again: the misfit is {misfit:.2}; the preview law takes over")]
+    FitsAgain {
+        /// Now.
+        misfit: f64,
+    },
+    /// The configuration does not give a law.
+    #[error("no preview law: {0}; lq-endpoint stays in charge")]
+    NoLaw(PreviewError),
+}
+
+impl Notice {
+    /// True if the robot follows less well than it could.
+    pub fn is_warning(&self) -> bool {
+        !matches!(self, Self::Identified(_) | Self::FitsAgain { .. })
+    }
+}
+
+/// The law for one model.
+#[derive(Debug, Clone, Copy)]
+struct Installed {
+    gain: PreviewGain,
+    twins: [Twin; SLOTS],
+}
+
+/// A record being taken or worked on.
+#[derive(Debug, Clone)]
+struct Recorder {
+    commands_m_s: Vec<CableVec>,
+    velocities_m_s: Vec<CableVec>,
+    count: usize,
+    reading_s: CableVec,
+    rested: u32,
+    fit: Option<LagFit>,
+    recording: bool,
+}
+
+impl Recorder {
+    fn new() -> Self {
+        let empty = vec![CableVec::zeros(0); MAX_RECORD];
+        Self {
+            commands_m_s: empty.clone(),
+            velocities_m_s: empty,
+            count: 0,
+            reading_s: CableVec::zeros(0),
+            rested: 0,
+            fit: None,
+            recording: false,
+        }
+    }
+
+    fn drop_record(&mut self) {
+        (self.recording, self.count, self.fit, self.rested) = (false, 0, None, 0);
+    }
+
+    fn push(&mut self, command_m_s: CableVec, velocity_m_s: CableVec) {
+        if self.count < MAX_RECORD {
+            self.commands_m_s[self.count] = command_m_s;
+            self.velocities_m_s[self.count] = velocity_m_s;
+            self.count += 1;
+        }
+    }
+
+    fn record(&self, period_s: f64) -> Record<'_> {
+        Record {
+            period_s,
+            reading_s: self.reading_s,
+            commands_m_s: &self.commands_m_s[..self.count],
+            velocities_m_s: &self.velocities_m_s[..self.count],
+        }
+    }
+
+    /// One cycle; a result when a record has been worked through, one pass per cycle.
+    fn cycle(
+        &mut self,
+        command_m_s: CableVec,
+        velocity_m_s: CableVec,
+        reading_s: &CableVec,
+        period_s: f64,
+    ) -> Option<Result<Identified, IdentifyError>> {
+        if let Some(mut fit) = self.fit {
+            let done = fit.pass(&self.record(period_s)).transpose();
+            self.fit = Some(fit);
+            if done.is_some() {
+                self.drop_record();
+            }
+            return done;
+        }
+        if self.recording {
+            self.push(command_m_s, velocity_m_s);
+            let full = (RECORD_S / period_s).ceil().clamp(MIN_RECORD as f64, MAX_RECORD as f64) as usize;
+            if self.count < full {
+                return None;
+            }
+            match LagFit::new(&self.record(period_s)) {
+                Ok(fit) => self.fit = Some(fit),
+                // A twitch is not a motion: nothing to report.
+                Err(IdentifyError::NotExcited { .. }) => self.drop_record(),
+                Err(error) => {
+                    self.drop_record();
+                    return Some(Err(error));
+                }
+            }
+            return None;
+        }
+        if command_m_s.max_abs() <= REST_M_S {
+            self.rested = self.rested.saturating_add(1);
+            return None;
+        }
+        if f64::from(self.rested) * period_s >= REST_S {
+            (self.recording, self.count, self.reading_s) = (true, 0, *reading_s);
+            let n = command_m_s.len();
+            // Before it there was rest.
+            self.push(CableVec::zeros(n), CableVec::zeros(n));
+            self.push(command_m_s, velocity_m_s);
+        }
+        self.rested = 0;
+        None
+    }
+}
+
+/// Readings of the last cycle.
+#[derive(Debug, Clone, Copy)]
+struct Reading {
+    cycle: u64,
+    length_m: [f64; MAX_CABLES],
+    sampled_ns: [u64; MAX_CABLES],
+}
+
+/// See the module's text.
+#[derive(Debug, Clone)]
+pub(crate) struct Preview {
+    settings: PreviewSettings,
+    cables: usize,
+    sent: CommandHistory,
+    installed: Option<Installed>,
+    pending: Option<DriveLag>,
+    meter: MisfitMeter,
+    recorder: Recorder,
+    last: Option<Reading>,
+    weight: f64,
+    bad: bool,
+    rate: Option<(u64, f64, f64)>,
+    ahead_m: Vec<CableVec>,
+    notice: Option<Notice>,
+}
+
+impl Preview {
+    pub(crate) fn new(settings: PreviewSettings, cables: usize) -> Self {
+        Self {
+            settings,
+            cables,
+            sent: CommandHistory::new(),
+            installed: None,
+            pending: settings.lag,
+            meter: MisfitMeter::new(),
+            recorder: Recorder::new(),
+            last: None,
+            weight: 0.0,
+            bad: false,
+            rate: None,
+            ahead_m: vec![CableVec::zeros(cables); MAX_PREVIEW],
+            notice: None,
+        }
+    }
+
+    /// What happened since the last call.
+    pub(crate) fn notice(&mut self) -> Option<Notice> {
+        self.notice.take()
+    }
+
+    /// How much of the command is the preview law's, 0 to 1.
+    pub(crate) fn weight(&self) -> f64 {
+        self.weight
+    }
+
+    pub(crate) fn horizon(&self) -> usize {
+        self.settings.horizon
+    }
+
+    /// The readings and the command of a cycle; `began_ns` is when the command was sent.
+    pub(crate) fn observe(&mut self, state: &MotorState, authority: &MotorAuthority, began_ns: u64) {
+        let (n, period_s, cycle) = (self.cables, authority.period_s, state.header.cycle);
+        if !(period_s > 0.0 && period_s < 1.0) || self.last.is_some_and(|last| last.cycle == cycle) {
+            return;
+        }
+        let command_m_s = CableVec::from_array8(&state.command_m_s, n);
+        self.sent.note(cycle, &command_m_s);
+        self.note_rate(authority);
+        let reading_s =
+            CableVec::from_fn(n, |i| (state.sampled_ns[i].saturating_sub(began_ns) as f64 * 1e-9).clamp(0.0, period_s));
+        let last = self.last.replace(Reading { cycle, length_m: state.length_m, sampled_ns: state.sampled_ns });
+        let good = |last: &Reading| {
+            last.cycle + 1 == cycle
+                && (0..n).all(|i| {
+                    let passed_s = state.sampled_ns[i].saturating_sub(last.sampled_ns[i]) as f64 * 1e-9;
+                    let moved_m = state.length_m[i] - last.length_m[i];
+                    state.fresh[i] == 1 && (passed_s - period_s).abs() <= JITTER * period_s && moved_m.abs() < 0.1
+                })
+        };
+        match last.filter(good) {
+            Some(last) => {
+                let moved_m = CableVec::from_fn(n, |i| state.length_m[i] - last.length_m[i]);
+                self.judge(&moved_m, &reading_s, period_s);
+                if self.settings.identify {
+                    let velocity_m_s = moved_m.map(|moved| moved / period_s);
+                    match self.recorder.cycle(command_m_s, velocity_m_s, &reading_s, period_s) {
+                        Some(Ok(found)) => self.consider(found),
+                        Some(Err(error)) => self.notice = Some(Notice::NotIdentified(error)),
+                        None => {}
+                    }
+                }
+            }
+            None => self.recorder.drop_record(),
+        }
+        self.change(period_s, &reading_s);
+    }
+
+    /// Does the model still fit?
+    fn judge(&mut self, moved_m: &CableVec, reading_s: &CableVec, period_s: f64) {
+        let Some(installed) = &self.installed else { return };
+        self.meter.note(&installed.gain.lag(), period_s, reading_s, moved_m, &self.sent);
+        let Some(misfit) = self.meter.misfit() else { return };
+        let limit = self.settings.misfit_limit;
+        if !self.bad && misfit > limit {
+            self.bad = true;
+            self.notice = Some(Notice::Misfit { misfit, limit });
+        } else if self.bad && misfit < GOOD_AGAIN * limit {
+            self.bad = false;
+            self.notice = Some(Notice::FitsAgain { misfit });
+        }
+    }
+
+    /// A model from a record: is it worth a change?
+    fn consider(&mut self, found: Identified) {
+        let limit = self.settings.misfit_limit;
+        if found.misfit > limit {
+            self.notice = Some(Notice::NoSuchModel { misfit: found.misfit, limit });
+            return;
+        }
+        let present = self.installed.as_ref().and_then(|_| self.meter.misfit());
+        if self.installed.is_none() || present.is_some_and(|now| now > GOOD_ENOUGH && found.misfit < 0.5 * now) {
+            self.pending = Some(found.lag);
+            self.notice = Some(Notice::Identified(found));
+        }
+    }
+
+    /// Moves the weight; exchanges the model when it has none.
+    fn change(&mut self, period_s: f64, reading_s: &CableVec) {
+        let same_period = self.installed.as_ref().is_none_or(|installed| installed.gain.period_s() == period_s);
+        if !same_period {
+            self.pending = self.pending.or(self.installed.as_ref().map(|installed| installed.gain.lag()));
+        }
+        let wanted = self.installed.is_some() && self.pending.is_none() && !self.bad;
+        if wanted {
+            self.weight = (self.weight + period_s / FADE_S[0]).min(1.0);
+        } else {
+            self.weight = (self.weight - period_s / FADE_S[1]).max(0.0);
+        }
+        if self.weight > 0.0 {
+            return;
+        }
+        let Some(lag) = self.pending.take() else { return };
+        let PreviewSettings { horizon, move_penalty_s4, .. } = self.settings;
+        let built = PreviewGain::new(&lag, period_s, horizon, move_penalty_s4)
+            .and_then(|gain| Ok(Installed { gain, twins: [Twin::new(&lag, period_s)?; SLOTS] }));
+        match built {
+            Ok(installed) => {
+                self.installed = Some(installed);
+                self.bad = false;
+                self.meter.begin(&lag, period_s, reading_s, &self.sent);
+            }
+            Err(error) => {
+                self.installed = None;
+                self.notice = Some(Notice::NoLaw(error));
+            }
+        }
+    }
+
+    fn note_rate(&mut self, authority: &MotorAuthority) {
+        let (cycle, rate) = (authority.header.cycle, authority.plan_rate);
+        let slope = match self.rate {
+            Some((before, was, slope)) if before == cycle => {
+                self.rate = Some((before, was, slope));
+                return;
+            }
+            Some((before, was, _)) if before + 1 == cycle => rate - was,
+            _ => 0.0,
+        };
+        self.rate = Some((cycle, rate, slope));
+    }
+
+    /// Plan time of every cycle to come, s after that of the estimate's cycle: the rate goes on ramping as it did.
+    /// Gives the times for the ends of the previewed cycles with the rate at each.
+    fn plan_ahead(&self, authority: &MotorAuthority, lag: u64, mut with: impl FnMut(usize, f64, f64)) {
+        let Some(installed) = &self.installed else { return };
+        let (mut rate, target) = (authority.plan_rate, authority.plan_rate_target);
+        let slope = self.rate.map_or(0.0, |(_, _, slope)| slope);
+        let towards = slope * (target - rate) > 0.0;
+        let first = 1 + installed.gain.delay_cycles();
+        let mut time_s = authority.plan_time_s;
+        for i in 1..=lag as usize + first + installed.gain.horizon() {
+            if towards {
+                rate = if slope > 0.0 { (rate + slope).min(target) } else { (rate + slope).max(target) };
+            }
+            time_s += rate * authority.period_s;
+            if let Some(j) = i.checked_sub(lag as usize + first + 1) {
+                with(j, time_s, rate);
+            }
+        }
+    }
+
+    /// Fills in the desired lengths of the previewed cycles; `lengths` gives those for a plan time and a rate.
+    pub(crate) fn look_ahead(
+        &mut self,
+        authority: &MotorAuthority,
+        lag: u64,
+        mut lengths: impl FnMut(f64, f64) -> CableVec,
+    ) {
+        if self.weight > 0.0 {
+            let mut ahead_m = std::mem::take(&mut self.ahead_m);
+            self.plan_ahead(authority, lag, |j, time_s, rate| {
+                if let Some(place) = ahead_m.get_mut(j) {
+                    *place = lengths(time_s, rate);
+                }
+            });
+            self.ahead_m = ahead_m;
+        }
+    }
+
+    /// Corrects the twin of an estimate's slot. The estimate is true `since_s` after the command of its cycle was sent.
+    pub(crate) fn correct(&mut self, slot: usize, estimate: &NodeEstimate, since_s: f64, velocities_m_s: &[f64]) {
+        let cycle = estimate.header.cycle;
+        if self.sent.newest() == cycle
+            && let Some(installed) = &mut self.installed
+            && let Some(twin) = installed.twins.get_mut(slot)
+        {
+            let n = self.cables;
+            let lengths_m = CableVec::from_array8(&estimate.predicted_m, n);
+            twin.correct(cycle, since_s, &lengths_m, &velocities_m_s[..n.min(velocities_m_s.len())], &self.sent);
+        }
+    }
+
+    /// The command of the preview law, m/s; `None` where it has none. `behind_m` is what is missing in directions that do
+    /// not move the node: it is not brought to zero at once but within `redundant_s`.
+    pub(crate) fn velocity(&self, slot: usize, cycle: u64, behind_m: &CableVec, redundant_s: f64) -> Option<CableVec> {
+        let installed = self.installed.as_ref().filter(|_| self.weight > 0.0 && self.sent.newest() == cycle)?;
+        let winches = installed.twins.get(slot)?.at_next_command(&self.sent);
+        let previous = self.sent.ago(0);
+        let gain = &installed.gain;
+        // The law answers a lasting error with `rate` times it.
+        let share = (1.0 / (redundant_s * gain.rate())).min(1.0);
+        let u = CableVec::from_fn(self.cables, |i| {
+            let mut winch = winches[i];
+            winch.length_m += (1.0 - share) * behind_m.get(i).copied().unwrap_or(0.0);
+            gain.command(winch, previous[i], self.ahead_m[..gain.horizon()].iter().map(|ahead| ahead[i]))
+        });
+        u.is_finite().then_some(u)
+    }
+}
