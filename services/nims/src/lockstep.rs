@@ -32,6 +32,8 @@ pub struct Scenario {
     pub mission: Mission,
     /// Control period, s.
     pub period_s: f64,
+    /// The control law.
+    pub law: Law,
     /// Δ of the law, cycles.
     pub horizon: u32,
     /// Whether estimator, controller and zeroing correct for stretch.
@@ -157,7 +159,7 @@ impl Chain {
         let section = ControllerSection::default();
         let controller = ControllerConfig {
             robot,
-            law: Law::by_name(&section.law, section.state_weight, section.input_weight)?,
+            law: scenario.law,
             horizon: scenario.horizon,
             distribution: scenario.distribution,
             redundant_s: section.redundant_s,
@@ -225,6 +227,11 @@ impl Lockstep {
     /// The plant, to break something on purpose.
     pub fn plant_mut(&mut self) -> &mut Plant {
         &mut self.plant
+    }
+
+    /// The controller, to hear what it has to say.
+    pub fn controller_mut(&mut self) -> &mut Controller {
+        &mut self.controller
     }
 
     /// Asks motor-io for something in the next cycle (at most four requests per cycle).
@@ -314,7 +321,7 @@ impl Lockstep {
         for unit in 0..n.div_ceil(2) {
             self.plant.step(ANSWER_NS as f64 * 1e-9, &inputs[..n])?;
             input.unit[unit] = MotorInput::UNIT_OK;
-            input.slow_fresh[unit] = 1;
+            input.slow_fresh[unit] = MotorInput::SLOW_ALL;
             input.supply_v[unit] = self.plant.voltage_v();
             for cable in 2 * unit..n.min(2 * unit + 2) {
                 input.counts[cable] = self.plant.counts(cable);
@@ -343,6 +350,7 @@ impl Lockstep {
             estimates: [Some(&estimate), None],
             motion: Some(&self.motion),
             authority: Some(&authority),
+            state: Some(&state),
         });
         self.command = Some(command);
         let rest_ns = tick_ns + period_ns - self.plant.time_ns();

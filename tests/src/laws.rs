@@ -1,0 +1,132 @@
+//! The preview law against the paper's law, on the same flights.
+
+use anyhow::{Context, Result};
+use cable_robot::drive_lag::DriveLag;
+use controller::Law;
+use service::config::ControllerSection;
+
+use crate::lockstep::{self, Flight, Lockstep};
+use crate::scenarios::Case;
+
+/// What the preview law knows of the drives.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Knowledge {
+    /// Heads its column.
+    pub name: &'static str,
+    /// Delay and lag as a multiple of the true ones; `None`: nothing, it identifies them in flight.
+    pub factor: Option<f64>,
+    /// Whether it falls back.
+    pub fallback: bool,
+}
+
+/// All columns of the comparison.
+pub fn all() -> Vec<Knowledge> {
+    let known = |name, factor| Knowledge { name, factor: Some(factor), fallback: true };
+    vec![
+        Knowledge { name: "identified", factor: None, fallback: true },
+        known("exact", 1.0),
+        known("-10 %", 0.9),
+        known("+10 %", 1.1),
+        known("-30 %", 0.7),
+        known("+30 %", 1.3),
+        known("half", 0.5),
+        known("double", 2.0),
+        Knowledge { name: "half, no fallback", factor: Some(0.5), fallback: false },
+        Knowledge { name: "double, no fallback", factor: Some(2.0), fallback: false },
+    ]
+}
+
+/// Heads the rows of [`Comparison::row`].
+pub const HEADING: &str = "\
+|       |          | motor, ms | as identified, ms | lq-endpoint | lq-endpoint rms / preview rms (truth against setpoint), above 1: preview is better |
+| robot | mission  | delay/lag | delay/lag         | rms, mm     | identified, exact, -10 %, +10 %, -30 %, +30 %, half, double; half and double without fallback |
+|-------|----------|-----------|-------------------|-------------|-------|";
+
+/// One case flown with both laws.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// With the paper's law.
+    pub paper: Flight,
+    /// What a step test says about the drives.
+    pub truth: DriveLag,
+    /// With the preview law; `None`: the robot stopped itself on the way.
+    pub preview: Vec<Option<Flight>>,
+}
+
+impl Comparison {
+    /// RMS of the paper's law over that of the preview law, truth against setpoint; 0 where the flight was stopped.
+    pub fn ratio(&self, index: usize) -> f64 {
+        match self.preview.get(index) {
+            Some(Some(flight)) => self.paper.truth.rms_m / flight.truth.rms_m,
+            _ => 0.0,
+        }
+    }
+
+    /// As a line of text.
+    pub fn row(&self, case: &Case) -> String {
+        let ratios: Vec<String> = (0..self.preview.len()).map(|i| format!("{:5.2}", self.ratio(i))).collect();
+        format!(
+            "| {:5} | {:8} | {:>4.0}/{:<4.0} | {:>8.1}/{:<8.1} | {:11.3} | {} |",
+            case.robot,
+            case.mission,
+            case.motor_s[0] * 1e3,
+            case.motor_s[1] * 1e3,
+            self.truth.delay_s() * 1e3,
+            self.truth.lag_s() * 1e3,
+            self.paper.truth.rms_m * 1e3,
+            ratios.join(" "),
+        )
+    }
+}
+
+/// The drives as the preview law itself identifies them at the start of the mission.
+///
+/// # Errors
+/// Nothing identified within five seconds.
+pub fn identified(case: &Case) -> Result<DriveLag> {
+    let mut scenario = case.scenario(true)?;
+    scenario.law = law(None, true)?;
+    let mission = scenario.mission.clone();
+    let mut lockstep = Lockstep::new(scenario)?;
+    lockstep.zero_and_arm()?;
+    lockstep.run(&mission)?;
+    for _ in 0..500 {
+        lockstep.cycle()?;
+        if let Some(controller::Notice::Identified(found)) = lockstep.controller_mut().notice() {
+            return Ok(found.lag);
+        }
+    }
+    anyhow::bail!("no model of the drives within five seconds of flight")
+}
+
+/// The preview law with a model or without, falling back or not.
+///
+/// # Errors
+/// A model out of range.
+pub fn law(model: Option<DriveLag>, fallback: bool) -> Result<Law> {
+    let section = ControllerSection {
+        law: "preview".into(),
+        drive_lag_s: model.map(|model| [model.delay_s(), model.lag_s()]),
+        // What is told is to be judged, not what is found out.
+        identify: model.is_none(),
+        misfit_limit: if fallback { ControllerSection::default().misfit_limit } else { f64::INFINITY },
+        ..ControllerSection::default()
+    };
+    Ok(Law::of(&section)?)
+}
+
+/// Flies a case with the paper's law and with the preview law.
+///
+/// # Errors
+/// A flight with the paper's law that fails.
+pub fn compare(case: &Case, knowledge: &[Knowledge]) -> Result<Comparison> {
+    let paper = lockstep::fly(case.scenario(true)?).context("with lq-endpoint")?;
+    let truth = identified(case)?;
+    let mut preview = Vec::new();
+    for known in knowledge {
+        let mut scenario = case.scenario(true)?;
+        scenario.law = law(known.factor.map(|factor| truth.scaled(factor)), known.fallback)?;
+        preview.push(lockstep::fly(scenario).ok());
+    }
+    Ok(Comparison { paper, truth, preview })
+}
