@@ -1,4 +1,5 @@
 //! The process `motor-io`; see the library.
+#![forbid(unsafe_code)]
 
 use service::CommonArgs;
 use std::path::PathBuf;

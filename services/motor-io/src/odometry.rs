@@ -52,6 +52,7 @@ pub struct Odometry {
     cables: [Cable; CABLES],
     count: usize,
     counts_per_m: [f64; CABLES],
+    unit_of_cable: [usize; CABLES],
     fastest_m_s: f64,
     position: u8,
     restore: Option<([f64; CABLES], [i64; CABLES])>,
@@ -65,6 +66,7 @@ impl Odometry {
             cables: [Cable::default(); CABLES],
             count: config.cable_count(),
             counts_per_m: config.counts_per_m,
+            unit_of_cable: config.unit_of_cable,
             fastest_m_s: config.cable_speed_m_s,
             position: MotorState::POSITION_UNKNOWN,
             restore: None,
@@ -134,18 +136,23 @@ impl Odometry {
             return;
         }
         if let Some((lengths_m, counts)) = self.restore.take() {
-            // Decided for all cables together: counts that begin at zero again say nothing about the time before, even where the old
-            // count of one cable happened to be near zero.
+            // Decided for the cables of a unit together: counts that begin at zero again say nothing about the time before, even
+            // where the old count of one cable happened to be near zero.
             let since = |from: [i64; CABLES]| {
                 std::array::from_fn::<f64, CABLES, _>(|i| metres(self.cables[i].counts, from[i], self.counts_per_m[i]))
             };
             let (from_zero, from_then) = (since([0; CABLES]), since(counts));
-            let within = |moved: &[f64; CABLES], bound_m: f64| moved[..self.count].iter().all(|m| m.abs() <= bound_m);
-            let began_anew = within(&from_zero, RETURN_TOLERANCE_M);
-            let counted_on = within(&from_then, if began_anew { RETURN_TOLERANCE_M } else { SAME_COUNT_M });
-            for i in 0..self.count {
-                let it = &mut self.cables[i];
-                it.zero_m = lengths_m[i] + if counted_on { from_then[i] } else { 0.0 };
+            let counted_on: [bool; CABLES] = std::array::from_fn(|i| {
+                let within = |moved: &[f64; CABLES], bound_m: f64| {
+                    (0..self.count)
+                        .filter(|j| self.unit_of_cable[*j] == self.unit_of_cable[i])
+                        .all(|j| moved[j].abs() <= bound_m)
+                };
+                let began_anew = within(&from_zero, RETURN_TOLERANCE_M);
+                within(&from_then, if began_anew { RETURN_TOLERANCE_M } else { SAME_COUNT_M })
+            });
+            for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
+                it.zero_m = lengths_m[i] + if counted_on[i] { from_then[i] } else { 0.0 };
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
             }
