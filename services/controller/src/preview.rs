@@ -50,7 +50,8 @@ pub struct PreviewSettings {
     /// Identify delay and lag whenever the robot starts to move.
     pub identify: bool,
     /// Misfit above which lq-endpoint takes over. For slow motion the misfit is the share by which delay and lag are
-    /// off together, and up to about a third the preview law is the better one.
+    /// off together. In flights against the plant the preview law was 1.3 to 3.2 times better with a tenth off, and with
+    /// three tenths off between 1.4 times better and 1.3 times worse: the limit lies between the two.
     pub misfit_limit: f64,
 }
 

@@ -172,7 +172,7 @@ impl Default for ControllerSection {
             move_penalty_s4: 1e-5,
             drive_lag_s: None,
             identify: true,
-            misfit_limit: 0.35,
+            misfit_limit: 0.25,
         }
     }
 }
