@@ -100,6 +100,8 @@ pub enum Command {
     },
     /// Cable tensions for a position and acceleration of the node.
     Tension(Tension),
+    /// Anchors with their deviations from measurements in the field, or why these do not determine them.
+    Calibrate(Calibrate),
     /// Every formula from any language: one JSON object per line in, one per line out.
     Solve,
     /// Every figure and table of the paper from this code, on one page with what the paper claims.
@@ -240,6 +242,30 @@ pub struct Tension {
     /// Which of the possible tensions; default: unique for three cables, least-norm for more.
     #[arg(long, value_enum)]
     pub method: Option<Method>,
+}
+
+/// `nims calibrate`.
+#[derive(Debug, clap::Args)]
+pub struct Calibrate {
+    /// Measurements file; configs/measurements holds commented examples.
+    pub measurements: PathBuf,
+    /// Which way.
+    #[arg(long, value_enum, default_value = "survey")]
+    pub method: CalibrationMethod,
+    /// Write the calibration, its covariance and the measurements to this new file.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+}
+
+/// Ways to calibrate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CalibrationMethod {
+    /// x and y by ranges between plumb lines, heights by lengths to points of the reference plane.
+    Survey,
+    /// Everything at once by maximum likelihood; optionally scale and zeros of the lengths, and outliers.
+    Joint,
+    /// Every anchor from points with known positions.
+    Gps,
 }
 
 /// Which tensions are chosen among the possible.

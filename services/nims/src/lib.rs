@@ -9,6 +9,7 @@
 #![forbid(unsafe_code)]
 
 mod answers;
+mod calibrate;
 mod channels;
 pub mod cli;
 pub mod demo;
@@ -124,6 +125,7 @@ pub fn run(cli: &Cli) -> Answer {
             Ok(())
         }
         Command::Solve => solve::serve(std::io::stdin(), std::io::stdout().lock()).map_err(Failure::not_now),
+        Command::Calibrate(asked) => calibrate::calibrate(asked, json).map(|value| answers::print(true, &value, "")),
         Command::Recover { run } => {
             let (value, words) = runs::recover(run)?;
             print(&value, &words);

@@ -78,5 +78,8 @@ pub use gps::gps_anchor;
 pub use heights::{calibrate_heights, points_from_rows};
 pub use holdout::{Holdout, hold_out};
 pub use joint::{DirectHeight, Joint, JointInput, Loss, calibrate_joint};
-pub use measurements::{Calibration, DEFAULT_REFUSE_ABOVE_STD_M, Measurements, Method, calibrate};
+pub use measurements::{
+    Calibration, DEFAULT_REFUSE_ABOVE_STD_M, DEFAULT_SIGMA_GPS_M, DEFAULT_SIGMA_LENGTH_M, Measurements, Method,
+    Outlier, calibrate,
+};
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
