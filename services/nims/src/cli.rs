@@ -102,6 +102,10 @@ pub enum Command {
     Tension(Tension),
     /// Anchors with their deviations from measurements in the field, or why these do not determine them.
     Calibrate(Calibrate),
+    /// What a move costs, and the parabola that costs least.
+    Plan(Plan),
+    /// Where the lines can hold the node at rest: volume and margins.
+    Workspace(Workspace),
     /// Every formula from any language: one JSON object per line in, one per line out.
     Solve,
     /// Every figure and table of the paper from this code, on one page with what the paper claims.
@@ -266,6 +270,52 @@ pub enum CalibrationMethod {
     Joint,
     /// Every anchor from points with known positions.
     Gps,
+}
+
+/// `nims plan`.
+#[derive(Debug, clap::Args)]
+pub struct Plan {
+    /// Robot file.
+    #[arg(long)]
+    pub config: PathBuf,
+    /// Where the move starts, m.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub from: Point,
+    /// Where it ends, m.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub to: Point,
+    /// Along which path; default: a line, or with --mu a parabola. A parabola without --mu is the one that costs least.
+    #[arg(long, value_enum)]
+    pub path: Option<PathKind>,
+    /// How much the parabola sags, 1/m.
+    #[arg(long, value_name = "PER_M", value_parser = finite, allow_negative_numbers = true)]
+    pub mu: Option<f64>,
+    /// What a second costs beside the losses in the motors, W.
+    #[arg(long, value_name = "W", value_parser = finite, allow_negative_numbers = true, default_value = "0")]
+    pub time_weight: f64,
+    /// Which of the possible tensions; default: unique for three cables, least-norm for more.
+    #[arg(long, value_enum)]
+    pub method: Option<Method>,
+    /// Cruise speed, m/s; default: the robot's limit.
+    #[arg(long, value_name = "M_S", value_parser = finite, allow_negative_numbers = true)]
+    pub speed: Option<f64>,
+    /// Reckon with a constant speed and no accelerations, as the paper does.
+    #[arg(long)]
+    pub constant_speed: bool,
+}
+
+/// `nims workspace`.
+#[derive(Debug, clap::Args)]
+pub struct Workspace {
+    /// Robot file.
+    #[arg(long)]
+    pub config: PathBuf,
+    /// Picture of slices at several heights.
+    #[arg(long, value_name = "FILE")]
+    pub png: Option<PathBuf>,
+    /// Size of a cell, m; default: a fortieth of the longest side.
+    #[arg(long, value_name = "M", value_parser = finite, allow_negative_numbers = true)]
+    pub step: Option<f64>,
 }
 
 /// Which tensions are chosen among the possible.

@@ -21,10 +21,12 @@ mod offline;
 mod operate;
 pub mod paper;
 pub mod picture;
+pub mod plan;
 mod runs;
 pub mod solve;
 mod status;
 pub mod supervisor;
+mod workspace;
 
 pub use failure::{Answer, Failure};
 
@@ -124,6 +126,8 @@ pub fn run(cli: &Cli) -> Answer {
             print(&value, &words);
             Ok(())
         }
+        Command::Plan(asked) => plan::plan(asked).map(|value| answers::print(true, &value, "")),
+        Command::Workspace(asked) => workspace::workspace(asked).map(|value| answers::print(true, &value, "")),
         Command::Solve => solve::serve(std::io::stdin(), std::io::stdout().lock()).map_err(Failure::not_now),
         Command::Calibrate(asked) => calibrate::calibrate(asked, json).map(|value| answers::print(true, &value, "")),
         Command::Recover { run } => {

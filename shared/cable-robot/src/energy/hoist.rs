@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 use thiserror::Error;
 
 use super::{Current, TableError, parabola};
+use crate::motion::Refusal;
 use crate::path::Parabola;
 use crate::profile::Profile;
 use crate::tension::{TensionError, general, worst_violation};
@@ -51,6 +52,9 @@ pub enum EnergyError {
     /// The measured table does not cover the move.
     #[error(transparent)]
     Table(#[from] TableError),
+    /// The robot may not fly it.
+    #[error(transparent)]
+    Refused(#[from] Refusal),
 }
 
 impl EnergyError {
@@ -62,6 +66,7 @@ impl EnergyError {
             Self::NoDistance => "degenerate_geometry",
             Self::Tension { why, .. } => why.kind(),
             Self::Table(error) => error.kind(),
+            Self::Refused(_) => "infeasible",
         }
     }
 
