@@ -2,14 +2,14 @@
 
 use std::fs;
 use std::io::{self, Read, Seek, Write};
-use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt, PermissionsExt};
+use std::os::unix::fs::{DirBuilderExt, MetadataExt, OpenOptionsExt};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use iceoryx2::node::NodeView;
 use iceoryx2::prelude::{CallbackProgression, Config, FileName, Node, NodeState, SemanticString, ipc};
-use rustix::fs::{FlockOperation, flock};
+use rustix::fs::{FlockOperation, flock, statfs};
 use rustix::process::geteuid;
 
 use crate::BusError;
@@ -24,6 +24,18 @@ const NAME_BYTES: usize = 20;
 /// opening a channel at start-up waits longer by trying again.
 const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
 const CLAIM_FILE: &str = "owner";
+/// Says that a folder that a person chose is a domain's: nothing is ever removed from one without it.
+const MARKER_FILE: &str = ".nims-domain";
+/// What the supervisor keeps here; a trailing `.new` is one that is being written.
+const OWN_FILES: [&str; 4] = ["children.json", "children.json.new", "running.json", "running.json.new"];
+/// What iceoryx2 keeps here, besides the files that begin with the domain's prefix.
+const OWN_FOLDERS: [&str; 2] = ["nodes", "services"];
+/// Where the links to a virtual motor box's ports lead.
+const PSEUDO_TERMINALS: &str = "/dev/pts/";
+/// `f_type` of tmpfs and ramfs, statfs(2).
+const MEMORY_FILE_SYSTEMS: [u32; 2] = [0x0102_1994, 0x8584_58f6];
+/// Another process may remove or renew the file that is claimed in the same instant; more often than this it does not.
+const CLAIM_ATTEMPTS: usize = 10;
 
 /// One robot's part of shared memory: a folder on tmpfs, and a prefix of its own.
 #[derive(Debug, Clone)]
@@ -59,10 +71,12 @@ impl Domain {
         Self::make(name.to_owned(), Path::new(SHARED_MEMORY).join(format!("nims-{}-{name}", geteuid().as_raw())))
     }
 
-    /// The domain whose folder is `root`, an absolute path on tmpfs, e.g. a service manager's runtime folder.
+    /// The domain whose folder is `root`, an absolute path on tmpfs, e.g. a service manager's runtime folder: one that does not exist, is
+    /// empty, or was a domain before. Anything else is left alone.
     ///
     /// # Errors
-    /// [`BusError::DomainName`] if the path is too long, [`BusError::DomainFolder`] if the folder is another user's or cannot be made.
+    /// [`BusError::DomainName`] if the path is too long, [`BusError::DomainFolder`] if the folder is another user's, open to others, on a
+    /// disk, used for something else, or cannot be made.
     pub fn from_root(root: &Path) -> Result<Self, BusError> {
         let name = root.to_string_lossy().into_owned();
         if !root.is_absolute() {
@@ -84,7 +98,8 @@ impl Domain {
     /// # Errors
     /// As [`Domain::parse`].
     pub fn existing(text: &str) -> Result<Option<Self>, BusError> {
-        let there = if text.starts_with('/') { Path::new(text).is_dir() } else { folder_of(text).is_dir() };
+        let there =
+            if text.starts_with('/') { Path::new(text).join(MARKER_FILE).is_file() } else { folder_of(text).is_dir() };
         // a bad name is reported as such, not as one that does not exist
         if there || !text.starts_with('/') && !usable(text) { Self::parse(text).map(Some) } else { Ok(None) }
     }
@@ -146,11 +161,21 @@ impl Domain {
         Ok(domain)
     }
 
-    /// Makes the folder, mode 0700, or checks that the one that is there is this user's alone.
+    /// Makes the folder, mode 0700, or checks that the one that is there is this user's alone and a domain's. Its mode is never changed: it
+    /// may be a folder that someone else made for something else.
     fn make_folder(&self) -> Result<(), BusError> {
         let unusable = |why: String| BusError::DomainFolder { path: self.root.clone(), why };
+        if self.is_chosen() {
+            let existing = if self.root.exists() { Some(self.root.as_path()) } else { self.root.parent() };
+            let found = existing.and_then(|path| statfs(path).ok());
+            if found.is_some_and(|found| !MEMORY_FILE_SYSTEMS.contains(&(found.f_type as u32))) {
+                return Err(unusable(
+                    "it is not in memory; give a folder on tmpfs, such as one in /dev/shm or /run".to_owned(),
+                ));
+            }
+        }
         match fs::DirBuilder::new().mode(0o700).create(&self.root) {
-            Ok(()) => return Ok(()),
+            Ok(()) => return self.mark(),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
             Err(error) => return Err(unusable(format!("it cannot be made ({error})"))),
         }
@@ -165,11 +190,40 @@ impl Domain {
                 found.uid()
             )));
         }
-        if found.mode() & 0o077 != 0 {
-            fs::set_permissions(&self.root, fs::Permissions::from_mode(0o700))
-                .map_err(|error| unusable(error.to_string()))?;
+        if self.is_chosen() && !self.is_marked() {
+            let empty =
+                fs::read_dir(&self.root).map_err(|error| unusable(error.to_string()))?.flatten().next().is_none();
+            // another process may have marked it between the two looks
+            if !empty && !self.is_marked() {
+                return Err(unusable(
+                    "it holds files that are no robot's; give a folder that is empty or does not exist".to_owned(),
+                ));
+            }
         }
-        Ok(())
+        if found.mode() & 0o077 != 0 {
+            return Err(unusable(format!(
+                "other users may enter it (mode {:o}); make it private with `chmod 700`",
+                found.mode() & 0o777
+            )));
+        }
+        self.mark()
+    }
+
+    /// Whether a person gave the folder; otherwise its name says whose it is.
+    fn is_chosen(&self) -> bool {
+        self.name.starts_with('/')
+    }
+
+    fn is_marked(&self) -> bool {
+        fs::symlink_metadata(self.root.join(MARKER_FILE)).is_ok_and(|found| found.is_file())
+    }
+
+    fn mark(&self) -> Result<(), BusError> {
+        if !self.is_chosen() || self.is_marked() {
+            return Ok(());
+        }
+        fs::write(self.root.join(MARKER_FILE), "a robot's shared memory; see `nims --help`\n")
+            .map_err(|error| BusError::DomainFolder { path: self.root.clone(), why: error.to_string() })
     }
 
     /// The text that [`Domain::parse`] turns into this domain again.
@@ -222,37 +276,67 @@ impl Domain {
     pub fn claim(&self) -> Result<Claim, BusError> {
         let unusable = |error: io::Error| BusError::DomainFolder { path: self.root.clone(), why: error.to_string() };
         let path = self.root.join(CLAIM_FILE);
-        let mut file = fs::OpenOptions::new()
-            .read(true)
-            .write(true)
-            .create(true)
-            .truncate(false)
-            .mode(0o600)
-            .open(path)
-            .map_err(unusable)?;
-        if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
-            let mut text = String::new();
-            let _ = file.read_to_string(&mut text);
-            return Err(BusError::Claimed { name: self.name.clone(), pid: text.trim().parse().unwrap_or(0) });
+        for _ in 0..CLAIM_ATTEMPTS {
+            self.make_folder()?; // whoever ran the domain before may just be removing it
+            let opened =
+                fs::OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(&path);
+            let mut file = match opened {
+                Ok(file) => file,
+                Err(error) if error.kind() == io::ErrorKind::NotFound => continue,
+                Err(error) => return Err(unusable(error)),
+            };
+            if flock(&file, FlockOperation::NonBlockingLockExclusive).is_err() {
+                let mut text = String::new();
+                let _ = file.read_to_string(&mut text);
+                return Err(BusError::Claimed { name: self.name.clone(), pid: text.trim().parse().unwrap_or(0) });
+            }
+            let locked = file.metadata().map_err(unusable)?;
+            if !fs::symlink_metadata(&path).is_ok_and(|there| there.ino() == locked.ino()) {
+                continue; // locked, but no longer the file of that name
+            }
+            file.set_len(0).map_err(unusable)?;
+            file.rewind().map_err(unusable)?;
+            write!(file, "{}", std::process::id()).map_err(unusable)?;
+            return Ok(Claim { _file: file });
         }
-        file.set_len(0).map_err(unusable)?;
-        file.rewind().map_err(unusable)?;
-        write!(file, "{}", std::process::id()).map_err(unusable)?;
-        Ok(Claim { _file: file })
+        Err(BusError::Claimed { name: self.name.clone(), pid: 0 })
     }
 
-    /// Removes every name of this domain, except the claim of whoever runs it. Only where no process lives in it.
+    /// Gives the domain up in good order: if no process lives in it, its names in shared memory go, and its folder, unless a person chose
+    /// that. Returns whether nobody was left.
+    pub fn retire(&self, claim: Claim) -> bool {
+        if !self.alive().is_empty() {
+            return false;
+        }
+        self.wipe();
+        let _ = fs::remove_file(self.root.join(CLAIM_FILE));
+        if !self.is_chosen() {
+            // fails if something is in it that is not ours; then it stays
+            let _ = fs::remove_dir(&self.root);
+        }
+        drop(claim); // last: until here nobody else can begin
+        true
+    }
+
+    /// Removes every name of this domain, except the claim of whoever runs it and what it did not make. Only where no process lives in it.
     pub(crate) fn wipe(&self) -> usize {
         let mut removed = 0;
         for entry in fs::read_dir(&self.root).into_iter().flatten().flatten() {
-            if entry.file_name() != CLAIM_FILE {
-                let path = entry.path();
-                let gone = if path.is_dir() { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
-                removed += usize::from(gone.is_ok());
-            }
+            let (path, name, kind) = (entry.path(), entry.file_name(), entry.file_type());
+            let name = name.to_string_lossy();
+            let Ok(kind) = kind else { continue };
+            let gone = if kind.is_dir() {
+                OWN_FOLDERS.contains(&name.as_ref()) && fs::remove_dir_all(&path).is_ok()
+            } else if kind.is_symlink() {
+                fs::read_link(&path).is_ok_and(|to| to.starts_with(PSEUDO_TERMINALS)) && fs::remove_file(&path).is_ok()
+            } else {
+                (name.starts_with(&self.prefix) || OWN_FILES.contains(&name.as_ref())) && fs::remove_file(&path).is_ok()
+            };
+            removed += usize::from(gone);
         }
         for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
-            if entry.file_name().as_encoded_bytes().starts_with(self.prefix.as_bytes()) {
+            let ours = entry.file_name().as_encoded_bytes().starts_with(self.prefix.as_bytes());
+            if ours && entry.file_type().is_ok_and(|kind| kind.is_file()) {
                 removed += usize::from(fs::remove_file(entry.path()).is_ok());
             }
         }
@@ -296,7 +380,7 @@ impl std::ops::Deref for TestDomain {
 
 impl Drop for TestDomain {
     fn drop(&mut self) {
-        self.0.wipe();
+        self.0.wipe(); // first what lies outside its folder
         let _ = fs::remove_dir_all(&self.0.root);
     }
 }

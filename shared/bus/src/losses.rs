@@ -18,8 +18,9 @@ impl Losses {
         if let Some((_, last)) = self.last.iter_mut().find(|(id, last)| *id == publisher && *last != 0) {
             let missing = seq.saturating_sub(*last).saturating_sub(1);
             *last = seq.max(*last);
-            self.lost += missing;
-            self.gaps += u64::from(missing > 0);
+            // a publisher of another build may number as it likes
+            self.lost = self.lost.saturating_add(missing);
+            self.gaps = self.gaps.saturating_add(u64::from(missing > 0));
             return missing;
         }
         self.last[self.next_slot] = (publisher, seq);
@@ -44,6 +45,16 @@ mod tests {
         assert_eq!(losses.note(1, 4), 0, "an older number is no loss");
         assert_eq!(losses.note(1, 13), 0);
         assert_eq!((losses.lost, losses.gaps), (3, 1));
+    }
+
+    #[test]
+    fn numbers_without_sense_do_not_overflow_the_count() {
+        let mut losses = Losses::default();
+        for publisher in 1..4 {
+            losses.note(publisher, 1);
+            losses.note(publisher, u64::MAX);
+        }
+        assert_eq!((losses.lost, losses.gaps), (u64::MAX, 3));
     }
 
     #[test]

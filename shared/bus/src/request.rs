@@ -43,6 +43,8 @@ pub struct Server {
 pub struct Call<'a> {
     /// What is asked.
     pub request: OperatorRequest,
+    /// Why the request is not on `operator/request`, where it could not be published: no reason not to carry it out.
+    pub unlogged: Option<BusError>,
     active: ActiveRequest<ipc::Service, Request, (), Request, ()>,
     log: &'a mut Publisher<OperatorRequest>,
 }
@@ -75,7 +77,8 @@ impl Bus {
                 .max_response_buffer_size(2)
                 .enable_safe_overflow_for_requests(true)
                 .enable_safe_overflow_for_responses(true)
-                .enable_fire_and_forget_requests(false)
+                // a stop that was asked for while the process stood still is not forgotten with the one who asked
+                .enable_fire_and_forget_requests(true)
                 .open_or_create();
             match made {
                 Ok(service) => return Ok(service),
@@ -166,8 +169,8 @@ impl Server {
         let Some(active) = active else { return Ok(None) };
         let Wire(request) = *active.payload();
         let mut published = request;
-        self.log.send(&mut published)?;
-        Ok(Some(Call { request, active, log: &mut self.log }))
+        let unlogged = self.log.send(&mut published).err();
+        Ok(Some(Call { request, unlogged, active, log: &mut self.log }))
     }
 
     /// The event that a request raises: give it to [`Bus::waiter`].
@@ -181,7 +184,7 @@ impl Call<'_> {
     /// Answers with one sentence. A client that has gone meanwhile is no error.
     ///
     /// # Errors
-    /// [`BusError::Failed`] if the answer cannot be published.
+    /// [`BusError::Failed`] if the request or its answer could not be published; the client has the answer all the same.
     pub fn answer(self, accepted: bool, sentence: &str) -> Result<(), BusError> {
         let mut answer = self.request;
         answer.answered = 1;
@@ -189,7 +192,8 @@ impl Call<'_> {
         answer.header.stamp_ns = now_ns();
         put_text(&mut answer.answer, sentence);
         let _ = self.active.send_copy(Wire(answer));
-        self.log.send(&mut answer).map(|_| ())
+        let logged = self.log.send(&mut answer).map(|_| ());
+        self.unlogged.map_or(logged, Err)
     }
 }
 
@@ -201,6 +205,20 @@ impl Client {
     /// # Errors
     /// [`BusError::NoServer`] at once if nobody answers under that name, [`BusError::NoAnswer`] after `timeout` or as soon as the process dies.
     pub fn ask(&mut self, request: &OperatorRequest, timeout: Duration) -> Result<OperatorRequest, BusError> {
+        self.ask_aloud(request, timeout, timeout, || ())
+    }
+
+    /// [`Client::ask`], but calls `uneasy` once if there is no answer after `patience`, and goes on waiting.
+    ///
+    /// # Errors
+    /// As [`Client::ask`].
+    pub fn ask_aloud(
+        &mut self,
+        request: &OperatorRequest,
+        timeout: Duration,
+        patience: Duration,
+        uneasy: impl FnOnce(),
+    ) -> Result<OperatorRequest, BusError> {
         let absent = || BusError::NoServer { process: self.process.clone(), domain: self.domain.clone() };
         if self.service.dynamic_config().number_of_servers() == 0 {
             return Err(absent());
@@ -223,7 +241,9 @@ impl Client {
             return Err(absent());
         }
         let late = |why| BusError::NoAnswer { process: self.process.clone(), seconds: seconds(timeout), why };
-        let deadline = started + timeout.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
+        let after = |time: Duration| started + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
+        let (deadline, uneasy_at) = (after(timeout), after(patience));
+        let mut uneasy = Some(uneasy);
         loop {
             match pending.receive() {
                 Ok(Some(answer)) => return Ok(answer.payload().0),
@@ -233,10 +253,21 @@ impl Client {
             if now_ns() >= deadline {
                 return Err(late("is busy or has died"));
             }
+            if now_ns() >= uneasy_at
+                && let Some(say) = uneasy.take()
+            {
+                say();
+            }
             if self.service.dynamic_config().number_of_servers() == 0 {
                 return Err(late("has ended meanwhile"));
             }
             sleep_until(now_ns() + LOOK_NS);
         }
+    }
+
+    /// Ends this client without taking its unanswered requests back: a process that has stood still meanwhile still finds them, until the
+    /// next sweep. For a program that is about to end.
+    pub fn leave_behind(self) {
+        std::mem::forget(self);
     }
 }

@@ -1,0 +1,118 @@
+//! The folder of a domain: what is made, what is removed, and what is left alone.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use bus::{Bus, BusError, Domain};
+use messages::OperatorRequest;
+use std::fs;
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::path::Path;
+use std::time::Duration;
+
+fn in_memory() -> tempfile::TempDir {
+    tempfile::Builder::new().prefix("nims-f").tempdir_in("/dev/shm").unwrap()
+}
+
+fn refused(root: &Path) -> String {
+    match Domain::from_root(root).unwrap_err() {
+        BusError::DomainFolder { why, .. } => why,
+        other => panic!("{other}"),
+    }
+}
+
+#[test]
+fn a_folder_with_someone_elses_files_is_refused_and_not_touched() {
+    let place = in_memory();
+    fs::create_dir(place.path().join("photos")).unwrap();
+    fs::write(place.path().join("photos/one"), "1").unwrap();
+    fs::set_permissions(place.path(), fs::Permissions::from_mode(0o755)).unwrap();
+    assert!(refused(place.path()).contains("holds files that are no robot's"));
+    assert!(Domain::existing(place.path().to_str().unwrap()).unwrap().is_none(), "and no robot is there");
+    assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
+    assert_eq!(fs::metadata(place.path()).unwrap().permissions().mode() & 0o777, 0o755);
+    assert!(place.path().join("photos/one").is_file());
+}
+
+#[test]
+fn a_folder_that_others_may_enter_is_refused_and_keeps_its_mode() {
+    let place = in_memory();
+    fs::set_permissions(place.path(), fs::Permissions::from_mode(0o755)).unwrap();
+    assert!(refused(place.path()).contains("chmod 700"));
+    assert_eq!(fs::metadata(place.path()).unwrap().permissions().mode() & 0o777, 0o755);
+    assert_eq!(fs::read_dir(place.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn a_folder_on_a_disk_is_refused() {
+    let on_disk = Path::new("/").join(format!("nims-{}", std::process::id()));
+    if rustix::fs::statfs("/").unwrap().f_type == 0x0102_1994 {
+        return; // this machine has no disk
+    }
+    assert!(refused(&on_disk).contains("not in memory"));
+    assert!(!on_disk.exists());
+}
+
+#[test]
+fn a_sweep_removes_only_what_a_domain_makes() {
+    let place = in_memory();
+    let domain = Domain::from_root(&place.path().join("robot")).unwrap();
+    drop(Bus::join(&domain, "test").unwrap());
+    let root = domain.root();
+    fs::write(root.join("notes.txt"), "mine").unwrap();
+    fs::create_dir(root.join("photos")).unwrap();
+    symlink("/etc/hostname", root.join("link")).unwrap();
+    symlink("/dev/pts/99999", root.join("drives1")).unwrap();
+    for own in ["children.json", "running.json"] {
+        fs::write(root.join(own), "").unwrap();
+    }
+    // it is known by its mark from now on, whatever else is in it
+    let domain = Domain::parse(domain.name()).unwrap();
+    assert!(domain.sweep().unwrap().files >= 3);
+    let mut left: Vec<String> =
+        fs::read_dir(root).unwrap().map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned()).collect();
+    left.sort();
+    assert_eq!(left, [".nims-domain", "link", "notes.txt", "photos"]);
+}
+
+#[test]
+fn a_domain_that_is_given_up_leaves_nothing_and_can_be_claimed_anew() {
+    let domain = Domain::new(&format!("f{}", std::process::id())).unwrap();
+    let claim = domain.claim().unwrap();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let _port = bus.subscriber::<OperatorRequest>("operator/request").unwrap();
+    drop((_port, bus));
+    assert!(domain.retire(claim));
+    assert!(!domain.root().exists());
+    let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(domain.prefix());
+    assert_eq!(fs::read_dir("/dev/shm").unwrap().flatten().filter(ours).count(), 0);
+    // the same value, whose folder is gone
+    let claim = domain.claim().unwrap();
+    assert!(matches!(domain.claim(), Err(BusError::Claimed { .. })));
+    let bus = Bus::join(&domain, "observer").unwrap();
+    assert!(!domain.retire(claim), "someone lives there");
+    assert!(domain.root().exists());
+    drop(bus);
+    assert!(domain.retire(domain.claim().unwrap()));
+}
+
+#[test]
+fn a_stop_asked_of_a_process_that_stands_still_is_found_when_it_goes_on() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "motor-io").unwrap();
+    let mut server = bus.server("motor-io").unwrap();
+    let commands = Bus::join(&domain, "nims-command").unwrap();
+    let request = OperatorRequest { verb: OperatorRequest::VERB_ESTOP, ..Default::default() };
+    // one client that gave up while the process stood still, and ended with its program
+    let mut client = commands.client("motor-io").unwrap();
+    let mut said = 0;
+    let before = bus::clock::now_ns();
+    let error = client.ask_aloud(&request, Duration::from_millis(60), Duration::from_millis(20), || said += 1);
+    assert!(matches!(error, Err(BusError::NoAnswer { .. })), "{error:?}");
+    assert_eq!(said, 1, "said once, before it gave up");
+    client.leave_behind();
+    let call = server.try_next().unwrap().expect("the request is still there");
+    assert_eq!(call.request.verb, OperatorRequest::VERB_ESTOP);
+    assert!(call.request.header.stamp_ns >= before, "it says when it was asked");
+    assert!(call.unlogged.is_none());
+    call.answer(true, "stopped").unwrap();
+    assert!(server.try_next().unwrap().is_none());
+}
