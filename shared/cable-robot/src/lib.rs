@@ -3,8 +3,8 @@
 //!
 //! Everything a control loop needs stands here, useful on its own: kinematics, tension distribution, elastic statics,
 //! motor models, the control law, paths, speed profiles and the check of a whole motion before it starts. Equation
-//! numbers in parentheses, like (14), are those of Borgstrom et al., "NIMS3D: A cable-based 3-D actuated sensing
-//! system", IEEE Transactions on Robotics 25 (2), 2009.
+//! numbers in parentheses, like (14), are those of Borgstrom et al., "Design and Implementation of NIMS3D, a 3-D Cabled
+//! Robot for Actuated Sensing Applications", IEEE Transactions on Robotics 25 (2), 2009.
 //!
 //! # Invariants
 //! * No input or output, no clock, no messages, no threads. Nothing here allocates, except [`calibration`],

@@ -14,7 +14,7 @@ th{background:#f4f4f4}td:first-child,th:first-child{text-align:left}caption{text
 
 const TITLE: &str = "The paper, from this code";
 
-const FOREWORD: &str = "Every figure and table of Borgstrom et al., \u{201c}NIMS3D: A cable-based 3-D actuated sensing system\u{201d}, \
+const FOREWORD: &str = "Every figure and table of Borgstrom et al., \u{201c}Design and Implementation of NIMS3D, a 3-D Cabled Robot for Actuated Sensing Applications\u{201d}, \
 IEEE Transactions on Robotics 25 (2), 2009, computed with the library and the control chain that fly the robot. The numbers in \
 the tables of the printed paper were not at hand, so every configuration here is a stand-in of the sizes that the text gives \
 (spans of about 10 m, range errors of 1.5 mm, 43 points, a spiral of 1.125 m), and no number is given as the paper's that is \
