@@ -5,6 +5,11 @@
 //!   bytes.
 //! * A verdict is computed from the statements below it, and these from the numbers of the same run.
 
+mod beyond;
+mod calibration;
+mod control;
+mod energy;
+mod flight;
 mod page;
 mod random;
 pub mod section;
@@ -37,8 +42,29 @@ const fn entry(key: &'static str, seconds: f64, make: fn(Effort) -> Result<Secti
 }
 
 /// Everything there is, in the order of the page.
-pub const ENTRIES: &[Entry] =
-    &[entry("fig14", 0.1, tensions::fig14), entry("fig15", 0.1, tensions::fig15), entry("fig16", 0.1, tensions::fig16)];
+pub const ENTRIES: &[Entry] = &[
+    entry("fig3", 3.0, calibration::fig3),
+    entry("fig4", 3.0, calibration::fig4),
+    entry("fig5", 3.0, calibration::fig5),
+    entry("fig6", 1.0, calibration::fig6),
+    entry("table2", 1.0, calibration::table2),
+    entry("fig7", 20.0, control::fig7),
+    entry("fig8", 20.0, control::fig8),
+    entry("table3", 20.0, control::table3),
+    entry("fig11", 10.0, energy::fig11),
+    entry("fig12", 10.0, energy::fig12),
+    entry("fig13", 10.0, energy::fig13),
+    entry("table5", 10.0, energy::table5),
+    entry("table8", 1.0, energy::table8),
+    entry("fig14", 0.1, tensions::fig14),
+    entry("fig15", 0.1, tensions::fig15),
+    entry("fig16", 0.1, tensions::fig16),
+    entry("placement", 2.0, beyond::placement),
+    entry("joint", 10.0, beyond::joint),
+    entry("stretch", 10.0, beyond::stretch),
+    entry("preview", 40.0, beyond::preview),
+    entry("lateral", 5.0, beyond::lateral),
+];
 
 /// The entries of these names; all of them if none is named.
 ///
@@ -136,4 +162,68 @@ pub fn paper(names: &[String], folder: &Path) -> Answer<(Value, String)> {
     let page = folder.join("index.html");
     words.push(format!("the page is {}", page.display()));
     Ok((json!({ "page": page, "verdicts": verdicts }), words.join("\n")))
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used, clippy::expect_used)]
+    use super::*;
+    use std::collections::BTreeMap;
+
+    fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
+        std::fs::read_dir(folder)
+            .unwrap()
+            .map(|entry| entry.unwrap().path())
+            .map(|path| (path.file_name().unwrap().to_string_lossy().into_owned(), std::fs::read(&path).unwrap()))
+            .collect()
+    }
+
+    /// Everything at a reduced size, twice: each entry renders, and the page is the same byte for byte.
+    #[test]
+    fn every_figure_renders_and_repeats() {
+        let folder = tempfile::tempdir().unwrap();
+        let runs: Vec<_> = ["one", "two"]
+            .map(|name| {
+                let sections = compute(ENTRIES, Effort::Quick, &ProgressBar::hidden()).unwrap();
+                write(&folder.path().join(name), &sections).unwrap();
+                (sections, files(&folder.path().join(name)))
+            })
+            .into_iter()
+            .collect();
+        assert_eq!(runs[0].1, runs[1].1);
+        let (sections, files) = &runs[0];
+        for section in sections {
+            assert!(!section.checks.is_empty() && !section.claim.is_empty() && !section.stand_in.is_empty());
+            assert!(!section.tables.is_empty() || !section.pictures.is_empty(), "{} shows nothing", section.key);
+            for number in 0..section.pictures.len() {
+                for ending in ["svg", "png"] {
+                    let name = format!("{}.{ending}", page::stem(section, number));
+                    assert!(files.get(&name).is_some_and(|bytes| bytes.len() > 2000), "{name}");
+                }
+            }
+            let words = Verdict::of(&section.checks).words();
+            let markdown = String::from_utf8(files["index.md"].clone()).unwrap();
+            assert!(markdown.contains(&format!("## {}", section.title)) && markdown.contains(words));
+        }
+        assert_eq!(files.len(), 2 + 2 * sections.iter().map(|section| section.pictures.len()).sum::<usize>());
+    }
+
+    #[test]
+    fn the_verdict_on_the_page_is_that_of_the_numbers() {
+        let mut section = (ENTRIES.iter().find(|entry| entry.key == "fig16").unwrap().make)(Effort::Quick).unwrap();
+        assert!(page::html(&[section.clone()]).contains("class=\"verdict holds\""));
+        section.checks[0].held = false;
+        assert!(page::html(&[section.clone()]).contains("class=\"verdict not\""));
+        section.checks[0].weight = section::Weight::Condition;
+        assert!(page::html(&[section]).contains("class=\"verdict conditions\""));
+    }
+
+    #[test]
+    fn a_name_that_is_none_is_answered_with_those_that_are() {
+        let error = entries(&["fig3".to_owned(), "fig99".to_owned()]).err().unwrap();
+        assert!(error.to_string().contains("fig99") && error.to_string().contains("table8"));
+        assert_eq!(error.exit_code(), 2);
+        assert_eq!(entries(&["fig3".to_owned()]).unwrap().len(), 1);
+        assert_eq!(entries(&[]).unwrap().len(), ENTRIES.len());
+    }
 }

@@ -12,6 +12,8 @@ use cable_robot::{Anchors, CableVec, StructureMatrix, Vector3};
 /// µ of the parabola of Figures 14 to 16, 1/m: a sag of 0.6 m on 5 m.
 const MU_PER_M: f64 = 0.1;
 
+// An odd number of steps keeps the points off the middle of the way, where the symmetric stand-in has a tie.
+
 /// Both distributions along the parabola from the first to the second corner, and what they are made of.
 struct Along {
     /// Fraction of the way, 0 to 1.
@@ -81,7 +83,7 @@ fn broken(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]> {
 
 /// Figure 14: sums and single tensions.
 pub fn fig14(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000))?;
+    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
     let (at, cable, step_n) = Along::largest_step(&along.min_sum);
     let jumps = step_n > 1.0;
     let jump = jumps.then_some(at);
@@ -96,7 +98,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
     let (ln, lp) = (margin(&along.least_norm), margin(&along.min_sum));
     let at_bound = along.min_sum.iter().filter(|t| t.iter().any(|v| *v < stand_in::LIMITS_N[0] + 1e-6)).count();
     let at_bound = at_bound as f64 / along.min_sum.len() as f64;
-    let uneven = Along::new(&stand_in::UNEVEN, effort.trials(2000))?;
+    let uneven = Along::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
     let (uneven_at, _, uneven_n) = Along::largest_step(&uneven.min_sum);
 
     let sums = Chart {
@@ -120,7 +122,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
     let single = Chart {
         caption: "single cables: least sum (solid), least norm (dashed)".into(),
         x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: tension_axis(),
+        y: Axis::from_to("tension, N", 0.0, 40.0),
         series,
         legend: Legend::UpperRight,
         ..Chart::default()
@@ -183,7 +185,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
 
 /// Figure 15: sums of squares.
 pub fn fig15(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000))?;
+    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
     let ratios: Vec<f64> =
         along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.norm_squared() / lp.norm_squared()).collect();
     let (ratio, best) = (mean(&ratios), ratios.iter().fold(f64::INFINITY, |m: f64, r| m.min(*r)));
@@ -222,7 +224,7 @@ pub fn fig15(effort: Effort) -> Result<Section> {
 
 /// Figure 16: why least sum jumps.
 pub fn fig16(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000))?;
+    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
     let (at, ..) = Along::largest_step(&along.min_sum);
     let last = |tensions: &[CableVec], i: usize| tensions[i][3];
     let width = |i: usize| along.interval_n[i][1] - along.interval_n[i][0];
