@@ -1,7 +1,7 @@
 //! Where we know better than the paper, each measured against its method in the same run.
 
 use super::calibration::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors, survey};
-use super::flight::{DRIVES, Drives, Flight, Track};
+use super::flight::{DRIVES, Flight, Track};
 use super::random::Random;
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::{control, stand_in};
@@ -106,7 +106,7 @@ struct Case {
     sigma_m: f64,
     scale: f64,
     zero_m: f64,
-    /// Share of the lengths that are wrong by up to half a metre.
+    /// Share of the lengths that are wrong by half a metre.
     outliers: f64,
     sigma_scale: Option<f64>,
     sigma_offset_m: Option<f64>,
@@ -139,7 +139,7 @@ const CASES: [Case; 4] = [
         ..PLAIN
     },
     Case {
-        name: "5 % of the lengths wrong by up to 0.5 m",
+        name: "5 % of the lengths wrong by 0.5 m",
         sigma_m: 0.02,
         outliers: 0.05,
         loss: Loss::Cauchy,
@@ -167,7 +167,7 @@ impl Case {
             for point in &mut lengths {
                 *point = CableVec::from_fn(3, |i| {
                     let wrong = random.uniform() < self.outliers;
-                    let by = random.uniform() - 0.5;
+                    let by = if random.uniform() < 0.5 { 0.5 } else { -0.5 };
                     point[i] + if wrong { by } else { 0.0 }
                 });
             }
@@ -350,8 +350,8 @@ fn preview_law(lag_s: Option<[f64; 2]>) -> Result<Law> {
 /// Lag-aware preview control.
 pub fn preview(effort: Effort) -> Result<Section> {
     /// Control period of the robot as it comes, s.
-    const PERIOD_S: f64 = 0.02;
-    let horizons = effort.some(&[4, 6, 8, 10, 12, 15, 20, 25]);
+    const PERIOD_S: f64 = 0.01;
+    let horizons = effort.some(&[8, 12, 15, 18, 21, 25, 30, 36, 44]);
     let drives = effort.some(&DRIVES[..2]);
     let mut table = Table::new(
         "RMS distance of the estimate from the setpoint, mm",
@@ -360,11 +360,11 @@ pub fn preview(effort: Effort) -> Result<Section> {
             "drives",
             "lq-endpoint, best Delta",
             "identified in flight",
-            "told exactly",
+            "told as identified",
             "told 10 % too much",
             "told twice",
             "ratio, identified",
-            "ratio, exact",
+            "ratio, told",
         ],
     );
     let (mut identified, mut exact, mut double) = (Vec::new(), Vec::new(), Vec::new());
@@ -392,9 +392,10 @@ pub fn preview(effort: Effort) -> Result<Section> {
                 }
             }
             let (paper, horizon, paper_track) = paper.context("the paper's law flew no mission to its end")?;
-            let Drives { delay_s, lag_s, .. } = *drives;
-            let told = |share: f64| preview_law(Some([share * delay_s, share * lag_s]));
             let (by_itself, track) = fly(Some(preview_law(None)?), horizon)?;
+            // What a step test says: the drives' speed loop adds to the delay and lag of their names.
+            let model = track.identified.context("the drives were not identified in flight")?;
+            let told = |share: f64| preview_law(Some([share * model.delay_s(), share * model.lag_s()]));
             let (known, _) = fly(Some(told(1.0)?), horizon)?;
             let (near, _) = fly(Some(told(1.1)?), horizon)?;
             let (far, _) = fly(Some(told(2.0)?), horizon)?;
@@ -435,7 +436,7 @@ pub fn preview(effort: Effort) -> Result<Section> {
                 closely than the paper's law with its best horizon; where no model fits, the paper's law takes over."
             .into(),
         stand_in: format!(
-            "Closed-loop flights as in Figures 7 and 8, at 50 cycles a second; {}, a node of 2 kg, ramps of speed.",
+            "Closed-loop flights as in Figures 7 and 8, at 100 cycles a second; {}, a node of 2 kg, ramps of speed.",
             stand_in::THREE
         ),
         tables: vec![table],
@@ -457,29 +458,43 @@ pub fn preview(effort: Effort) -> Result<Section> {
                 ),
             ),
         ],
-        ratio: Some(format!("{} identified in flight, {} with the lag told", span(&identified), span(&exact))),
+        ratio: Some(format!("{} identified in flight, {} told beforehand", span(&identified), span(&exact))),
         ..Section::default()
     })
 }
 
-/// Loss of a parabola that sags by `down_m` and swings out sideways by `side_m` in its middle, J; not a number where the lines
-/// cannot hold the node.
-fn swinging_j(
+/// Three harmonics down and three to the side, m: what a path deviates from the straight line.
+type Shape = [f64; 6];
+
+/// The harmonics of the parabola that sags by this much in its middle, m.
+fn parabola_shape(sag_m: f64) -> Shape {
+    // 4u(1-u) = 32/pi^3 (sin(pi u) + sin(3 pi u) / 27 + ..).
+    let first = sag_m * 32.0 / std::f64::consts::PI.powi(3);
+    [first, 0.0, first / 27.0, 0.0, 0.0, 0.0]
+}
+
+/// Loss of a path at constant speed, J, and its duration, s; not a number where the lines cannot hold the node or the ground is
+/// in the way.
+fn shaped(
     anchors: &[Vector3<f64>],
     motor: &Motor,
     method: Distribution,
     (from, to): (Vector3<f64>, Vector3<f64>),
-    [down_m, side_m]: [f64; 2],
+    shape: &Shape,
 ) -> (f64, f64) {
     const INTERVALS: usize = 64;
     let chord = to - from;
     let side = Vector3::new(-chord.y, chord.x, 0.0) / chord.xy().norm();
-    let bow = side * (4.0 * side_m) - Vector3::new(0.0, 0.0, 4.0 * down_m);
     let (mut energy, mut length) = (0.0, 0.0);
     for i in 0..=INTERVALS {
         let u = i as f64 / INTERVALS as f64;
-        let position = from + chord * u + bow * (u * (1.0 - u));
-        let per_u = chord + bow * (1.0 - 2.0 * u);
+        let (mut position, mut per_u) = (from + chord * u, chord);
+        for k in 0..3 {
+            let frequency = std::f64::consts::PI * (k + 1) as f64;
+            let bow = side * shape[3 + k] - Vector3::new(0.0, 0.0, shape[k]);
+            position += bow * libm::sin(frequency * u);
+            per_u += bow * (frequency * libm::cos(frequency * u));
+        }
         let velocity = per_u * (stand_in::SPEED_M_S / per_u.norm());
         if position.z < 0.0 {
             return (f64::NAN, f64::NAN);
@@ -495,9 +510,9 @@ fn swinging_j(
             })
             .sum();
         let simpson = if i == 0 || i == INTERVALS { 1.0 } else { 2.0 + 2.0 * (i % 2) as f64 };
-        let dt = simpson * per_u.norm() / (stand_in::SPEED_M_S * 3.0 * INTERVALS as f64);
-        energy += loss * dt;
-        length += simpson * per_u.norm() / (3.0 * INTERVALS as f64);
+        let step = simpson * per_u.norm() / (3.0 * INTERVALS as f64);
+        energy += loss * step / stand_in::SPEED_M_S;
+        length += step;
     }
     (energy, length / stand_in::SPEED_M_S)
 }
@@ -506,10 +521,11 @@ fn swinging_j(
 pub fn lateral(effort: Effort) -> Result<Section> {
     let bounds = Bounds { ground_m: Some(0.0), time_weight_w: 0.0 };
     let mut table = Table::new(
-        "Loss of the best path that may swing sideways, against the best parabola in a vertical plane",
+        "Best path of three harmonics down and three sideways, against the best parabola",
         &["anchors", "motors", "move", "parabola, J", "sideways too, J", "saved", "swing, m", "time ratio"],
     );
     let mut saved = [Vec::new(), Vec::new()];
+    let mut vertical = [Vec::new(), Vec::new()];
     let rigs: [(&str, Vec<[f64; 3]>, Vec<[f64; 3]>, Distribution); 2] = [
         ("three", stand_in::three().to_vec(), stand_in::TRIANGLE_PATH.to_vec(), Distribution::Unique),
         ("four", stand_in::UNEVEN.to_vec(), stand_in::SQUARE_PATH.to_vec(), Distribution::LeastNorm),
@@ -531,20 +547,32 @@ pub fn lateral(effort: Effort) -> Result<Section> {
                 };
                 let best = hoist.best_parabola(&ends.0, &ends.1, stand_in::SPEED_M_S, 64, &bounds)?;
                 let extent = (ends.1 - ends.0).xy().norm();
-                let start = [0.25 * best.mu_per_m * extent * extent, 0.0];
-                let cost = |at: [f64; 2]| swinging_j(&anchors, &motor, *method, ends, at).0;
-                let found = search(cost, start);
-                let (energy, duration) = swinging_j(&anchors, &motor, *method, ends, found);
+                let sag = 0.25 * best.mu_per_m * extent * extent;
+                let cost = |shape: &Shape| shaped(&anchors, &motor, *method, ends, shape).0;
+                let rounds = effort.trials(200);
+                let upright = search(cost, &[parabola_shape(sag), parabola_shape(0.8 * sag)], 3, rounds);
+                let mut starts = vec![upright];
+                for swing in [-1.5, -0.5, 0.5, 1.5] {
+                    let mut start = parabola_shape(0.8 * sag);
+                    start[3] = swing;
+                    starts.push(start);
+                }
+                let found = search(cost, &starts, 6, rounds);
+                let vertical_j = shaped(&anchors, &motor, *method, ends, &upright).0.min(best.cost.energy_j);
+                let (energy, duration) = shaped(&anchors, &motor, *method, ends, &found);
+                let energy = energy.min(vertical_j);
+                let vertical_share = 1.0 - vertical_j / best.cost.energy_j;
                 let share = 1.0 - energy / best.cost.energy_j;
+                vertical[which].push(vertical_share);
                 saved[which].push(share);
                 table.row([
                     (*place).into(),
                     name.into(),
                     (k + 1).to_string(),
                     fixed(best.cost.energy_j, 2),
-                    fixed(energy, 2),
+                    format!("{:.1} %", 100.0 * vertical_share),
                     format!("{:.1} %", 100.0 * share),
-                    fixed(found[1], 2),
+                    fixed(found[3], 2),
                     fixed(duration / best.cost.duration_s, 2),
                 ]);
             }
@@ -566,12 +594,22 @@ pub fn lateral(effort: Effort) -> Result<Section> {
         tables: vec![table],
         checks: vec![
             Check::claim(
-                mean(geared) > 0.05,
-                format!("with geared motors the sideways swing saves {} of the best parabola's loss, {:.0} % on average", percent(geared), 100.0 * mean(geared)),
+                mean(geared) > 0.1,
+                format!(
+                    "with geared motors such a path saves {} of the best parabola's loss, {:.0} % on average ({} without leaving the \
+                     vertical plane)",
+                    percent(geared),
+                    100.0 * mean(geared),
+                    percent(&vertical[1])
+                ),
+            ),
+            Check::claim(
+                mean(ideal) < 0.03,
+                format!("with ideal motors the paper is right: {}, {:.0} % on average", percent(ideal), 100.0 * mean(ideal)),
             ),
             Check::condition(
-                mean(ideal) > 0.05,
-                format!("with ideal motors too: {}, {:.0} % on average", percent(ideal), 100.0 * mean(ideal)),
+                geared.iter().all(|share| *share > 0.1),
+                "with geared motors it saves more than 10 % on every move".into(),
             ),
         ],
         remarks: vec!["Computed only: the planner flies parabolas in a vertical plane.".into()],
@@ -580,32 +618,34 @@ pub fn lateral(effort: Effort) -> Result<Section> {
     })
 }
 
-/// The least of a function of two variables from several starts, by a pattern that shrinks around the best point. Not a
-/// number counts as infinite.
-fn search(cost: impl Fn([f64; 2]) -> f64, start: [f64; 2]) -> [f64; 2] {
-    let value = |at: [f64; 2]| {
+/// The least of a function of the first `count` harmonics from several starts: steps along every one in turn, each with a length
+/// that grows with success and shrinks without. Not a number counts as infinite.
+fn search(cost: impl Fn(&Shape) -> f64, starts: &[Shape], count: usize, rounds: usize) -> Shape {
+    let value = |at: &Shape| {
         let found = cost(at);
         if found.is_nan() { f64::INFINITY } else { found }
     };
-    let mut best = (start, value(start));
-    let [down, _] = start;
-    for side in [-2.0, -1.0, -0.5, 0.5, 1.0, 2.0, 0.0] {
-        let mut at = [down, side];
-        let mut here = value(at);
-        let mut step = 0.4;
-        while step > 1e-3 {
-            let mut moved = false;
-            for (dx, dy) in
-                [(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
-            {
-                let next = [(at[0] + step * dx).max(0.0), at[1] + step * dy];
-                let found = value(next);
-                if found < here {
-                    (at, here, moved) = (next, found, true);
+    let mut best = (starts[0], value(&starts[0]));
+    for start in starts {
+        let mut at = *start;
+        let mut here = value(&at);
+        let mut steps = [0.2; 6];
+        for _ in 0..rounds {
+            for k in 0..count {
+                let mut moved = false;
+                for direction in [1.0, -1.0] {
+                    let mut next = at;
+                    next[k] += direction * steps[k];
+                    let found = value(&next);
+                    if found < here {
+                        (at, here, moved) = (next, found, true);
+                        break;
+                    }
                 }
+                steps[k] *= if moved { 1.3 } else { 0.6 };
             }
-            if !moved {
-                step *= 0.5;
+            if steps[..count].iter().all(|step| *step < 1e-4) {
+                break;
             }
         }
         if here < best.1 {
@@ -620,12 +660,23 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_search_finds_a_minimum_off_the_axis() {
-        let found = search(
-            |[x, y]| if x > 3.0 { f64::NAN } else { (x - 1.0) * (x - 1.0) + (y - 0.7) * (y - 0.7) + x * y },
-            [2.0, 0.0],
-        );
+    fn the_search_finds_a_minimum_off_the_axes() {
+        let cost = |at: &Shape| {
+            let [x, y, ..] = *at;
+            if x > 3.0 { f64::NAN } else { (x - 1.0) * (x - 1.0) + (y - 0.7) * (y - 0.7) + x * y }
+        };
+        let found = search(cost, &[[2.0, 0.0, 0.0, 0.0, 0.0, 0.0]], 2, 200);
         // Where the gradient vanishes: 2(x-1)+y = 0, 2(y-0.7)+x = 0.
         assert!((found[0] - 2.6 / 3.0).abs() < 5e-3 && (found[1] - 0.8 / 3.0).abs() < 5e-3, "{found:?}");
+    }
+
+    #[test]
+    fn three_harmonics_are_nearly_the_parabola() {
+        let shape = parabola_shape(1.0);
+        for i in 0..=20 {
+            let u = f64::from(i) / 20.0;
+            let sum: f64 = (0..3).map(|k| shape[k] * libm::sin(std::f64::consts::PI * (k + 1) as f64 * u)).sum();
+            assert!((sum - 4.0 * u * (1.0 - u)).abs() < 0.02, "{u} {sum}");
+        }
     }
 }

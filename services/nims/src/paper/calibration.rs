@@ -158,7 +158,7 @@ pub fn fig3(effort: Effort) -> Result<Section> {
     let chart = Chart {
         caption: "mean error of the heights".into(),
         x: Axis::of("number of points M"),
-        y: Axis::from_to("m", 0.0, 1.05),
+        y: Axis::from_to("m", 0.0, 1.3),
         series: series.collect(),
         ..Chart::default()
     };

@@ -1,6 +1,6 @@
 //! Figures 11 to 13 and Tables V and VIII: what moves cost in heat.
 
-use super::flight::{DRIVES, Flight, Instant, Track, oblique};
+use super::flight::{DRIVES, Flight, Instant, Track};
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use crate::picture::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
@@ -156,7 +156,7 @@ pub fn fig11(effort: Effort) -> Result<Section> {
     for v in steps(speeds[0], fastest, cell_v) {
         for t in steps(tensions[0], tensions[tensions.len() - 1], cell_t) {
             cells.push([v, t]);
-            values.push((table.current_a(t, v)?.powi(2) / top).sqrt());
+            values.push(table.current_a(t, v)?.powi(2) / top);
         }
     }
     let map = Chart {
@@ -288,22 +288,36 @@ fn three_words() -> String {
     )
 }
 
+fn track_path(track: &Track, name: &str, colour: usize, onto: fn(&Vector3<f64>) -> [f64; 2]) -> Series {
+    track.path(name, colour, |at| at.truth, onto)
+}
+
 /// Figure 12: the paths.
 pub fn fig12(effort: Effort) -> Result<Section> {
     let moves = Moves::fly(effort)?;
-    let anchors: Vec<[f64; 2]> = stand_in::three().iter().map(|a| oblique(&Vector3::from(*a))).collect();
-    let mut outline = anchors.clone();
-    outline.push(anchors[0]);
-    let mut series = vec![
-        Series::line("anchors", BLACK, anchors).looking(Look::Discs(5)),
-        Series::line("", GREY, outline).looking(Look::Dashed),
-    ];
-    for (k, tracks) in moves.flown.iter().enumerate() {
-        let name = |text: &str| if k == 0 { text.to_owned() } else { String::new() };
-        for (track, colour, text) in [(&tracks[0], 1, "straight lines, flown"), (&tracks[1], 0, "parabolas, flown")] {
-            series.push(track.path(&name(text), colour, |at| at.truth, oblique));
+    let view = |caption: &str, y: &str, onto: fn(&Vector3<f64>) -> [f64; 2]| {
+        let anchors: Vec<[f64; 2]> = stand_in::three().iter().map(|a| onto(&Vector3::from(*a))).collect();
+        let mut outline = anchors.clone();
+        outline.push(anchors[0]);
+        let mut series = vec![
+            Series::line("anchors", BLACK, anchors).looking(Look::Discs(5)),
+            Series::line("", GREY, outline).looking(Look::Dashed),
+        ];
+        for (k, tracks) in moves.flown.iter().enumerate() {
+            let name = |text: &str| if k == 0 { text.to_owned() } else { String::new() };
+            series.push(track_path(&tracks[1], &name("parabolas, flown"), 0, onto));
+            series.push(track_path(&tracks[0], &name("straight lines, flown"), 1, onto));
         }
-    }
+        Chart {
+            caption: caption.into(),
+            x: Axis::of("x, m"),
+            y: Axis::of(y),
+            series,
+            equal_scale: true,
+            legend: Legend::UpperLeft,
+        }
+    };
+    let charts = vec![view("from above", "y, m", |p| [p.x, p.y]), view("from the side", "z, m", |p| [p.x, p.z])];
     let distance =
         |k: usize| 1e3 * rms(&moves.flown.iter().flat_map(|tracks| tracks[k].by_truth()).collect::<Vec<_>>());
     let deepest: Vec<f64> = moves
@@ -327,19 +341,7 @@ pub fn fig12(effort: Effort) -> Result<Section> {
         claim: "Straight and optimised parabolic trajectories through the same points are executed.".into(),
         stand_in: three_words(),
         tables: vec![table],
-        pictures: vec![Picture {
-            title: String::new(),
-            size: (900, 560),
-            columns: 1,
-            charts: vec![Chart {
-                caption: "as flown".into(),
-                x: Axis::of("m"),
-                y: Axis::of("m"),
-                series,
-                equal_scale: true,
-                legend: Legend::LowerRight,
-            }],
-        }],
+        pictures: vec![Picture { title: String::new(), size: (1040, 480), columns: 2, charts }],
         checks: vec![
             Check::claim(
                 moves.flown.iter().flatten().all(|track| track.done && track.missed == 0),

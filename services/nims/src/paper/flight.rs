@@ -4,8 +4,9 @@ use super::stand_in;
 use crate::lockstep::{Cycle, Lockstep, Scenario};
 use crate::picture::Series;
 use anyhow::{Context, Result};
+use cable_robot::drive_lag::DriveLag;
 use cable_robot::{Distribution, Vector3};
-use controller::Law;
+use controller::{Law, Notice};
 use messages::{MotorAuthority, PlanStatus};
 use planner::Mission;
 use plant::PlantConfig;
@@ -49,6 +50,8 @@ pub struct Flight {
     pub stretch: bool,
     /// Stiffness of the plant's lines over what the robot file says.
     pub stiffness_share: f64,
+    /// Encoder counts per metre of line.
+    pub counts_per_m: f64,
     /// The control law.
     pub law: Law,
 }
@@ -83,13 +86,25 @@ pub struct Track {
     pub done: bool,
     /// Cycles without a valid command.
     pub missed: u64,
+    /// Delay and lag as the controller identified them on the way, if it did.
+    pub identified: Option<DriveLag>,
 }
 
 impl Flight {
     /// With the paper's law, stretch corrected, at ten cycles a second.
     pub fn new(start_m: [f64; 3], mission: String, drives: Drives) -> Self {
         let law = Law::LqEndpoint { state_weight: 0.0, input_weight: 1.0 };
-        Self { start_m, mission, period_s: 0.1, horizon: 4, drives, stretch: true, stiffness_share: 1.0, law }
+        Self {
+            start_m,
+            mission,
+            period_s: 0.1,
+            horizon: 4,
+            drives,
+            stretch: true,
+            stiffness_share: 1.0,
+            counts_per_m: COUNTS_PER_M,
+            law,
+        }
     }
 
     fn scenario(&self) -> Result<Scenario> {
@@ -100,7 +115,7 @@ impl Flight {
         plant.line.stiffness_n *= self.stiffness_share;
         plant.drive.delay_s = self.drives.delay_s;
         plant.drive.lag_s = self.drives.lag_s;
-        plant.idlers.iter_mut().for_each(|idler| idler.counts_per_m = COUNTS_PER_M);
+        plant.idlers.iter_mut().for_each(|idler| idler.counts_per_m = self.counts_per_m);
         Ok(Scenario {
             robot,
             plant,
@@ -122,10 +137,13 @@ impl Flight {
         let mut lockstep = Lockstep::new(scenario)?;
         lockstep.zero_and_arm()?;
         lockstep.run(&mission).context("the planner refused the mission")?;
-        let mut track = Track { instants: Vec::new(), done: false, missed: 0 };
+        let mut track = Track { instants: Vec::new(), done: false, missed: 0, identified: None };
         let mut began_s = None;
         for _ in 0..longest {
             let cycle = lockstep.cycle()?;
+            if let Some(Notice::Identified(found)) = lockstep.controller_mut().notice() {
+                track.identified.get_or_insert(found.lag);
+            }
             track.missed = cycle.authority.missed;
             if let Some(instant) = instant(&cycle, &mut began_s) {
                 track.instants.push(instant);
