@@ -201,6 +201,9 @@ pub struct Goto {
     /// Along which path.
     #[arg(long, value_enum, default_value = "line")]
     pub path: PathKind,
+    /// How much a parabola sags, 1/m, above 0; default: what loses least in the motors.
+    #[arg(long, value_name = "PER_M", value_parser = finite, allow_negative_numbers = true)]
+    pub mu: Option<f64>,
     /// Cruise speed, m/s; default: the planner's.
     #[arg(long, value_name = "M_S", value_parser = finite, allow_negative_numbers = true)]
     pub speed: Option<f64>,

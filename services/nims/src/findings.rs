@@ -64,6 +64,7 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
         Kind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
         Kind::Box => {
             let file = BoxFile::load(path).map_err(Failure::bad)?;
+            can_be_built(&file)?;
             let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
             findings.extend(box_file(&file)?);
             Ok(findings)
@@ -96,6 +97,18 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
             }?])
         }
     }
+}
+
+/// Whether the processes of a box accept its files: what only they check shows before anything is started.
+///
+/// # Errors
+/// The first that does not, in its own words.
+pub fn can_be_built(file: &BoxFile) -> Answer {
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    motor_io::CoreConfig::from_files(file, &robot).map_err(Failure::bad)?;
+    controller::ControllerConfig::of(file, &robot, 1)
+        .map_err(|error| Failure::BadInput(format!("[controller] {error}")))?;
+    Ok(())
 }
 
 /// Findings as JSON.

@@ -74,6 +74,28 @@ pub fn ask(bus: &Bus, process: &str, request: &OperatorRequest) -> Answer<Operat
     Ok(bus.client(process)?.ask(request, ANSWER)?)
 }
 
+/// How long an emergency stop waits in silence.
+const UNEASY: Duration = Duration::from_secs(1);
+/// What helps where no program does.
+const HARDWARE_STOP: &str = "use the hardware stop";
+
+/// Asks for an emergency stop: speaks up when there is no answer for a second, goes on trying, and leaves the request behind for a
+/// motor-io that stands still.
+///
+/// # Errors
+/// motor-io does not run, or does not answer.
+pub fn ask_for_emergency_stop(bus: &Bus, request: &OperatorRequest) -> Answer<OperatorRequest> {
+    let helped = |error: bus::BusError| Failure::NotNow(format!("{error}; {HARDWARE_STOP}"));
+    let mut client = bus.client("motor-io").map_err(helped)?;
+    let answer = client.ask_aloud(request, ANSWER, UNEASY, || {
+        eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
+    });
+    if answer.is_err() {
+        client.leave_behind();
+    }
+    answer.map_err(helped)
+}
+
 /// The newest sample of a channel, waiting for it at most as long as said.
 ///
 /// # Errors

@@ -44,7 +44,10 @@ pub fn with_args(verb: u8, numbers: &[f64]) -> Answer<OperatorRequest> {
 /// # Errors
 /// Refused, with the reason, or not answered.
 pub fn send(bus: &Bus, process: &str, request: &OperatorRequest) -> Answer<String> {
-    let answer = live::ask(bus, process, request)?;
+    let answer = match request.verb {
+        OperatorRequest::VERB_ESTOP => live::ask_for_emergency_stop(bus, request)?,
+        _ => live::ask(bus, process, request)?,
+    };
     let sentence = messages::text_of(&answer.answer);
     if answer.accepted == 1 { Ok(sentence) } else { Err(Failure::NotNow(sentence)) }
 }
@@ -105,6 +108,7 @@ pub fn speed(bus: &Bus, percent: f64) -> Answer<String> {
 /// # Errors
 /// A point where the robot cannot be, a speed it does not have; refused; not answered.
 pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
+    path_of(asked)?;
     let robot = robot_of(bus)?;
     standing(&robot, &asked.to)?;
     let speed = asked.speed.unwrap_or(0.0);
@@ -114,12 +118,25 @@ pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
             "--speed is {speed}; accepted: above 0, at most this robot's {limit} m/s"
         )));
     }
-    let path = match asked.path {
-        PathKind::Line => 0.0,
-        PathKind::Parabola => 1.0,
-    };
+    let (path, mu) = path_of(asked)?;
     let [x, y, z] = asked.to.0;
-    send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path])?)
+    send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path, mu])?)
+}
+
+/// The path of a move as the planner has it: its number, and how much it sags, 1/m.
+fn path_of(asked: &Goto) -> Answer<(f64, f64)> {
+    match (asked.path, asked.mu) {
+        (PathKind::Line, None) => Ok((0.0, 0.0)),
+        (PathKind::Parabola, Some(mu)) if mu > 0.0 && mu <= 10.0 => Ok((1.0, mu)),
+        (PathKind::Parabola, Some(mu)) => {
+            Err(Failure::BadInput(format!("--mu is {mu}; accepted: above 0, at most 10 per metre")))
+        }
+        // The planner then takes what loses least in the motors.
+        (PathKind::Parabola, None) => Ok((1.0, 0.0)),
+        (PathKind::Line, Some(_)) => {
+            Err(Failure::BadInput("--mu is for a parabola; add --path parabola, or leave it out".to_owned()))
+        }
+    }
 }
 
 /// The request to fly a mission that has been read and found sound.
@@ -240,4 +257,20 @@ fn standing(robot: &Robot, at: &Point) -> Answer {
     let rest = Segment { id: 1, path, profile, start_s: 0.0 };
     let distribution = Distribution::default_for(robot.cable_count());
     rest.check(robot, distribution, 1.0).map(|_| ()).map_err(|refusal| cannot(refusal.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_parabola_is_asked_for_with_its_sag() {
+        let goto = |path, mu| path_of(&Goto { to: Point([1.0, 2.0, 3.0]), speed: None, path, mu });
+        assert_eq!(goto(PathKind::Line, None), Ok((0.0, 0.0)));
+        assert_eq!(goto(PathKind::Parabola, Some(0.1)), Ok((1.0, 0.1)));
+        for (path, mu) in [(PathKind::Parabola, None), (PathKind::Line, Some(0.1)), (PathKind::Parabola, Some(-0.1))] {
+            let failure = goto(path, mu).unwrap_err();
+            assert!(failure.exit_code() == 2 && failure.to_string().contains("--mu"), "{failure}");
+        }
+    }
 }

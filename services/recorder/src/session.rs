@@ -159,7 +159,8 @@ impl Session {
             }
             let written = matches!(written, Ok(true));
             let Some(row) = self.rows.get_mut(heard.row) else { continue };
-            row.lost += heard.missing;
+            // a publisher of another build may number as it likes
+            row.lost = row.lost.saturating_add(heard.missing);
             row.gaps += u64::from(heard.missing > 0);
             row.worst_lag_ns = row.worst_lag_ns.max(now_ns.saturating_sub(heard_ns));
             if written {
@@ -168,7 +169,7 @@ impl Session {
                 self.total_messages += 1;
                 self.total_bytes += sample.len() as u64;
             } else {
-                row.lost += 1;
+                row.lost = row.lost.saturating_add(1);
             }
         }
     }
@@ -246,7 +247,7 @@ impl Session {
         let mut summary = BTreeMap::from([
             ("reason".to_owned(), reason.to_owned()),
             ("messages".to_owned(), self.total_messages.to_string()),
-            ("lost".to_owned(), self.rows.iter().map(|row| row.lost).sum::<u64>().to_string()),
+            ("lost".to_owned(), self.rows.iter().fold(0_u64, |sum, row| sum.saturating_add(row.lost)).to_string()),
         ]);
         for row in self.rows.iter().filter(|row| row.lost > 0) {
             summary.insert(format!("lost {}", row.spec.name), format!("{} in {} gaps", row.lost, row.gaps));

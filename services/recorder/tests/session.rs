@@ -130,3 +130,17 @@ fn what_is_missing_is_counted_and_stands_at_the_end_of_the_file() {
     let sample = truth(1, 10);
     assert_eq!(read_channel::<TruthNode>(folder.path(), "truth/node").unwrap()[0].1.header(), sample.header());
 }
+
+#[test]
+fn losses_without_sense_do_not_overflow_their_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
+    for channel in ["truth/node", "truth/other"] {
+        let row = session.declare(ChannelSpec::of::<TruthNode>(channel));
+        for seq in 1..4 {
+            hear(&mut session, row, seq, SECOND, u64::MAX);
+        }
+    }
+    assert_eq!(status(&session).lost, u64::MAX);
+    session.close("the test is over").unwrap();
+}

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
+use toml::de::{DeTable, DeValue};
 
 /// What is wrong with a configuration file, as one sentence: file, line, key, what is accepted.
 #[derive(Debug, thiserror::Error)]
@@ -36,10 +37,16 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
-    /// A file whose text is well-formed and whose values are not usable; `problem` is one clause that names the key.
+    /// A file whose text is well-formed and whose values are not usable; `problem` is one clause that names the key, between the first
+    /// two backticks, with the names of its tables before it where several tables have such a key. The line is looked up in the file.
     #[must_use]
     pub fn value(path: &Path, problem: impl Into<String>) -> Self {
-        Self::Value { path: path.to_owned(), problem: problem.into() }
+        let (path, problem) = (path.to_owned(), problem.into());
+        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        match problem.split('`').nth(1).and_then(|key| line_of(&text, key)) {
+            Some(line) => Self::Text { path, line, problem },
+            None => Self::Value { path, problem },
+        }
     }
 }
 
@@ -82,6 +89,45 @@ pub fn parse<T: DeserializeOwned>(text: &str, path: &Path) -> Result<T, ConfigEr
         };
         ConfigError::Text { path: path.to_owned(), line, problem }
     })
+}
+
+/// The line, from 1, on which the dotted `key` stands; if its tables are not named, the first key of that name in any table.
+fn line_of(text: &str, key: &str) -> Option<usize> {
+    let table = DeTable::parse(text).ok()?;
+    let names: Vec<&str> = key.split('.').collect();
+    let at = find(table.get_ref(), &names).or_else(|| anywhere(table.get_ref(), names.last()?))?;
+    text.get(..at).map(|before| before.matches('\n').count() + 1)
+}
+
+/// Where the key at the end of this way begins, bytes.
+fn find(table: &DeTable<'_>, names: &[&str]) -> Option<usize> {
+    let (first, rest) = names.split_first()?;
+    let (key, value) = table.iter().find(|(key, _)| key.get_ref() == *first)?;
+    match value.get_ref() {
+        _ if rest.is_empty() => Some(key.span().start),
+        DeValue::Table(inner) => find(inner, rest),
+        _ => None,
+    }
+}
+
+/// Where the first key of that name begins, at whatever depth, bytes.
+fn anywhere(table: &DeTable<'_>, name: &str) -> Option<usize> {
+    table
+        .iter()
+        .filter_map(
+            |(key, value)| {
+                if key.get_ref() == name { Some(key.span().start) } else { inside(value.get_ref(), name) }
+            },
+        )
+        .min()
+}
+
+fn inside(value: &DeValue<'_>, name: &str) -> Option<usize> {
+    match value {
+        DeValue::Table(inner) => anywhere(inner, name),
+        DeValue::Array(items) => items.iter().filter_map(|item| inside(item.get_ref(), name)).min(),
+        _ => None,
+    }
 }
 
 /// The value itself, unless it is NaN or infinite (which TOML can express).
@@ -148,6 +194,26 @@ mod tests {
         assert!(nested.starts_with("box.toml, line 4: `count`: "), "{nested}");
         let broken = sentence("speed_m_s = 0.2\nlaw = \"preview");
         assert!(broken.starts_with("box.toml, line 2: "), "{broken}");
+    }
+
+    #[test]
+    fn a_value_that_is_not_accepted_is_found_by_its_key() {
+        let text =
+            "name = \"x\"\n\n[motor_io]\n# speed_m_s = 3\nramp_s = 90\n[planner]\nspeed_m_s = 9\n[[port]]\nbaud = 1\n";
+        for (key, line) in [
+            ("name", Some(1)),
+            ("motor_io.ramp_s", Some(5)),
+            ("planner.speed_m_s", Some(7)),
+            ("speed_m_s", Some(7)),
+            ("baud", Some(9)),
+            ("planner.ramp", None),
+        ] {
+            assert_eq!(line_of(text, key), line, "{key}");
+        }
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), text).unwrap();
+        let error = ConfigError::value(file.path(), "`motor_io.ramp_s` is 90; accepted: 0.05 to 10 s").to_string();
+        assert!(error.ends_with(", line 5: `motor_io.ramp_s` is 90; accepted: 0.05 to 10 s"), "{error}");
     }
 
     #[test]

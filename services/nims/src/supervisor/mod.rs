@@ -49,6 +49,8 @@ const END_NS: u64 = 8_000_000_000;
 const RESTARTS: u32 = 3;
 /// Pause before a process is started again, ns: a fault that comes back at once must not fill the machine.
 const RESTART_PAUSE_NS: u64 = 500_000_000;
+/// Pause before what failed for want of memory, processes or files is tried again, ns.
+const RETRY_NS: u64 = 2_000_000_000;
 
 /// Set by a signal: end in good order.
 pub type StopFlag = Arc<AtomicBool>;
@@ -97,6 +99,7 @@ pub struct Supervisor {
     children: Vec<Child>,
     beats: BTreeMap<String, Beats>,
     again: Vec<(Member, u32, u64)>,
+    sweep_ns: Option<u64>,
     died: Vec<String>,
     voice: Voice,
     heartbeat: Publisher<Heartbeat>,
@@ -128,8 +131,10 @@ impl Supervisor {
         let box_path = std::path::absolute(wanted.box_path).map_err(Failure::bad)?;
         let file = BoxFile::load(&box_path).map_err(Failure::bad)?;
         ports_are_there(&file)?;
+        crate::findings::can_be_built(&file)?;
         let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
+        let earlier = Running::of(&domain);
         let orphans = orphans::end(&domain)?;
         domain.sweep()?;
         let folder = RunFolder::make(&file, &box_path, wanted.run, wanted.mission)?;
@@ -138,7 +143,7 @@ impl Supervisor {
         let bus = Bus::join(&domain, "nims")?;
         let running = Running { pid: std::process::id(), box_file: box_path, run: folder.path().to_path_buf() };
         let text = serde_json::to_string(&running).map_err(Failure::not_now)?;
-        std::fs::write(domain.root().join(RUNNING_FILE), text).map_err(Failure::not_now)?;
+        orphans::write(&domain, RUNNING_FILE, &text)?;
 
         let mut beat = Heartbeat {
             pid: std::process::id(),
@@ -152,6 +157,7 @@ impl Supervisor {
             children: Vec::new(),
             beats: BTreeMap::new(),
             again: Vec::new(),
+            sweep_ns: None,
             died: Vec::new(),
             voice: Voice::new(&bus)?,
             heartbeat: bus.publisher("system/heartbeat/nims")?,
@@ -169,6 +175,9 @@ impl Supervisor {
         };
         if !orphans.is_empty() {
             supervisor.voice.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
+        }
+        if let Some(earlier) = earlier {
+            supervisor.recover(&earlier.run);
         }
         for member in members {
             if let Err(failure) = supervisor.bring_up(&member) {
@@ -248,8 +257,9 @@ impl Supervisor {
         self.close(because);
         let Self { domain, bus, voice, heartbeat, table, authority, beats, _claim, .. } = self;
         drop((voice, heartbeat, table, authority, beats, bus));
-        // What is left is debris of processes that were killed; if it stays, the next start removes it.
+        // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
         let _ = domain.sweep();
+        let _ = domain.retire(_claim);
         Ending { run, died, mode }
     }
 
@@ -364,13 +374,24 @@ impl Supervisor {
         }
         if changed {
             // What a killed process leaves in shared memory takes places that its successor needs.
-            self.domain.sweep()?;
+            self.sweep_ns = Some(now);
             self.publish_table()?;
+        }
+        if self.sweep_ns.is_some_and(|due| due <= now) {
+            self.sweep_ns = None;
+            if let Err(error) = self.domain.sweep() {
+                self.voice.warn(&format!("what a dead process left is not removed yet: {error}"));
+                self.sweep_ns = Some(now + RETRY_NS);
+            }
         }
         let due: Vec<_> = self.again.extract_if(.., |(_, _, at)| *at <= now).collect();
         for (member, restarts, _) in due {
             self.voice.warn(&format!("starting {} again ({restarts} of {RESTARTS})", member.name));
-            self.launch(&member, restarts)?;
+            // A machine without room for one more process is no reason to leave the others alone.
+            if let Err(failure) = self.launch(&member, restarts) {
+                self.voice.warn(&format!("{failure}; trying again in {} s", RETRY_NS / 1_000_000_000));
+                self.again.push((member, restarts, now + RETRY_NS));
+            }
         }
         Ok(())
     }
@@ -469,14 +490,7 @@ impl Supervisor {
         ] {
             self.end_role(role);
         }
-        for part in parts(self.folder.path()) {
-            match runlog::recover(&part, &mut |_, _| {}) {
-                Ok(_) => self
-                    .voice
-                    .warn(&format!("{} was not closed by its recorder and has been recovered", part.display())),
-                Err(error) => self.voice.error(&format!("{} could not be recovered: {error}", part.display())),
-            }
-        }
+        self.recover(&self.folder.path().to_owned());
         let processes: Vec<Value> = self
             .children
             .iter()
@@ -491,6 +505,22 @@ impl Supervisor {
         // Nobody is left but this process, whose names the next start wipes.
         let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
         let _ = orphans::note(&self.domain, &[]);
+    }
+
+    /// Closes the run files that a dead recorder left open.
+    fn recover(&mut self, run: &Path) {
+        for part in parts(run) {
+            match runlog::recover(&part, &mut |_, _| {}) {
+                Ok(_) => self
+                    .voice
+                    .warn(&format!("{} was not closed by its recorder and has been recovered", part.display())),
+                Err(error) => self.voice.error(&format!(
+                    "{} could not be recovered: {error}; try again with `nims recover {}`",
+                    part.display(),
+                    run.display()
+                )),
+            }
+        }
     }
 
     fn end_role(&mut self, role: Role) {
@@ -577,10 +607,20 @@ pub fn up(asked: &crate::cli::Up, domain: Option<&str>) -> Answer<Ending> {
         supervisor.folder.path().display()
     ));
     let started = clock::now_ns();
-    while !supervisor.is_stopping() && clock::now_ns() - started < limit.as_nanos().min(u128::from(u64::MAX)) as u64 {
+    let mut watched = Ok(());
+    while watched.is_ok()
+        && !supervisor.is_stopping()
+        && clock::now_ns() - started < limit.as_nanos().min(u128::from(u64::MAX)) as u64
+    {
         let left = limit.saturating_sub(Duration::from_nanos(clock::now_ns() - started));
-        supervisor.watch(left.min(Duration::from_secs(1)))?;
+        watched = supervisor.watch(left.min(Duration::from_secs(1)));
     }
-    let because = if supervisor.is_stopping() { "a signal" } else { "the time was over" };
-    Ok(supervisor.end(because))
+    let because = match &watched {
+        Err(failure) => failure.to_string(),
+        Ok(()) if supervisor.is_stopping() => "a signal".to_owned(),
+        Ok(()) => "the time was over".to_owned(),
+    };
+    // Whatever went wrong here, no process is left without its supervisor.
+    let ending = supervisor.end(&because);
+    watched.map(|()| ending)
 }

@@ -10,8 +10,10 @@ use std::time::{Duration, Instant};
 const FILE: &str = "children.json";
 /// Names under which a box's own processes join the domain.
 const STANDARD: [&str; 6] = ["motor-io", "estimator", "controller", "planner", "recorder", "motor-box"];
-/// How long an orphan may take to end in good order: motor-io brings the robot to rest first.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// How long an orphan may take to end in good order: motor-io brings the robot to rest first, and the recorder writes out what it holds.
+const PATIENCE: Duration = Duration::from_secs(8);
+/// Bytes of a program's name that the kernel keeps.
+const COMM_BYTES: usize = 15;
 
 /// A started process, told apart from a later one with the same id by its start time.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -53,15 +55,31 @@ fn start_ticks(pid: u32) -> Option<u64> {
     if state == "Z" { None } else { fields.nth(18)?.parse().ok() }
 }
 
+/// Whether the process of this id runs the program of that name: anyone may join a domain under any name.
+fn runs(pid: u32, program: &str) -> bool {
+    let comm = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+    !comm.is_empty() && comm.trim_end() == &program[..program.len().min(COMM_BYTES)]
+}
+
+/// Writes a file of the domain's folder, whole or not at all: whoever reads it never sees half of it.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn write(domain: &Domain, name: &str, text: &str) -> Answer {
+    let path = domain.root().join(name);
+    let fresh = domain.root().join(format!("{name}.new"));
+    std::fs::write(&fresh, text)
+        .and_then(|()| std::fs::rename(&fresh, &path))
+        .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
+}
+
 /// Writes down who was started.
 ///
 /// # Errors
 /// The folder of the domain cannot be written.
 pub fn note(domain: &Domain, started: &[Started]) -> Answer {
     let text = serde_json::to_string(started).map_err(Failure::not_now)?;
-    let path = domain.root().join(FILE);
-    std::fs::write(&path, text)
-        .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
+    write(domain, FILE, &text)
 }
 
 /// Ends whatever an earlier supervisor of this domain left running; the names of those that were ended.
@@ -76,7 +94,7 @@ pub fn end(domain: &Domain) -> Answer<Vec<String>> {
     for node in domain.alive() {
         // Someone's own process that joined by itself may stay; it is not ours to end.
         let known = orphans.iter().any(|orphan| orphan.pid == node.pid);
-        if !known && STANDARD.contains(&node.name.as_str()) {
+        if !known && STANDARD.contains(&node.name.as_str()) && runs(node.pid, &node.name) {
             orphans.extend(Started::now(&node.name, node.pid));
         }
     }
@@ -114,6 +132,27 @@ mod tests {
         assert!(own.lives());
         assert!(!Started { start_ticks: own.start_ticks + 1, ..own.clone() }.lives());
         assert!(!Started { pid: u32::MAX / 2, ..own }.lives());
+    }
+
+    #[test]
+    fn a_process_that_only_has_the_name_is_not_ended() {
+        let domain = Domain::for_test();
+        // this test program, in the place of a controller
+        let bus = bus::Bus::join(&domain, "controller").unwrap();
+        assert!(end(&domain).unwrap().is_empty());
+        drop(bus);
+        assert!(!runs(std::process::id(), "controller"));
+        let comm = std::fs::read_to_string("/proc/self/comm").unwrap();
+        assert!(runs(std::process::id(), comm.trim_end()));
+    }
+
+    #[test]
+    fn the_list_is_replaced_at_once() {
+        let domain = Domain::for_test();
+        note(&domain, &[]).unwrap();
+        note(&domain, &[]).unwrap();
+        let names: Vec<_> = std::fs::read_dir(domain.root()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(names, [FILE], "nothing half written stays");
     }
 
     #[test]

@@ -108,7 +108,9 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     number("controller.redundant_s", file.controller.redundant_s, "0.05 to 60 s", |v| (0.05..=60.0).contains(&v))?;
     number("controller.error_limit_m", file.controller.error_limit_m, "0.01 to 5 m", |v| (0.01..=5.0).contains(&v))?;
     count("controller.preview_cycles", file.controller.preview_cycles, 2, cable_robot::preview::MAX_PREVIEW)?;
-    number("controller.move_penalty_s4", file.controller.move_penalty_s4, "1e-9 to 1 s⁴", |v| (1e-9..=1.0).contains(&v))?;
+    number("controller.move_penalty_s4", file.controller.move_penalty_s4, "1e-9 to 1 s⁴", |v| {
+        (1e-9..=1.0).contains(&v)
+    })?;
     for seconds in file.controller.drive_lag_s.unwrap_or_default() {
         number("controller.drive_lag_s", seconds, "two times of 0 to 0.5 s", |v| (0.0..=0.5).contains(&v))?;
     }
@@ -259,6 +261,12 @@ fn processes(list: &[ProcessSection]) -> Result<(), String> {
             && *role != process.role
         {
             return Err(format!("the process name \"{0}\" belongs to the role {0}; choose another name", process.name));
+        }
+        if process.role != Role::Other && list[..index].iter().any(|other| other.role == process.role) {
+            let role = STANDARD.iter().find(|(_, role)| *role == process.role).map_or("other", |(name, _)| name);
+            return Err(format!(
+                "two [[process]] have the `role` \"{role}\"; accepted: one, which takes the place of the standard one"
+            ));
         }
         if process.command.first().is_none_or(String::is_empty) {
             return Err(format!(
