@@ -44,6 +44,9 @@ pub fn segment_message(segment: &Segment) -> PlanSegment {
 /// anything).
 #[must_use]
 pub fn segment_of(message: &PlanSegment) -> Option<Segment> {
+    if !message.from_m.iter().chain(&message.to_m).all(|value| value.is_finite()) {
+        return None; // also where the kind of path does not use all of them
+    }
     let (from, to) = (Vector3::from(message.from_m), Vector3::from(message.to_m));
     let path = match message.kind {
         PlanSegment::KIND_DWELL => Path::Dwell(from),
