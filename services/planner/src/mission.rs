@@ -36,11 +36,28 @@ pub struct Mission {
     pub speed_m_s: Option<f64>,
     /// Tangential acceleration, m/s²; default: the planner's.
     pub acceleration_m_s2: Option<f64>,
+    /// What `line` and `polyline` legs become: straight lines, or parabolas that lose least in the motors; default line.
+    #[serde(default)]
+    pub path: PathShape,
+    /// What a second costs beside the losses in the motors when a sag is chosen, W; default 0.
+    #[serde(default)]
+    pub time_weight_w: f64,
     /// All points count from where the mission starts, instead of from the origin; default false.
     #[serde(default)]
     pub relative: bool,
     /// The legs, flown in this order; the node comes to rest between them.
     pub leg: Vec<Leg>,
+}
+
+/// Shape of the moves of a mission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum PathShape {
+    /// Straight lines.
+    #[default]
+    Line,
+    /// Parabolas that lose least in the motors.
+    Parabola,
 }
 
 /// One `[[leg]]`: exactly one of these keys.
@@ -85,8 +102,8 @@ pub struct Polyline {
 pub struct Parabola {
     /// Where to, m.
     pub to_m: [f64; 3],
-    /// How much it sags below the straight line: µ of (25), 1/m.
-    pub mu_per_m: f64,
+    /// How much it sags below the straight line: µ of (25), 1/m; default: what loses least in the motors.
+    pub mu_per_m: Option<f64>,
     /// Cruise speed, m/s.
     pub speed_m_s: Option<f64>,
 }
@@ -193,6 +210,7 @@ impl Mission {
         {
             return Err(self.wrong(nowhere(), "acceleration_m_s2", a.to_string(), "above 0, in m/s²"));
         }
+        self.range(nowhere(), "time_weight_w", self.time_weight_w, 0.0, 1e6, "0 to 1e6 W")?;
         for (i, leg) in self.leg.iter().enumerate() {
             let here = || format!(", leg {}", i + 1);
             match leg {
@@ -210,7 +228,9 @@ impl Mission {
                 }
                 Leg::Parabola(l) => {
                     self.point(here(), "to_m", &l.to_m)?;
-                    self.range(here(), "mu_per_m", l.mu_per_m, -10.0, 10.0, "-10 to 10 per metre")?;
+                    if let Some(mu) = l.mu_per_m {
+                        self.range(here(), "mu_per_m", mu, -10.0, 10.0, "-10 to 10 per metre")?;
+                    }
                     self.speed(here(), l.speed_m_s)?;
                 }
                 Leg::Spiral(l) => {

@@ -1,5 +1,6 @@
 //! A mission made into checked segments: everything that can be refused is refused here, before anything moves.
 
+use cable_robot::energy::{EnergyError, flight};
 use cable_robot::motion::{Refusal, Report};
 use cable_robot::path::{self, PathError};
 use cable_robot::profile::{Knot, MAX_KNOTS, ProfileError, ProfileLimits};
@@ -7,13 +8,17 @@ use cable_robot::{Distribution, Path, Profile, Robot, Segment, Vector3};
 use service::config::BoxFile;
 use thiserror::Error;
 
-use crate::mission::{Leg, Mission};
+use crate::mission::{Leg, Mission, PathShape};
 
 /// Most segments of a mission.
 pub const MAX_SEGMENTS: usize = 2000;
 
 /// A leg that ends closer than this to where it starts is already flown, m: the repeatability of the robot.
 const THERE_M: f64 = 0.001;
+
+/// Shares of the sag that loses least, tried in this order: it is found for a constant speed, and the accelerations at both
+/// ends may ask for less.
+const SAG_SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
 
 /// Shortest segment, s; a shorter one is flown more slowly. A controller's horizon (0.2 s) and a lost sample of
 /// `plan/motion` (0.1 s) together must not reach beyond the next segment.
@@ -96,6 +101,14 @@ pub enum PlanError {
         /// What is wrong.
         error: ProfileError,
     },
+    /// No parabola can be flown.
+    #[error("leg {leg}: no parabola can be flown: {error}")]
+    Parabola {
+        /// The leg, from 1.
+        leg: usize,
+        /// Why not.
+        error: EnergyError,
+    },
     /// More segments than are planned at once.
     #[error("the mission has more than {MAX_SEGMENTS} segments; split it into several missions")]
     TooLong,
@@ -153,6 +166,8 @@ impl Plan {
             config,
             tangential_m_s2: asked_m_s2.min(limit_m_s2),
             default_m_s: mission.speed_m_s,
+            shape: mission.path,
+            time_weight_w: mission.time_weight_w,
             at: start,
             time_s: start_s,
             next_id: first_id,
@@ -197,6 +212,8 @@ struct Builder<'a> {
     config: &'a PlannerConfig,
     tangential_m_s2: f64,
     default_m_s: Option<f64>,
+    shape: PathShape,
+    time_weight_w: f64,
     at: Vector3<f64>,
     time_s: f64,
     next_id: u32,
@@ -215,8 +232,10 @@ impl Builder<'_> {
                 if (to - self.at).norm() < THERE_M {
                     return Ok(());
                 }
-                let path = Path::Parabola(path::Parabola { from: self.at, to, mu_per_m: l.mu_per_m });
-                self.path(number, path, l.speed_m_s)
+                match l.mu_per_m {
+                    Some(mu_per_m) => self.path(number, parabola(self.at, to, mu_per_m), l.speed_m_s),
+                    None => self.best_parabola(number, to, l.speed_m_s),
+                }
             }
             Leg::Spiral(l) => {
                 let path = Path::Spiral(path::Spiral {
@@ -242,19 +261,41 @@ impl Builder<'_> {
         if (to - self.at).norm() < THERE_M {
             return Ok(());
         }
-        self.path(number, Path::line(self.at, to), speed_m_s)
+        match self.shape {
+            PathShape::Line => self.path(number, Path::line(self.at, to), speed_m_s),
+            PathShape::Parabola => self.best_parabola(number, to, speed_m_s),
+        }
+    }
+
+    /// The parabola that loses least in the motors, or as much of its sag as can be flown; straight up and down a line.
+    fn best_parabola(&mut self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
+        let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
+        let (robot, method) = (&self.config.robot, self.config.distribution);
+        let best = flight::best_parabola(robot, method, &self.at, &to, cruise_m_s, self.time_weight_w)
+            .map_err(|error| PlanError::Parabola { leg, error })?;
+        let mut refused = None;
+        for share in SAG_SHARES {
+            match self.path(leg, parabola(self.at, to, share * best.mu_per_m), speed_m_s) {
+                Err(error @ PlanError::Refused { .. }) => refused = refused.or(Some(error)),
+                result => return result,
+            }
+        }
+        self.path(leg, Path::line(self.at, to), speed_m_s).map_err(|line| refused.unwrap_or(line))
+    }
+
+    /// The speed asked for, or the default.
+    fn cruise_m_s(&self, leg: usize, speed_m_s: Option<f64>) -> Result<f64, PlanError> {
+        let limit_m_s = self.config.robot.speed_limit_m_s();
+        match speed_m_s.or(self.default_m_s) {
+            Some(speed_m_s) if speed_m_s > limit_m_s => Err(PlanError::TooFast { leg, speed_m_s, limit_m_s }),
+            Some(speed_m_s) => Ok(speed_m_s),
+            None => Ok(self.config.speed_m_s.min(limit_m_s)),
+        }
     }
 
     fn path(&mut self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Result<(), PlanError> {
         path.check().map_err(|error| PlanError::Path { leg, error })?;
-        let limit_m_s = self.config.robot.speed_limit_m_s();
-        let cruise_m_s = match speed_m_s.or(self.default_m_s) {
-            Some(speed_m_s) if speed_m_s > limit_m_s => {
-                return Err(PlanError::TooFast { leg, speed_m_s, limit_m_s });
-            }
-            Some(speed_m_s) => speed_m_s,
-            None => self.config.speed_m_s.min(limit_m_s),
-        };
+        let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
         let limits = ProfileLimits {
             tangential_m_s2: self.tangential_m_s2,
             total_m_s2: self.config.robot.acceleration_limit_m_s2(),
@@ -285,6 +326,11 @@ impl Builder<'_> {
         self.plan.reports.push(report);
         Ok(())
     }
+}
+
+/// A parabola, or the line where there is no sag.
+fn parabola(from: Vector3<f64>, to: Vector3<f64>, mu_per_m: f64) -> Path {
+    if mu_per_m == 0.0 { Path::line(from, to) } else { Path::Parabola(path::Parabola { from, to, mu_per_m }) }
 }
 
 /// The same profile, slowed down evenly if it is shorter than [`SHORTEST_S`].

@@ -71,7 +71,8 @@ impl Planner {
         Self { config, flight: None, next_id: 1, motions: 0, beat: 0, refused: 0, status: PlanStatus::default() }
     }
 
-    /// Flies straight (or on a parabola with this µ, 1/m) to a point, m; speed 0 is the default.
+    /// Flies straight, or on a parabola with this µ (1/m; 0: what loses least in the motors), to a point, m; speed 0 is the
+    /// default.
     ///
     /// # Errors
     /// One sentence: why not, and what to do.
@@ -85,10 +86,21 @@ impl Planner {
         let speed_m_s = if speed_m_s == 0.0 { None } else { Some(speed_m_s) };
         let leg = match mu_per_m {
             None => Leg::Line(mission::Line { to_m, speed_m_s }),
-            Some(mu_per_m) => Leg::Parabola(mission::Parabola { to_m, mu_per_m, speed_m_s }),
+            Some(mu) => {
+                let mu_per_m = (mu != 0.0).then_some(mu);
+                Leg::Parabola(mission::Parabola { to_m, mu_per_m, speed_m_s })
+            }
         };
         let name = format!("goto {} {} {}", to_m[0], to_m[1], to_m[2]);
-        let mission = Mission { name, speed_m_s: None, acceleration_m_s2: None, relative: false, leg: vec![leg] };
+        let mission = Mission {
+            name,
+            speed_m_s: None,
+            acceleration_m_s2: None,
+            path: mission::PathShape::Line,
+            time_weight_w: 0.0,
+            relative: false,
+            leg: vec![leg],
+        };
         self.run(&mission, seen)
     }
 

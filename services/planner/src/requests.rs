@@ -14,8 +14,8 @@ pub fn answer(planner: &mut Planner, request: &OperatorRequest, missions: &Path,
             let [x, y, z, speed_m_s, path, mu_per_m, ..] = request.args;
             let mu = match path {
                 0.0 => None,
-                1.0 if mu_per_m.is_finite() && mu_per_m != 0.0 => Some(mu_per_m),
-                1.0 => return (false, "a parabola needs its sag: give mu in 1/m, or fly a line".to_owned()),
+                1.0 if mu_per_m.is_finite() => Some(mu_per_m),
+                1.0 => return (false, format!("the sag is {mu_per_m}; give mu in 1/m, or 0 for what loses least")),
                 _ => return (false, format!("there is no path {path}; accepted: 0 (line) and 1 (parabola)")),
             };
             planner.goto([x, y, z], speed_m_s, mu, seen).map_err(|refusal| refusal.to_string())

@@ -1,10 +1,10 @@
 //! The planner: what it takes, what it refuses, and how a mission goes on.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use cable_robot::{Distribution, Robot, RobotParts, Segment};
+use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, text_of};
-use planner::mission::{Leg, Line, Mission, Parabola, Polyline, Spiral};
-use planner::plan::SHORTEST_S;
+use planner::mission::{Leg, Line, Mission, Parabola, PathShape, Polyline, Spiral};
+use planner::plan::{Plan, SHORTEST_S};
 use planner::{Planner, PlannerConfig, Seen, dry_run, requests};
 use proptest::prelude::*;
 use service::motion::segment_of;
@@ -214,6 +214,27 @@ fn a_mission_ends_with_its_epoch_with_a_fault_and_when_nobody_takes_it_up() {
 }
 
 #[test]
+fn a_parabola_that_loses_least_sags_below_the_line_and_a_vertical_one_is_a_line() {
+    let start = Vector3::new(3.0, 2.0, 2.0);
+    let plan = |text: &str| Plan::new(&mission(text), &config(), start, 0.0, 1).unwrap();
+    let lowest = |plan: &Plan| {
+        let path = plan.segments[0].path;
+        (0..=100).map(|i| path.point(path.length() * f64::from(i) / 100.0).z).fold(f64::INFINITY, f64::min)
+    };
+    let leg = plan("[[leg]]\nparabola = { to_m = [6.0, 2.5, 2.0] }");
+    assert!(lowest(&leg) < 1.7, "{}", lowest(&leg));
+    // The same for every line of a mission, and a price on time makes it sag less.
+    let all = plan("path = \"parabola\"\n[[leg]]\nline = { to_m = [6.0, 2.5, 2.0] }");
+    assert_eq!(all.segments, leg.segments);
+    let fast = plan("path = \"parabola\"\ntime_weight_w = 20.0\n[[leg]]\npolyline = { points_m = [[6.0, 2.5, 2.0]] }");
+    assert!(lowest(&fast) > lowest(&leg) + 0.05 && fast.end_s() < leg.end_s());
+    let up = plan("path = \"parabola\"\n[[leg]]\nline = { to_m = [3.0, 2.0, 1.0] }");
+    assert_eq!(up.segments[0].path, Path::line(start, Vector3::new(3.0, 2.0, 1.0)));
+    let error = Mission::parse("name = \"x\"\npath = \"arc\"\n[[leg]]\nline = { to_m = [6.0, 2.5, 2.0] }").unwrap_err();
+    assert!(error.to_string().contains("parabola"), "{error}");
+}
+
+#[test]
 fn a_refusal_says_where_which_cable_and_how_much() {
     let start = [4.8, 3.0, 0.3];
     for (text, says) in [
@@ -280,7 +301,8 @@ fn requests_are_answered() {
         (run("/no/where.toml"), false, "/no/where.toml"),
         (goto([5.0, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), true, "accepted"),
         (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.2, 0.0, 0.0]), true, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.0, 0.0, 0.0]), false, "mu"),
+        (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.0, 0.0, 0.0]), true, "accepted"),
+        (goto([5.0, 3.0, 0.4, 0.1, 1.0, f64::NAN, 0.0, 0.0]), false, "mu"),
         (goto([5.0, 3.0, 0.4, 0.1, 7.0, 0.0, 0.0, 0.0]), false, "path 7"),
         (goto([5.0, 3.0, 0.4, -0.1, 0.0, 0.0, 0.0, 0.0]), false, "speed_m_s"),
         (goto([f64::NAN, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), false, "to_m"),
@@ -304,11 +326,8 @@ fn leg() -> impl Strategy<Value = Leg> {
         (point(), speed()).prop_map(|(to_m, speed_m_s)| Leg::Line(Line { to_m, speed_m_s })),
         (proptest::collection::vec(point(), 1..5), speed())
             .prop_map(|(points_m, speed_m_s)| Leg::Polyline(Polyline { points_m, speed_m_s })),
-        (point(), -0.2..0.4f64, speed()).prop_map(|(to_m, mu_per_m, speed_m_s)| Leg::Parabola(Parabola {
-            to_m,
-            mu_per_m,
-            speed_m_s
-        })),
+        (point(), proptest::option::of(-0.2..0.4f64), speed())
+            .prop_map(|(to_m, mu_per_m, speed_m_s)| Leg::Parabola(Parabola { to_m, mu_per_m, speed_m_s })),
         (-0.5..1.0f64, 0.05..0.8f64, -4.0..4.0f64, speed()).prop_map(|(rise_m, radius_m, turns, speed_m_s)| {
             Leg::Spiral(Spiral { rise_m, radius_m, turns, speed_m_s })
         }),
@@ -323,9 +342,19 @@ proptest! {
 
     #[test]
     fn what_is_published_passes_the_check_and_what_is_refused_moves_nothing(
-        leg in proptest::collection::vec(leg(), 1..6), acceleration_m_s2 in proptest::option::of(0.05..0.6f64),
+        leg in proptest::collection::vec(leg(), 1..6),
+        path in prop_oneof![3 => Just(PathShape::Line), 1 => Just(PathShape::Parabola)],
+        acceleration_m_s2 in proptest::option::of(0.05..0.6f64),
     ) {
-        let mission = Mission { name: "any".into(), speed_m_s: None, acceleration_m_s2, relative: false, leg };
+        let mission = Mission {
+            name: "any".into(),
+            speed_m_s: None,
+            acceleration_m_s2,
+            path,
+            time_weight_w: 0.0,
+            relative: false,
+            leg,
+        };
         let world = World::ready();
         let config = config();
         let mut planner = Planner::new(config);

@@ -4,6 +4,7 @@
 //! * [`parabola`]: the sagging path of (25)-(26), by its horizontal fraction, and how deep the ground lets it sag.
 //! * [`Hoist`]: the I²R loss of a move, by Simpson's rule: at constant speed, as the paper computes it, or along a speed
 //!   profile with its accelerations.
+//! * [`flight`]: the best parabola of a robot as it stands.
 //! * [`optimum`]: the sag that costs least. The cost has several minima with real motors, and jumps where tensions are
 //!   distributed by least sum, so it is scanned before it is refined.
 //!
@@ -27,6 +28,7 @@
 //! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
 
+pub mod flight;
 pub mod hoist;
 pub mod optimum;
 pub mod parabola;
