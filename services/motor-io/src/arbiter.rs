@@ -10,6 +10,9 @@ use messages::{CABLES, MotorAuthority, MotorCommand, MotorInput, SLOTS};
 /// A velocity beyond this many times the limit is not a command that saturates but a command that is wrong.
 const ABSURD: f64 = 4.0;
 
+/// A controller that joins while the robot moves is heard once it has answered well for so many cycles in a row.
+const SHADOW_CYCLES: u32 = 50;
+
 /// The command of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chosen {
@@ -35,6 +38,8 @@ pub struct Arbiter {
     active_controller: usize,
     active_estimator: usize,
     incarnation: [u32; SLOTS],
+    /// Who answers in each slot without being heard, and for how many cycles in a row.
+    shadow: [(u32, u32); SLOTS],
     in_use: usize,
     verdict: [u8; SLOTS],
 }
@@ -49,6 +54,7 @@ impl Arbiter {
             active_controller: 0,
             active_estimator: 0,
             incarnation: [0; SLOTS],
+            shadow: [(0, 0); SLOTS],
             in_use: 0,
             verdict: [MotorAuthority::VERDICT_NONE; SLOTS],
         }
@@ -66,25 +72,42 @@ impl Arbiter {
                 }
                 continue;
             }
-            match self.judge(&input.command[slot], slot, input.header.cycle, epoch, moving) {
+            match self.judge(&input.command[slot], input.header.cycle, epoch) {
+                Ok(_) if moving && !self.known(slot, input.command[slot].incarnation) => {
+                    self.verdict[slot] = MotorAuthority::VERDICT_INCARNATION;
+                }
                 Ok(good) => {
+                    self.shadow[slot] = (0, 0);
                     self.verdict[slot] = MotorAuthority::VERDICT_ACCEPTED;
                     self.incarnation[slot] = input.command[slot].incarnation;
-                    chosen = chosen.or(Some(good));
+                    chosen = chosen.or(Some(Chosen { controller: slot, ..good }));
                 }
-                Err(verdict) => self.verdict[slot] = verdict,
+                Err(verdict) => {
+                    self.shadow[slot] = (0, 0);
+                    self.verdict[slot] = verdict;
+                }
             }
         }
         self.in_use = chosen.map_or(self.in_use, |chosen: Chosen| chosen.controller);
         chosen
     }
 
-    fn judge(&self, command: &MotorCommand, slot: usize, cycle: u64, epoch: u32, moving: bool) -> Result<Chosen, u8> {
+    /// While the robot moves: whether this is the controller that the slot is known for. In the slot that is not in use, a new one becomes
+    /// known by answering well for a while; its predecessor's state is not its own, so it is not heard before.
+    fn known(&mut self, slot: usize, incarnation: u32) -> bool {
+        if incarnation == self.incarnation[slot] {
+            return true;
+        }
+        let (who, cycles) = self.shadow[slot];
+        self.shadow[slot] = (incarnation, if who == incarnation { cycles.saturating_add(1) } else { 1 });
+        slot != self.in_use && self.shadow[slot].1 > SHADOW_CYCLES
+    }
+
+    fn judge(&self, command: &MotorCommand, cycle: u64, epoch: u32) -> Result<Chosen, u8> {
         if command.epoch != epoch {
             return Err(MotorAuthority::VERDICT_EPOCH);
         }
-        if command.incarnation == 0 || (moving && slot == self.in_use && command.incarnation != self.incarnation[slot])
-        {
+        if command.incarnation == 0 {
             return Err(MotorAuthority::VERDICT_INCARNATION);
         }
         if command.based_on_cycle.checked_add(1) != Some(cycle) {
@@ -105,7 +128,7 @@ impl Arbiter {
             } else {
                 return Ok(Chosen {
                     velocity_m_s,
-                    controller: slot,
+                    controller: 0,
                     estimator,
                     segment: command.segment,
                     ttl_cycles: command.ttl_cycles,
@@ -200,8 +223,30 @@ mod tests {
         given.command_arrived[1] = 0;
         assert!(arbiter.choose(&given, 5, false).is_some());
         given.command[0].incarnation = 78;
-        assert!(arbiter.choose(&given, 5, true).is_none());
+        for _ in 0..2 * SHADOW_CYCLES {
+            assert!(arbiter.choose(&given, 5, true).is_none());
+        }
         assert_eq!(arbiter.verdict()[0], MotorAuthority::VERDICT_INCARNATION);
         assert!(arbiter.choose(&given, 5, false).is_some());
+    }
+
+    #[test]
+    fn a_standby_that_joins_while_the_robot_moves_is_heard_after_a_while() {
+        let mut arbiter = Arbiter::new(3, 0.8);
+        let mut given = input();
+        given.command_arrived[1] = 0;
+        assert!(arbiter.choose(&given, 5, false).is_some());
+        given.command_arrived = [1, 1];
+        for who in [91, 92] {
+            given.command_arrived[0] = 1;
+            given.command[1].incarnation = who;
+            for _ in 0..SHADOW_CYCLES {
+                assert_eq!(arbiter.choose(&given, 5, true).unwrap().controller, 0);
+                assert_eq!(arbiter.verdict()[1], MotorAuthority::VERDICT_INCARNATION);
+            }
+            given.command_arrived[0] = 0;
+            assert_eq!(arbiter.choose(&given, 5, true).map(|chosen| chosen.controller), Some(1));
+            arbiter.in_use = 0;
+        }
     }
 }

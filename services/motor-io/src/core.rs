@@ -18,6 +18,15 @@ use messages::{CABLES, Energy, Header, MotorAuthority, MotorInput, MotorState};
 pub const REQUESTS: usize = 4;
 /// Time after a gap in which the drives' watchdog stopped the motors, before the motion goes on by itself, s.
 const AFTER_GAP_S: f64 = 1.0;
+/// A gap longer than this is no hiccup of a virtual machine: who knows what has happened meanwhile. Somebody has to resume, s.
+const LONGEST_GAP_S: f64 = 1.0;
+/// So long without answers for which this program was too late, and the robot stops on its path, s.
+const LATE_S: f64 = 0.4;
+/// A planner that does not publish the motion any more is gone after so many cycles; fewer, and it may just be about to.
+const ORPHANED_CYCLES: u32 = 5;
+/// How far a jog may come beyond a length limit before it is a fault: its end was checked, and readings have steps, m.
+const JOG_MARGIN_M: f64 = 0.01;
+
 /// Longest wait for the last millimetres of a controlled stop, s.
 const REST_S: f64 = 1.0;
 /// A tick that came more than this many periods after the last one leaves a gap in the motion worth looking at.
@@ -189,13 +198,16 @@ impl Core {
             if input.request_verb[i] != 0 {
                 let mut args = [0.0; 8];
                 args.copy_from_slice(&input.request_args[i * 8..][..8]);
-                let answer = self.request(input, input.request_id[i], input.request_verb[i], &args);
+                let age_s = match input.request_stamp_ns[i] {
+                    0 => 0.0,
+                    made_ns => input.begin_ns.saturating_sub(made_ns) as f64 * 1e-9,
+                };
+                let answer = self.request(input, input.request_id[i], input.request_verb[i], &args, age_s);
                 self.answers.push(answer);
             }
         }
         self.command_age_ns = 0;
         let wanted = self.wanted(input);
-        let wanted = self.keep_lengths(wanted);
         self.sent_before = self.sent.speed_m_s;
         let before = self.limits.last_speed();
         let (speed_m_s, scale) = match self.safety.mode() {
@@ -203,7 +215,16 @@ impl Core {
                 self.limits.zero();
                 ([0.0; CABLES], 1.0)
             }
-            _ => self.limits.toward(&wanted),
+            _ => {
+                let last = self.limits.clone();
+                let sent = self.limits.toward(&wanted);
+                if self.keep_lengths(&wanted) && self.keep_lengths(&sent.0) {
+                    sent
+                } else {
+                    self.limits = last;
+                    self.limits.toward(&[0.0; CABLES])
+                }
+            }
         };
         self.scale = scale;
         self.settle(before, &speed_m_s);
@@ -236,7 +257,7 @@ impl Core {
     /// What would have to be kept on disk: lengths and counts, if the lengths mean something.
     #[must_use]
     pub fn position(&self) -> Option<([f64; CABLES], [i64; CABLES])> {
-        (self.odometry.position() != MotorState::POSITION_UNKNOWN).then(|| {
+        (self.odometry.position() != MotorState::POSITION_UNKNOWN && !self.odometry.only_restored()).then(|| {
             (std::array::from_fn(|i| self.odometry.length_m(i)), std::array::from_fn(|i| self.odometry.counts(i)))
         })
     }
@@ -265,7 +286,12 @@ impl Core {
             self.limits.zero();
             self.clock.stand();
             self.cancel_jog();
-            if self.safety.mode() == Mode::Following {
+            if self.gap_s > LONGEST_GAP_S && self.safety.mode() != Mode::Jogging {
+                if self.safety.mode() == Mode::Following {
+                    self.begin_stop(false, MotorAuthority::FAULT_LONG_GAP);
+                }
+                self.stop.open = true;
+            } else if self.safety.mode() == Mode::Following {
                 self.gap_wait = self.config.cycles(AFTER_GAP_S);
                 self.safety.note_stop(MotorAuthority::FAULT_LONG_GAP);
             }
@@ -290,6 +316,7 @@ impl Core {
     fn start(&mut self, input: &MotorInput) {
         let follows = self.chosen.is_some_and(|chosen| chosen.segment == input.motion_segment);
         if follows
+            && self.who_is_lost() == 0
             && self.odometry.position() == MotorState::POSITION_KNOWN
             && !self.unit_trouble
             && self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
@@ -297,6 +324,14 @@ impl Core {
             self.motion.begin(input);
             self.follow();
         }
+    }
+
+    /// Supervisor and planner, where they were there and are not any more; bits of faults.
+    pub(crate) fn who_is_lost(&self) -> u32 {
+        let cycles = self.config.cycles(self.config.beat_s);
+        let bit = |beat: &Beat, bit: u32| if beat.lost(cycles) { bit } else { 0 };
+        bit(&self.supervisor, MotorAuthority::FAULT_SUPERVISOR_LOST)
+            | bit(&self.planner, MotorAuthority::FAULT_PLANNER_LOST)
     }
 
     /// From Holding to Following, for the first time or again.
@@ -313,18 +348,24 @@ impl Core {
     }
 
     fn following(&mut self, input: &MotorInput) -> [f64; CABLES] {
-        let cycles = self.config.cycles(self.config.beat_s);
-        if self.supervisor.lost(cycles) {
+        let lost = self.who_is_lost();
+        if lost & MotorAuthority::FAULT_SUPERVISOR_LOST != 0 {
             self.begin_stop(false, MotorAuthority::FAULT_SUPERVISOR_LOST);
             return self.stopping(input);
         }
-        if self.planner.lost(cycles) {
+        if self.watch.late() > self.config.cycles(LATE_S) {
+            // This program does not get to speak with the drives: it comes to rest while it still does now and then.
+            self.begin_stop(false, MotorAuthority::FAULT_LONG_GAP);
+            return self.stopping(input);
+        }
+        if lost != 0 || (self.motion.orphaned() > ORPHANED_CYCLES && !self.motion.ended(self.clock.time_s())) {
             // What is known of the motion is flown to its end; see `settle`.
             self.safety.note_stop(MotorAuthority::FAULT_PLANNER_LOST);
         }
         let ended = self.motion.ended(self.clock.time_s());
         self.settled = if ended { self.settled.saturating_add(1) } else { 0 };
         let run = !self.pausing && !ended && !self.unit_trouble && self.gap_wait == 0;
+        self.clock.set_ease(self.watch.ease());
         let usable = self.chosen.filter(|chosen| self.motion.has(chosen.segment) || (ended && chosen.segment == 0));
         match usable {
             Some(chosen) => {
@@ -348,7 +389,7 @@ impl Core {
                 self.missed += 1;
                 self.missing += 1;
                 if self.missing > self.ttl_cycles {
-                    self.begin_stop(false, self.why_missing());
+                    self.begin_stop(false, self.why_missing(input));
                     self.stop.open = true;
                     return [0.0; CABLES];
                 }
@@ -390,7 +431,12 @@ impl Core {
         velocity.map(|v| v * factor)
     }
 
-    fn why_missing(&self) -> u32 {
+    fn why_missing(&self, input: &MotorInput) -> u32 {
+        let estimator = self.arbiter.active_estimator();
+        if input.estimate_cycle[estimator].saturating_add(1) < input.header.cycle {
+            // The controller has nothing to answer to.
+            return MotorAuthority::FAULT_ESTIMATE_LOST;
+        }
         match self.arbiter.verdict()[self.arbiter.active_controller()] {
             MotorAuthority::VERDICT_NO_ESTIMATE => MotorAuthority::FAULT_ESTIMATE_LOST,
             MotorAuthority::VERDICT_NOT_FINITE | MotorAuthority::VERDICT_OUT_OF_LIMITS => {
@@ -431,6 +477,10 @@ impl Core {
     }
 
     fn jogging(&mut self) -> [f64; CABLES] {
+        if self.who_is_lost() & MotorAuthority::FAULT_SUPERVISOR_LOST != 0 {
+            self.safety.note_stop(MotorAuthority::FAULT_SUPERVISOR_LOST);
+            self.cancel_jog();
+        }
         let mut wanted = [0.0; CABLES];
         if let Some(Jog { cable, left_m, cancelled: false }) = self.jog {
             // Slows down as it comes near, gently: a quarter of what the cable may do.
@@ -442,28 +492,28 @@ impl Core {
     }
 
     /// No cable runs beyond its length limits: where one would, the whole robot stops.
-    fn keep_lengths(&mut self, wanted: [f64; CABLES]) -> [f64; CABLES] {
+    fn keep_lengths(&mut self, speed_m_s: &[f64; CABLES]) -> bool {
         let mode = self.safety.mode();
         if !matches!(mode, Mode::Following | Mode::Stopping | Mode::Jogging)
             || self.odometry.position() == MotorState::POSITION_UNKNOWN
         {
-            return wanted;
+            return true;
         }
         let mut found = Faults::default();
         for (i, [low, high]) in self.config.robot.length_limits_m().iter().enumerate() {
-            let (length, v) = (self.odometry.length_m(i), wanted[i]);
-            let braking = v * v / (2.0 * self.config.cable_acceleration_m_s2) + v.abs() * REACTION_S;
+            let (length, v) = (self.odometry.length_m(i), speed_m_s[i]);
+            let braking = match mode {
+                Mode::Jogging => -JOG_MARGIN_M,
+                _ => v * v / (2.0 * self.config.cable_acceleration_m_s2) + v.abs() * REACTION_S,
+            };
             if (v > 0.0 && length + braking > *high) || (v < 0.0 && length - braking < *low) {
                 found.cable(MotorAuthority::FAULT_LENGTH_LIMIT, i);
             }
         }
-        if found.is_empty() {
-            return wanted;
-        }
-        if self.safety.found(&found) {
+        if !found.is_empty() && self.safety.found(&found) {
             self.abandon();
         }
-        [0.0; CABLES]
+        found.is_empty()
     }
 
     /// After the velocities are fixed: has a stop, a jog or a motion come to its end?
@@ -545,6 +595,7 @@ impl Core {
             self.skipped += 1;
         }
         let before: [f64; CABLES] = std::array::from_fn(|i| self.odometry.length_m(i));
+        self.odometry.alive(std::array::from_fn(|i| input.unit_alive[self.config.unit_of_cable[i]] == 1));
         let mut fresh = [false; CABLES];
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];

@@ -12,6 +12,10 @@ use std::path::Path;
 /// A motor cannot turn faster than this many times the fastest cable; an encoder that says so has jumped.
 const FASTEST: f64 = 1.5;
 
+/// In the order in which the times of reading are kept.
+const SLOW: [u8; 4] =
+    [MotorInput::SLOW_SUPPLY, MotorInput::SLOW_STATUS, MotorInput::SLOW_CURRENT, MotorInput::SLOW_DUTY];
+
 /// The drive units of a robot.
 #[derive(Debug)]
 pub struct Drives {
@@ -21,8 +25,8 @@ pub struct Drives {
     cables: usize,
     counts_per_m: [f64; CABLES],
     reboots: [u32; UNITS],
-    /// When anything slow was last read of a unit.
-    slow_ns: [u64; UNITS],
+    /// When each of the slow values of a unit was last read: supply, status, currents, duties.
+    slow_ns: [[u64; 4]; UNITS],
     trouble: Option<Error>,
     lost: Option<Error>,
 }
@@ -49,7 +53,7 @@ impl Drives {
             cables: config.cable_count(),
             counts_per_m: config.counts_per_m,
             reboots: [0; UNITS],
-            slow_ns: [0; UNITS],
+            slow_ns: [[0; 4]; UNITS],
             trouble: None,
             lost: None,
         })
@@ -78,10 +82,13 @@ impl Drives {
                 }
             }
             let report = &answer.report;
-            let newest = [report.currents_a.at_ns, report.duties.at_ns, report.supply_v.at_ns, report.status.at_ns];
-            let newest = newest.into_iter().max().unwrap_or(0);
-            input.slow_fresh[unit] = u8::from(newest != self.slow_ns[unit]);
-            self.slow_ns[unit] = newest;
+            let read = [report.supply_v.at_ns, report.status.at_ns, report.currents_a.at_ns, report.duties.at_ns];
+            input.slow_fresh[unit] =
+                SLOW.iter()
+                    .zip(read.iter().zip(&self.slow_ns[unit]))
+                    .fold(0, |all, (bit, (now, then))| if now == then { all } else { all | bit });
+            self.slow_ns[unit] = read;
+            input.unit_alive[unit] = u8::from(report.was_alive);
             input.supply_v[unit] = if report.supply_v.is_known() { report.supply_v.value } else { f64::NAN };
             input.status[unit] = report.status.value.0;
         }
@@ -118,6 +125,8 @@ fn outcome(answer: &UnitAnswer, reboots: &mut u32) -> u8 {
         Ok(()) => MotorInput::UNIT_OK,
         Err(error) if error.is_lost() => MotorInput::UNIT_LOST,
         Err(Error::Silent { .. } | Error::WatchdogRefused { .. }) => MotorInput::UNIT_LOST,
+        // This program came too late: that says nothing about the unit.
+        Err(Error::Busy { .. } | Error::TooLate { .. }) => MotorInput::UNIT_LATE,
         Err(_) => MotorInput::UNIT_RESYNC,
     }
 }

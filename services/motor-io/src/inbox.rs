@@ -70,6 +70,11 @@ impl Inbox {
 
     /// A request; false if this cycle has no room for it.
     pub fn request(&mut self, id: u64, verb: u8, args: &[f64; 8]) -> bool {
+        self.request_made(id, verb, args, 0)
+    }
+
+    /// The same, of which it is known when it was made, ns.
+    pub fn request_made(&mut self, id: u64, verb: u8, args: &[f64; 8], stamp_ns: u64) -> bool {
         let i = self.requests;
         if i == REQUESTS {
             return false;
@@ -77,6 +82,7 @@ impl Inbox {
         self.input.request_id[i] = id;
         self.input.request_verb[i] = verb;
         self.input.request_args[i * 8..][..8].copy_from_slice(args);
+        self.input.request_stamp_ns[i] = stamp_ns;
         self.requests += 1;
         true
     }
@@ -117,6 +123,7 @@ impl Inbox {
         self.input.request_id = [0; REQUESTS];
         self.input.request_verb = [0; REQUESTS];
         self.input.request_args = [0.0; REQUESTS * 8];
+        self.input.request_stamp_ns = [0; REQUESTS];
         self.input.command_arrived = [0; SLOTS];
         self.input.first_epoch = 0;
         self.input.restored = 0;

@@ -11,6 +11,8 @@ pub struct Motion {
     segment: u32,
     suspended: bool,
     planner_gone: bool,
+    orphaned: u32,
+    beat: u64,
     finished: Option<(u32, f64)>,
 }
 
@@ -38,7 +40,12 @@ impl Motion {
         if self.id == 0 {
             return;
         }
-        self.planner_gone = input.motion != self.id;
+        // A planner that counts its beats anew is another one, whatever number its motion has.
+        self.planner_gone = input.motion != self.id || input.planner_beat < self.beat;
+        self.orphaned = if self.planner_gone { self.orphaned.saturating_add(1) } else { 0 };
+        if !self.planner_gone {
+            self.beat = input.planner_beat;
+        }
         if !self.planner_gone && input.motion_end_s.is_finite() && input.motion_known_s.is_finite() {
             self.end_s = input.motion_end_s;
             self.known_s = input.motion_known_s;
@@ -68,14 +75,21 @@ impl Motion {
         self.id = input.motion;
         self.segment = input.motion_segment;
         self.suspended = false;
+        self.beat = input.planner_beat;
         self.note(input);
     }
 
     /// True if a command for this segment belongs to this motion.
     #[must_use]
     pub fn has(&self, segment: u32) -> bool {
-        // A planner that was started anew has other segments: then only the one being followed may be finished.
-        segment != 0 && (!self.planner_gone || segment == self.segment)
+        // The controller keeps the motion it follows when its planner is gone, so whatever it answers for is part of this one.
+        segment != 0
+    }
+
+    /// Cycles since plan/motion last held this motion.
+    #[must_use]
+    pub fn orphaned(&self) -> u32 {
+        self.orphaned
     }
 
     /// A command for this segment is used.
@@ -115,5 +129,6 @@ impl Motion {
         self.segment = 0;
         self.suspended = false;
         self.planner_gone = false;
+        self.orphaned = 0;
     }
 }

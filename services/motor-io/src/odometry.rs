@@ -10,9 +10,6 @@ const JUMP_FACTOR: f64 = 1.5;
 const JUMP_MARGIN_M: f64 = 0.005;
 /// After a unit was away, its line may have moved by this much before somebody has to look, m.
 const RETURN_TOLERANCE_M: f64 = 0.005;
-/// Counts of a new life of this process that are nearer than this to the stored ones, m, go on from them: the unit was counting
-/// all the time. Further away the unit has lost its count.
-const SAME_COUNT_M: f64 = 0.5;
 /// Time over which a measured velocity is taken, ns.
 const VELOCITY_WINDOW_NS: u64 = 50_000_000;
 /// Readings kept for it: enough for 250 cycles per second.
@@ -52,10 +49,13 @@ pub struct Odometry {
     cables: [Cable; CABLES],
     count: usize,
     counts_per_m: [f64; CABLES],
-    unit_of_cable: [usize; CABLES],
     fastest_m_s: f64,
     position: u8,
     restore: Option<([f64; CABLES], [i64; CABLES])>,
+    /// Cables whose unit has counted on since the last life of this process.
+    alive: [bool; CABLES],
+    /// What is known is only what was restored.
+    only_restored: bool,
 }
 
 impl Odometry {
@@ -66,10 +66,11 @@ impl Odometry {
             cables: [Cable::default(); CABLES],
             count: config.cable_count(),
             counts_per_m: config.counts_per_m,
-            unit_of_cable: config.unit_of_cable,
             fastest_m_s: config.cable_speed_m_s,
             position: MotorState::POSITION_UNKNOWN,
             restore: None,
+            alive: [false; CABLES],
+            only_restored: false,
         }
     }
 
@@ -78,6 +79,17 @@ impl Odometry {
         if lengths_m[..self.count].iter().all(|l| l.is_finite()) {
             self.restore = Some((lengths_m, counts));
         }
+    }
+
+    /// Cables whose unit was running already when this process first spoke to it.
+    pub fn alive(&mut self, alive: [bool; CABLES]) {
+        self.alive = alive;
+    }
+
+    /// True while the lengths are those from before, and nobody has confirmed them or set others.
+    #[must_use]
+    pub fn only_restored(&self) -> bool {
+        self.only_restored
     }
 
     /// Takes one cable's reading. `away`: its unit had been lost until now.
@@ -136,27 +148,16 @@ impl Odometry {
             return;
         }
         if let Some((lengths_m, counts)) = self.restore.take() {
-            // Decided for the cables of a unit together: counts that begin at zero again say nothing about the time before, even
-            // where the old count of one cable happened to be near zero.
-            let since = |from: [i64; CABLES]| {
-                std::array::from_fn::<f64, CABLES, _>(|i| metres(self.cables[i].counts, from[i], self.counts_per_m[i]))
-            };
-            let (from_zero, from_then) = (since([0; CABLES]), since(counts));
-            let counted_on: [bool; CABLES] = std::array::from_fn(|i| {
-                let within = |moved: &[f64; CABLES], bound_m: f64| {
-                    (0..self.count)
-                        .filter(|j| self.unit_of_cable[*j] == self.unit_of_cable[i])
-                        .all(|j| moved[j].abs() <= bound_m)
-                };
-                let began_anew = within(&from_zero, RETURN_TOLERANCE_M);
-                within(&from_then, if began_anew { RETURN_TOLERANCE_M } else { SAME_COUNT_M })
-            });
+            // A unit that was running all the time has counted on; the count of one that was switched on anew says nothing about the
+            // time before, however near to the stored one it may be.
             for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
-                it.zero_m = lengths_m[i] + if counted_on[i] { from_then[i] } else { 0.0 };
+                let moved_m = metres(it.counts, counts[i], self.counts_per_m[i]);
+                it.zero_m = lengths_m[i] + if self.alive[i] { moved_m } else { 0.0 };
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
             }
             self.position = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+            self.only_restored = true;
         }
     }
 
@@ -173,12 +174,14 @@ impl Odometry {
         }
         self.position = MotorState::POSITION_KNOWN;
         self.restore = None;
+        self.only_restored = false;
     }
 
     /// Somebody has looked: the lengths from before are right.
     pub fn confirm(&mut self) {
         if self.position == MotorState::POSITION_FROM_BEFORE_THE_CUT {
             self.position = MotorState::POSITION_KNOWN;
+            self.only_restored = false;
         }
     }
 

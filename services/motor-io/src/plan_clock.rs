@@ -13,6 +13,7 @@ pub struct PlanClock {
     rate: f64,
     target: f64,
     speed: f64,
+    ease: f64,
     period_s: f64,
 }
 
@@ -20,7 +21,7 @@ impl PlanClock {
     /// At time 0, standing still, full speed chosen.
     #[must_use]
     pub fn new(period_s: f64) -> Self {
-        Self { time_s: 0.0, rate: 0.0, target: 0.0, speed: 1.0, period_s }
+        Self { time_s: 0.0, rate: 0.0, target: 0.0, speed: 1.0, ease: 1.0, period_s }
     }
 
     /// Plan time, s.
@@ -56,9 +57,14 @@ impl PlanClock {
         good
     }
 
+    /// Slows the plan down by this factor, 0 to 1, on top of the chosen speed: something comes near its limit.
+    pub fn set_ease(&mut self, factor: f64) {
+        self.ease = factor.clamp(0.0, 1.0);
+    }
+
     /// One cycle of following: ramps towards the chosen speed, or towards standstill, over `ramp_s` from 0 to 1, and advances.
     pub fn advance(&mut self, run: bool, ramp_s: f64) {
-        self.target = if run { self.speed } else { 0.0 };
+        self.target = if run { self.speed * self.ease } else { 0.0 };
         let step = self.period_s / ramp_s;
         self.rate = if self.rate < self.target {
             (self.rate + step).min(self.target)

@@ -113,15 +113,20 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         // Takes away the wake-ups of the last cycle; from here on a new one is not lost.
         reporter.bus(waiter.wait_until(Some(0)).map(|_| ()));
         let mut answered = ports.commands(cycle, &mut inbox, &mut reporter);
-        while !answered && core.awaits_command() && now_ns() < tick.woke_ns + grace_ns {
-            reporter.bus(waiter.wait_until(Some(tick.woke_ns + grace_ns)).map(|_| ()));
+        while !answered && core.awaits_command() && now_ns() < tick.woke_ns.saturating_add(grace_ns) {
+            reporter.bus(waiter.wait_until(Some(tick.woke_ns.saturating_add(grace_ns))).map(|_| ()));
             answered = ports.commands(cycle, &mut inbox, &mut reporter);
         }
         let call = ports.gather(&mut inbox, &mut server, &mut reporter);
         let begin_ns = now_ns();
         let input = inbox.begin(cycle, tick.scheduled_ns, begin_ns);
         let command = core.decide(input);
-        drives.exchange(cycle, &command, (tick.scheduled_ns + bus_ns).max(begin_ns + bus_least_ns), input);
+        drives.exchange(
+            cycle,
+            &command,
+            tick.scheduled_ns.saturating_add(bus_ns).max(begin_ns.saturating_add(bus_least_ns)),
+            input,
+        );
         input.end_ns = now_ns();
         let observation = core.observe(input);
         ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
@@ -216,7 +221,8 @@ impl Ports {
         }
         let call = if inbox.has_room() { reporter.take(server.try_next()) } else { None };
         if let Some(call) = &call {
-            inbox.request(call.request.id, call.request.verb, &call.request.args);
+            let request = &call.request;
+            inbox.request_made(request.id, request.verb, &request.args, request.header.stamp_ns);
         }
         call
     }
@@ -235,7 +241,7 @@ impl Ports {
     fn lost(&self) -> u64 {
         let commands: u64 = self.commands.iter().map(Subscriber::lost).sum();
         let estimates: u64 = self.estimates.iter().map(Subscriber::lost).sum();
-        commands + estimates + self.motion.lost()
+        commands.saturating_add(estimates).saturating_add(self.motion.lost())
     }
 }
 
@@ -269,7 +275,7 @@ impl Reporter {
     fn bus(&mut self, result: Result<(), BusError>) {
         if let Err(error) = result {
             let now = now_ns();
-            if now > self.complained_ns + SECOND_NS {
+            if now.saturating_sub(self.complained_ns) > SECOND_NS {
                 self.complained_ns = now;
                 warn!("{error}");
             }
@@ -289,7 +295,7 @@ impl Reporter {
         let now = now_ns();
         let Some(error) = drives.trouble() else { return };
         let pause_ns = if self.trouble.as_ref() == Some(&error) { 60 * SECOND_NS } else { SECOND_NS };
-        if now > self.troubled_ns + pause_ns {
+        if now.saturating_sub(self.troubled_ns) > pause_ns {
             self.troubled_ns = now;
             warn!("{error}");
             self.trouble = Some(error);

@@ -4,12 +4,12 @@
 use crate::answer::{Answer, Sentence, sentence};
 use crate::config::JOG_LIMIT_M;
 use crate::core::{Core, Jog};
-use crate::faults::STOPS;
+use crate::faults::{Faults, STOPS};
 use crate::plan_clock::SLOWEST;
 use crate::safety::Mode;
 use crate::sentences::FaultList;
 use cable_robot::{Vector3, elastic, kinematics, tension};
-use messages::{MotorInput, MotorState, OperatorRequest};
+use messages::{MotorAuthority, MotorInput, MotorState, OperatorRequest};
 
 /// A number as it was given; huge ones in powers of ten, so that they leave room for the rest of the sentence.
 struct Given(f64);
@@ -24,6 +24,17 @@ impl std::fmt::Display for Given {
     }
 }
 
+/// A request older than this was made in another situation, and whoever made it has been told that nobody answered, s.
+const STALE_S: f64 = 5.0;
+/// What is done however late it comes.
+const CALMING: [u8; 5] = [
+    OperatorRequest::VERB_ESTOP,
+    OperatorRequest::VERB_STOP,
+    OperatorRequest::VERB_HOLD,
+    OperatorRequest::VERB_PAUSE,
+    OperatorRequest::VERB_DISARM,
+];
+
 /// Accepted or refused, with its sentence.
 type Outcome = Result<Sentence, Sentence>;
 
@@ -32,8 +43,12 @@ macro_rules! no { ($($text:tt)*) => { Err(sentence(format_args!($($text)*))) }; 
 
 impl Core {
     /// Does what one request asks for, or says why not.
-    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, verb: u8, args: &[f64; 8]) -> Answer {
+    /// `age_s`: how long ago it was made. What comes too late makes the robot rest, but never move.
+    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, verb: u8, args: &[f64; 8], age_s: f64) -> Answer {
         let outcome = match verb {
+            _ if age_s > STALE_S && !CALMING.contains(&verb) => no!(
+                "Not done: the request came {age_s:.0} s after it was made, and the robot may be elsewhere by now; ask again."
+            ),
             OperatorRequest::VERB_ARM => self.arm(),
             OperatorRequest::VERB_DISARM => self.disarm(),
             OperatorRequest::VERB_HOLD | OperatorRequest::VERB_PAUSE => self.pause(input),
@@ -140,6 +155,10 @@ impl Core {
             }
             Mode::Following => yes!("The motion is running."),
             Mode::Holding if self.motion.suspended() => {
+                let lost = self.who_is_lost();
+                if lost != 0 {
+                    return no!("Not resumed: {}.", FaultList(&Faults { bits: lost, ..Faults::default() }));
+                }
                 if self.odometry.position() != MotorState::POSITION_KNOWN {
                     return no!(
                         "Not resumed: the position needs confirmation; confirm it or zero, then start a new motion."
@@ -330,6 +349,10 @@ impl Core {
             Mode::Faulted | Mode::EmergencyStop => {
                 return no!("Not jogged: the robot is stopped by a fault; reset it first.");
             }
+        }
+        let lost = self.who_is_lost() & MotorAuthority::FAULT_SUPERVISOR_LOST;
+        if lost != 0 {
+            return no!("Not jogged: {}.", FaultList(&Faults { bits: lost, ..Faults::default() }));
         }
         if self.motion.suspended() {
             return no!("Not jogged: a motion is paused; stop to give it up first.");

@@ -17,7 +17,11 @@ const FAULTS: [(u32, &str, &str); 18] = [
         "a motor pushes hard and its line does not move, so this cable was let go",
         "free the line, check the encoder, then reset",
     ),
-    (MotorAuthority::FAULT_SLACK, "a line is slack", "look for what carries the node, jog the line taut, then reset"),
+    (
+        MotorAuthority::FAULT_SLACK,
+        "a line is slack or broken",
+        "look for what carries the node, jog the line taut or mend it, then reset",
+    ),
     (MotorAuthority::FAULT_OVER_TENSION, "a line is too tight", "jog it out, check the calibration, then reset"),
     (MotorAuthority::FAULT_OVER_CURRENT, "a motor draws too much current", "look for what blocks the line, then reset"),
     (
@@ -34,19 +38,19 @@ const FAULTS: [(u32, &str, &str); 18] = [
     (
         MotorAuthority::FAULT_COMMAND_LOST,
         "the controller stopped answering, so the robot stopped and holds",
-        "start the controller, then resume",
+        "when nims status shows it again, resume; if it does not come back, end nims up and start it again",
     ),
     (MotorAuthority::FAULT_LENGTH_LIMIT, "a line has reached its length limit", "reset, then move back inside"),
     (
         MotorAuthority::FAULT_ESTIMATE_LOST,
         "there is no valid estimate of the position, so the robot stopped and holds",
-        "start the estimator, then resume",
+        "when nims status shows the estimator again, resume; if it does not come back, end nims up and start it again",
     ),
     (MotorAuthority::FAULT_SUPPLY, "the supply voltage is low", "charge or change the battery, then reset"),
     (
         MotorAuthority::FAULT_LONG_GAP,
-        "the machine stood still for longer than the drives wait, so the robot waits a second and goes on",
-        "look for what else runs on this machine",
+        "this machine had no time for the drives, so the robot stopped where it was",
+        "look for what else runs on it; after up to a second the robot goes on by itself, after more it holds, and resume goes on",
     ),
     (MotorAuthority::FAULT_EMERGENCY_INPUT, "the emergency stop of a drive unit is pressed", "release it, then reset"),
     (
@@ -57,7 +61,7 @@ const FAULTS: [(u32, &str, &str); 18] = [
     (
         MotorAuthority::FAULT_PLANNER_LOST,
         "the planner is gone, so the robot holds after what was planned",
-        "start the planner, then start a new motion",
+        "when nims status shows it again, start a new motion; if it does not come back, end nims up and start it again",
     ),
     (
         MotorAuthority::FAULT_COMMAND_REFUSED,
@@ -194,7 +198,9 @@ mod tests {
         authority.fault_cable[1] = 1;
         assert_eq!(
             faults_of(&authority),
-            ["A line is slack: look for what carries the node, jog the line taut, then reset (cable 2)."]
+            [
+                "A line is slack or broken: look for what carries the node, jog the line taut or mend it, then reset (cable 2)."
+            ]
         );
     }
 

@@ -1,11 +1,18 @@
 //! What can go wrong with drives and lines, watched cycle by cycle: stall, runaway, slack, over-tension, over-current, supply,
 //! drive errors, lost units.
 //!
+//! A line that carries nothing shows in two ways. Tensions come from lengths, and a line that breaks keeps its length, so they alone
+//! do not tell. But a motor that reels in a line without tension draws only the current of its own friction: while a line is reeled in, its
+//! current is compared with what the estimated tension would draw. While it is paid out, the gear carries nearly all of the tension, and the
+//! current tells next to nothing; there, a line that does not come although it is paid out is one that nothing pulls. At standstill neither
+//! is to be seen.
+//!
 //! Each condition has to persist for a number of cycles, because one reading is noise. Time is counted in cycles: a machine that
 //! stands still for a moment must not look like a fault of the robot.
 
 use crate::config::CoreConfig;
 use crate::faults::Faults;
+use cable_robot::motor::Motor;
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState, UNITS};
 use roboclaw::Status;
 
@@ -28,6 +35,51 @@ const TENSION_MARGIN_N: f64 = 2.0;
 /// Fresh readings of a low supply before it counts: a motor that starts pulls it down for a moment.
 const SUPPLY_READINGS: u32 = 5;
 
+/// The current tells of a tension only where that tension makes this much of it, A; the reading has steps of 10 mA and the model's
+/// friction is known to a few of them.
+const TELLING_A: f64 = 0.1;
+/// A current that lacks more than this share of what the tension draws speaks against it: the rest is for the motor's inertia and a
+/// friction that was not measured on this day.
+const LACKING_SHARE: f64 = 0.5;
+/// No single reading counts for more or less than this.
+const LACKING_MOST: f64 = 1.0;
+/// So much of it, summed up over cycles, and the line carries nothing: a quarter of a second of a line that is broken. A sound robot
+/// stays below half of it.
+const LACKING_CYCLES: f64 = 12.0;
+/// A reading stands for the cycles since the last one, but not for more than this.
+const SPARSE_CYCLES: u32 = 8;
+/// A condition that is judged by a slowly read value needs so many readings, however long it lasts.
+const LEAST_READINGS: u32 = 3;
+/// Share of the current limit from which the motion is slowed down.
+const EASE_CURRENT_SHARE: f64 = 0.9;
+/// It is not slowed down further than this: it shall come out of where it is, or reach the fault.
+const EASE_LEAST: f64 = 0.1;
+
+/// A condition on a value that is not read in every cycle: it lasts from its first reading on, until a reading speaks against it.
+#[derive(Debug, Clone, Copy, Default)]
+struct Lasting {
+    cycles: u32,
+    readings: u32,
+}
+
+impl Lasting {
+    /// One cycle; `reading` is what the value says, if it was read.
+    fn note(&mut self, reading: Option<bool>) {
+        match reading {
+            Some(true) => self.readings = self.readings.saturating_add(1),
+            Some(false) => *self = Self::default(),
+            None => {}
+        }
+        if self.readings > 0 {
+            self.cycles = self.cycles.saturating_add(1);
+        }
+    }
+
+    fn over(&self, cycles: u32) -> bool {
+        self.cycles >= cycles && self.readings >= LEAST_READINGS
+    }
+}
+
 /// What the safety machine tells the watch about this cycle.
 #[derive(Debug, Clone, Copy)]
 pub struct Situation {
@@ -49,12 +101,19 @@ pub struct Watch {
     silent: [u32; UNITS],
     resync: [u32; UNITS],
     low_supply: [u32; UNITS],
-    stalled: [u32; CABLES],
+    stalled: [Lasting; CABLES],
     runaway: [u32; CABLES],
     slack: [u32; CABLES],
     tight: [u32; CABLES],
-    hot: [u32; CABLES],
-    straining: [u32; CABLES],
+    hot: [Lasting; CABLES],
+    straining: [Lasting; CABLES],
+    /// How much the current lacks, summed up.
+    lacking: [f64; CABLES],
+    /// Cycles since the current was last read.
+    unread: [u32; CABLES],
+    /// How far the motion has to be slowed down.
+    ease: f64,
+    late: u32,
     excuse_high: [f64; CABLES],
     excuse_low: [f64; CABLES],
     current_a: [f64; CABLES],
@@ -71,12 +130,16 @@ impl Watch {
             silent: [0; UNITS],
             resync: [0; UNITS],
             low_supply: [0; UNITS],
-            stalled: [0; CABLES],
+            stalled: [Lasting::default(); CABLES],
             runaway: [0; CABLES],
             slack: [0; CABLES],
             tight: [0; CABLES],
-            hot: [0; CABLES],
-            straining: [0; CABLES],
+            hot: [Lasting::default(); CABLES],
+            straining: [Lasting::default(); CABLES],
+            lacking: [0.0; CABLES],
+            unread: [0; CABLES],
+            ease: 1.0,
+            late: 0,
             excuse_high: [0.0; CABLES],
             excuse_low: [0.0; CABLES],
             current_a: [0.0; CABLES],
@@ -90,6 +153,8 @@ impl Watch {
     pub fn units(&mut self, config: &CoreConfig, input: &MotorInput, found: &mut Faults) -> [bool; UNITS] {
         let mut back = [false; UNITS];
         let patience = config.cycles(RESYNC_S).max(LOST_CYCLES);
+        let late = input.unit[..config.unit_count].contains(&MotorInput::UNIT_LATE);
+        count(&mut self.late, late);
         for (unit, back) in back.iter_mut().enumerate().take(config.unit_count) {
             let was_lost = self.silent[unit] >= LOST_CYCLES || self.resync[unit] >= patience;
             match input.unit[unit] {
@@ -98,6 +163,8 @@ impl Watch {
                     (self.silent[unit], self.resync[unit]) = (0, 0);
                 }
                 MotorInput::UNIT_RESYNC => self.resync[unit] = self.resync[unit].saturating_add(1),
+                // Neither proves nor excuses anything: this program was late.
+                MotorInput::UNIT_LATE => {}
                 MotorInput::UNIT_REBOOTED => {
                     (self.silent[unit], self.resync[unit]) = (0, 0);
                     found.unit(MotorAuthority::FAULT_UNIT_REBOOT, unit);
@@ -107,8 +174,10 @@ impl Watch {
             if self.silent[unit] >= LOST_CYCLES || self.resync[unit] >= patience {
                 found.unit(MotorAuthority::FAULT_LOST_UNIT, unit);
             }
-            if input.slow_fresh[unit] == 1 {
+            if has(input, unit, MotorInput::SLOW_STATUS) {
                 self.status[unit] = input.status[unit];
+            }
+            if has(input, unit, MotorInput::SLOW_SUPPLY) {
                 // Not a number: not read yet.
                 if plausible(input.supply_v[unit]) {
                     self.supply_v[unit] = input.supply_v[unit];
@@ -145,10 +214,15 @@ impl Watch {
         let tensions = &input.estimate_tension_n[situation.estimator * CABLES..][..CABLES];
         let estimate_valid = input.estimate_valid[situation.estimator] == 1
             && input.estimate_cycle[situation.estimator].checked_add(1) == Some(input.header.cycle);
+        self.ease = 1.0;
         for i in 0..config.cable_count() {
             let unit = config.unit_of_cable[i];
-            if input.slow_fresh[unit] == 1 && plausible(input.current_a[i]) && plausible(input.duty[i]) {
+            let new_current = has(input, unit, MotorInput::SLOW_CURRENT) && plausible(input.current_a[i]);
+            let new_duty = has(input, unit, MotorInput::SLOW_DUTY) && plausible(input.duty[i]);
+            if new_current {
                 self.current_a[i] = input.current_a[i];
+            }
+            if new_duty {
                 self.duty[i] = input.duty[i];
             }
             let (sent, v) = (situation.sent_m_s[i], velocity_m_s[i]);
@@ -159,33 +233,50 @@ impl Watch {
             if fresh[i] {
                 let still = v.abs() < STALL_SHARE * sent.abs();
                 let pushing = self.duty[i].abs() > config.stall_duty;
-                count(&mut self.stalled[i], driven && sent.abs() > STALL_COMMAND_M_S && still && pushing);
+                let stalled = driven && sent.abs() > STALL_COMMAND_M_S && still && pushing;
+                // The encoder is read in every cycle, and whether the motor pushes is known from its last reading.
+                self.stalled[i].note((new_duty || !stalled).then_some(stalled));
                 let wild = v > self.excuse_high[i] + tolerance || v < self.excuse_low[i] - tolerance;
                 count(&mut self.runaway[i], driven && wild);
             }
-            if self.stalled[i] >= config.stall_cycles {
+            if self.stalled[i].over(config.stall_cycles) {
                 found.cable(MotorAuthority::FAULT_STALL, i);
+                if sent > 0.0 {
+                    // Nothing can hold back a line that is paid out; this one is not pulled.
+                    found.cable(MotorAuthority::FAULT_SLACK, i);
+                }
             }
             if self.runaway[i] >= config.stall_cycles {
                 found.cable(MotorAuthority::FAULT_RUNAWAY, i);
             }
-            count(&mut self.hot[i], driven && self.current_a[i].abs() > config.current_limit_a);
-            if self.hot[i] >= config.stall_cycles {
+            let current = self.current_a[i].abs();
+            self.hot[i].note(new_current.then_some(driven && current > config.current_limit_a));
+            if self.hot[i].over(config.stall_cycles) {
                 found.cable(MotorAuthority::FAULT_OVER_CURRENT, i);
             }
             // The most a line at its limit can draw at this speed: reeling in against the whole friction of the gear.
             let motor = config.robot.motor();
             let most = (strongest * (1.0 + motor.gear_friction) + motor.coulomb_n + motor.viscous_n_s_m * v.abs())
                 / motor.force_constant_n_a;
-            count(&mut self.straining[i], driven && self.current_a[i].abs() > most);
+            self.straining[i].note(new_current.then_some(driven && current > most));
+            if situation.following {
+                let limit = config.current_limit_a.min(most);
+                self.ease = self.ease.min(headroom(current, EASE_CURRENT_SHARE * limit, limit));
+            }
             if estimate_valid && tensions[i].is_finite() {
+                if situation.following {
+                    let [least, largest] = config.robot.tension_limits_n();
+                    self.ease = self.ease.min(headroom(tensions[i], largest, strongest));
+                    self.ease = self.ease.min(headroom(-tensions[i], -least, -config.slack_n));
+                }
+                self.lacks(i, motor, tensions[i], v, new_current, situation.following && driven);
                 count(&mut self.slack[i], situation.following && tensions[i] < config.slack_n);
                 count(&mut self.tight[i], situation.following && tensions[i] > strongest);
             }
-            if self.slack[i] >= config.slack_cycles {
+            if self.slack[i] >= config.slack_cycles || self.lacking[i] >= LACKING_CYCLES {
                 found.cable(MotorAuthority::FAULT_SLACK, i);
             }
-            if self.tight[i] >= config.slack_cycles || self.straining[i] >= config.slack_cycles {
+            if self.tight[i] >= config.slack_cycles || self.straining[i].over(config.slack_cycles) {
                 found.cable(MotorAuthority::FAULT_OVER_TENSION, i);
             }
         }
@@ -193,11 +284,47 @@ impl Watch {
 
     /// Forgets what persisted, after a reset.
     pub fn forget(&mut self) {
-        for counters in
-            [&mut self.stalled, &mut self.runaway, &mut self.slack, &mut self.tight, &mut self.hot, &mut self.straining]
-        {
+        for counters in [&mut self.runaway, &mut self.slack, &mut self.tight] {
             *counters = [0; CABLES];
         }
+        for lasting in [&mut self.stalled, &mut self.hot, &mut self.straining] {
+            *lasting = [Lasting::default(); CABLES];
+        }
+        self.lacking = [0.0; CABLES];
+    }
+
+    /// Sums up how much the current speaks against the estimated tension, where it can.
+    fn lacks(&mut self, i: usize, motor: &Motor, tension_n: f64, v: f64, new_current: bool, counts: bool) {
+        if !counts {
+            self.lacking[i] = 0.0;
+            return;
+        }
+        self.unread[i] = self.unread[i].saturating_add(1);
+        let reel_in = -v;
+        let idle_a = motor.current_a(0.0, reel_in);
+        let drawn_a = motor.current_a(tension_n, reel_in) - idle_a;
+        if !new_current {
+            return;
+        }
+        let cycles = f64::from(self.unread[i].min(SPARSE_CYCLES));
+        self.unread[i] = 0;
+        if motor.friction_sign(reel_in) > 0.5 && drawn_a > TELLING_A {
+            let lacking =
+                (1.0 - (self.current_a[i] - idle_a) / drawn_a - LACKING_SHARE).clamp(-LACKING_MOST, LACKING_MOST);
+            self.lacking[i] = (self.lacking[i] + lacking * cycles).max(0.0);
+        }
+    }
+
+    /// How far the motion has to be slowed down, 1: not at all, because a tension or a current comes near to where it is a fault.
+    #[must_use]
+    pub fn ease(&self) -> f64 {
+        self.ease
+    }
+
+    /// Cycles in a row in which this program was too late for the drives.
+    #[must_use]
+    pub fn late(&self) -> u32 {
+        self.late
     }
 
     /// Last current of a motor, A.
@@ -229,6 +356,15 @@ impl Default for Watch {
     fn default() -> Self {
         Self::new()
     }
+}
+
+fn has(input: &MotorInput, unit: usize, value: u8) -> bool {
+    input.slow_fresh[unit] & value != 0
+}
+
+/// 1 up to `soft`, then falling to [`EASE_LEAST`] at `hard`.
+fn headroom(value: f64, soft: f64, hard: f64) -> f64 {
+    if value <= soft || hard <= soft { 1.0 } else { ((hard - value) / (hard - soft)).clamp(EASE_LEAST, 1.0) }
 }
 
 /// A reading that the protocol can carry at all.

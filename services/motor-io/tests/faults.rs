@@ -157,6 +157,83 @@ fn bus_cycles_lost_to_noise_slow_the_plan_down_and_are_not_missed() {
     expect(&mut rig, 40, A::FAULT_LOST_UNIT, None);
 }
 
+/// This program's own lateness is never taken for the unit's silence.
+#[test]
+fn lateness_of_this_program_stops_the_robot_and_loses_no_unit() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.unit[0] = MotorInput::UNIT_LATE;
+    rig.step();
+    rig.estimate_valid = false;
+    rig.steps(20);
+    let during = rig.seen().authority;
+    assert_eq!((during.mode, during.faults, during.missed), (A::MODE_FOLLOWING, 0, 0));
+    assert!(during.plan_rate < 0.7, "{}", during.plan_rate);
+    rig.until(120, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!((rig.faults(), rig.seen().authority.motion), (A::FAULT_LONG_GAP, rig.motion.motion));
+    rig.steps(200);
+    assert_eq!(rig.faults(), A::FAULT_LONG_GAP);
+    rig.unit[0] = MotorInput::UNIT_OK;
+    rig.estimate_valid = true;
+    rig.steps(3);
+    rig.demand(R::VERB_RESUME, &[]);
+    rig.steps(60);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
+}
+
+/// A line that is reeled in without the current that its tension draws.
+#[test]
+fn a_line_without_the_current_of_its_tension_is_slack() {
+    let motor = rig::config().robot.motor().to_owned();
+    for reading_every in [1, 4] {
+        let mut rig = Rig::following([0.05, -0.1, 0.0]);
+        rig.current_a[1] = motor.current_a(10.0, 0.1);
+        rig.steps(300);
+        assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+        rig.current_a[1] = motor.current_a(0.0, 0.1);
+        for cycle in 0..60 {
+            rig.slow = if cycle % reading_every == 0 { MotorInput::SLOW_ALL } else { 0 };
+            rig.step();
+        }
+        expect(&mut rig, 1, A::FAULT_SLACK, Some(1));
+    }
+}
+
+#[test]
+fn one_reading_that_is_not_followed_by_another_is_no_fault() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.current_a[2] = 5.5;
+    rig.step();
+    rig.slow = 0;
+    rig.steps(200);
+    assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+}
+
+#[test]
+fn a_line_that_does_not_come_when_it_is_paid_out_is_slack() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.dead[0] = true;
+    rig.duty[0] = 0.9;
+    expect(&mut rig, 60, A::FAULT_STALL | A::FAULT_SLACK, Some(0));
+}
+
+/// Near its limits the robot becomes slower before it stops.
+#[test]
+fn near_a_limit_the_motion_is_slowed_down() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.tension_n[2] = 68.0; // between the limit of 60 N and the fault at 77 N
+    rig.steps(100);
+    let slowed = rig.seen().authority;
+    assert_eq!((slowed.mode, slowed.faults), (A::MODE_FOLLOWING, 0));
+    assert!((0.4..0.6).contains(&slowed.plan_rate), "{}", slowed.plan_rate);
+    rig.tension_n[2] = 10.0;
+    rig.current_a[2] = 3.45; // a line at its limit draws 3.64 A at most
+    rig.steps(100);
+    assert!((0.3..0.7).contains(&rig.seen().authority.plan_rate));
+    rig.current_a[2] = 0.5;
+    rig.steps(100);
+    assert_eq!(rig.seen().authority.plan_rate, 1.0);
+}
+
 #[test]
 fn slack_and_over_tension_are_faults_while_following_only() {
     for (tension, bit) in [(0.2, A::FAULT_SLACK), (90.0, A::FAULT_OVER_TENSION)] {
@@ -166,6 +243,7 @@ fn slack_and_over_tension_are_faults_while_following_only() {
         assert_eq!(rig.mode(), A::MODE_HOLDING);
         let mut rig = Rig::following([0.05, -0.05, 0.0]);
         rig.tension_n[1] = tension;
+        rig.current_a[1] = rig::config().robot.motor().current_a(tension, 0.05);
         rig.steps(25);
         assert_eq!(rig.mode(), A::MODE_FOLLOWING);
         expect(&mut rig, 20, bit, Some(1));

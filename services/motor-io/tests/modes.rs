@@ -337,7 +337,8 @@ fn zeroing_at_a_position_gives_unstretched_lengths() {
 #[test]
 fn the_position_from_before_the_cut_has_to_be_confirmed() {
     let mut rig = Rig::default();
-    // Encoder 1 has gone on counting for 0.1 m, encoder 3 has been switched off and starts elsewhere.
+    // Unit 1 was running all the time, and its encoder 1 has counted on for 0.1 m; unit 2 has been switched off and starts elsewhere.
+    rig.alive[0] = 1;
     rig.inbox.first(99, Some(([4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], [49_000, -50_000, 900_000, 0, 0, 0, 0, 0])));
     rig.steps(2);
     let state = rig.seen().state;
@@ -388,6 +389,108 @@ fn after_a_gap_beyond_the_watchdog_the_robot_waits_and_goes_on_by_itself() {
     assert_eq!(authority.faults, A::FAULT_LONG_GAP);
     rig.steps(160);
     assert_eq!((rig.faults(), rig.seen().authority.plan_rate, rig.mode()), (0, 1.0, A::MODE_FOLLOWING));
+}
+
+#[test]
+fn after_a_long_gap_the_robot_holds_until_somebody_resumes() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.velocity_m_s = [0.0; 8];
+    rig.step_after(1_500_000_000, 1_500_000_000);
+    rig.steps(300);
+    let authority = rig.seen().authority;
+    assert_eq!((authority.mode, authority.plan_rate, authority.faults), (A::MODE_HOLDING, 0.0, A::FAULT_LONG_GAP));
+    assert_eq!(authority.motion, rig.motion.motion);
+    rig.demand(R::VERB_RESUME, &[]);
+    rig.steps(100);
+    assert_eq!((rig.faults(), rig.mode()), (0, A::MODE_FOLLOWING));
+}
+
+#[test]
+fn a_request_that_comes_too_late_may_only_calm_the_robot() {
+    for (verb, args) in
+        [(R::VERB_ARM, [0.0; 8]), (R::VERB_JOG, [1.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), (R::VERB_RESUME, [0.0; 8])]
+    {
+        let mut rig = Rig::default().ready();
+        let made_ns = rig.now_ns;
+        rig.steps(600);
+        assert!(rig.inbox.request_made(1, verb, &args, made_ns));
+        let answer = rig.step().answers[0];
+        assert!(!answer.accepted && answer.sentence.contains("ask again"), "{}", answer.sentence);
+        assert_eq!(rig.mode(), A::MODE_HOLDING);
+    }
+    let mut rig = Rig::following([0.02, 0.0, 0.0]);
+    let made_ns = rig.now_ns;
+    rig.steps(600);
+    assert!(rig.inbox.request_made(1, R::VERB_STOP, &[0.0; 8], made_ns));
+    assert!(rig.step().answers[0].accepted);
+    assert_eq!(rig.mode(), A::MODE_STOPPING);
+}
+
+#[test]
+fn a_dead_estimator_is_not_called_a_dead_controller() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.controller = None; // the rig's estimates go with it
+    rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_ESTIMATE_LOST);
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.estimator_alone = true;
+    rig.controller = None;
+    rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_COMMAND_LOST);
+}
+
+#[test]
+fn a_jog_up_to_the_length_limit_is_made() {
+    let mut rig = Rig::default();
+    rig.steps(3);
+    rig.demand(R::VERB_ZERO_LENGTHS, &[13.9, 5.0, 5.0]);
+    rig.demand(R::VERB_ARM, &[]);
+    let (accepted, sentence) = rig.ask(R::VERB_JOG, &[1.0, 0.11]);
+    assert!(!accepted && sentence.contains("14"), "{sentence}");
+    rig.demand(R::VERB_JOG, &[1.0, 0.1]);
+    rig.until(600, |rig| rig.mode() == A::MODE_HOLDING);
+    rig.steps(30);
+    assert_eq!(rig.faults(), 0);
+    assert!((rig.seen().state.length_m[0] - 14.0).abs() < 0.002, "{}", rig.seen().state.length_m[0]);
+}
+
+#[test]
+fn without_its_supervisor_nothing_is_jogged_or_begun() {
+    let mut rig = Rig::default().ready();
+    rig.demand(R::VERB_JOG, &[1.0, 1.5]);
+    rig.steps(50);
+    let beat = rig.supervisor.take();
+    rig.until(260, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_SUPERVISOR_LOST);
+    let (accepted, sentence) = rig.ask(R::VERB_JOG, &[1.0, 0.1]);
+    assert!(!accepted && sentence.contains("supervisor"), "{sentence}");
+    rig.offer(5.0);
+    rig.steps(50);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    rig.supervisor = beat;
+    rig.steps(3);
+    rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
+}
+
+#[test]
+fn a_planner_that_was_started_anew_is_named_and_what_it_had_planned_is_flown() {
+    let mut rig = Rig::default().ready();
+    rig.offer(3.0);
+    let mut all = [0.0; 8];
+    all[0] = 0.02;
+    rig.controller = Some(all);
+    rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
+    rig.steps(100);
+    let kept = rig.motion.current.id;
+    rig.motion = messages::PlanMotion { beat: 0, ..Default::default() };
+    rig.segment = Some(kept);
+    rig.steps(10);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, A::FAULT_PLANNER_LOST));
+    rig.until(200, |rig| rig.seen().authority.plan_rate == 0.0);
+    rig.controller = Some([0.0; 8]);
+    rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_PLANNER_LOST);
+    assert!(rig.seen().authority.plan_time_s >= 3.0);
 }
 
 #[test]

@@ -132,6 +132,8 @@ message! {
         /// Requests that arrived; verb 0: none.
         request_id: [u64; 4],
         request_args: [f64; 32],
+        /// When each was made, ns; 0: unknown.
+        request_stamp_ns: [u64; 4],
         /// From plan/motion: start of its current segment, end of everything planned, end of the segments it carries.
         motion_start_s: f64,
         motion_end_s: f64,
@@ -161,9 +163,11 @@ message! {
         command_arrived: [u8; SLOTS],
         request_verb: [u8; 4],
         /// Per unit, what the exchange gave.
-        unit: [u8; UNITS] { UNIT_ABSENT = 0, UNIT_OK = 1, UNIT_RESYNC = 2, UNIT_LOST = 3, UNIT_REBOOTED = 4 },
-        /// 1: current, duty and supply are fresh.
-        slow_fresh: [u8; UNITS],
+        unit: [u8; UNITS] { UNIT_ABSENT = 0, UNIT_OK = 1, UNIT_RESYNC = 2, UNIT_LOST = 3, UNIT_REBOOTED = 4, UNIT_LATE = 5 },
+        /// Per unit, which of the slowly read values are new in this cycle.
+        slow_fresh: [u8; UNITS] { SLOW_SUPPLY = 1, SLOW_STATUS = 2, SLOW_CURRENT = 4, SLOW_DUTY = 8, SLOW_ALL = 15 },
+        /// 1: the unit was running already when this process first spoke to it, so its encoders have counted on.
+        unit_alive: [u8; UNITS],
         cable_count: u8,
         unit_count: u8,
         restored: u8,

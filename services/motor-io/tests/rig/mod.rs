@@ -51,12 +51,20 @@ pub struct Rig {
     pub unit: [u8; UNITS],
     pub status: [u32; UNITS],
     pub supply_v: f64,
+    /// Which slow values are new in each cycle.
+    pub slow: u8,
+    /// Units that were running before.
+    pub alive: [u8; UNITS],
     pub duty: [f64; CABLES],
     pub current_a: [f64; CABLES],
     pub tension_n: [f64; CABLES],
     /// What the controller answers; None: it is dead.
     pub controller: Option<[f64; CABLES]>,
     pub estimate_valid: bool,
+    /// The estimator lives although the controller is dead.
+    pub estimator_alone: bool,
+    /// The segment that the controller says it follows; None: the planner's.
+    pub segment: Option<u32>,
     pub incarnation: u32,
     pub motion: PlanMotion,
     pub planner: bool,
@@ -84,11 +92,15 @@ impl Rig {
             unit: [MotorInput::UNIT_OK; UNITS],
             status: [0; UNITS],
             supply_v: 12.0,
+            slow: MotorInput::SLOW_ALL,
+            alive: [0; UNITS],
             duty: [0.1; CABLES],
             current_a: [0.5; CABLES],
             tension_n: [10.0; CABLES],
             controller: Some([0.0; CABLES]),
             estimate_valid: true,
+            estimator_alone: false,
+            segment: None,
             incarnation: 7,
             motion: PlanMotion::default(),
             planner: true,
@@ -126,7 +138,7 @@ impl Rig {
                 based_on_cycle: self.cycle - 1,
                 epoch: last.seen.authority.epoch,
                 incarnation: self.incarnation,
-                segment: self.motion.current.id,
+                segment: self.segment.unwrap_or(self.motion.current.id),
                 ttl_cycles: 10,
                 valid: [u8::from(self.estimate_valid), 0],
                 ..MotorCommand::default()
@@ -134,6 +146,8 @@ impl Rig {
             command.header.oldest_input_ns = last.seen.state.header.oldest_input_ns;
             command.velocity_m_s[..CABLES].copy_from_slice(&velocity);
             self.inbox.command(0, &command);
+        }
+        if self.last.is_some() && (self.controller.is_some() || self.estimator_alone) {
             let mut estimate = NodeEstimate {
                 valid: u8::from(self.estimate_valid),
                 tension_n: self.tension_n,
@@ -158,7 +172,8 @@ impl Rig {
         }
         for unit in 0..2 {
             input.unit[unit] = self.unit[unit];
-            input.slow_fresh[unit] = u8::from(self.unit[unit] == MotorInput::UNIT_OK);
+            input.slow_fresh[unit] = if self.unit[unit] == MotorInput::UNIT_OK { self.slow } else { 0 };
+            input.unit_alive[unit] = self.alive[unit];
             input.supply_v[unit] = self.supply_v;
             input.status[unit] = self.status[unit];
         }

@@ -43,6 +43,9 @@ pub struct UnitReport {
     pub jumps: u32,
     /// How often the unit was set up: 1 after the first time.
     pub setups: u32,
+    /// The unit had this program's watchdog time when it was first spoken to: it has been running since another life of this program,
+    /// and its encoders have counted on. A unit that was switched on anew has none.
+    pub was_alive: bool,
 }
 
 /// What became of one cycle with one unit.

@@ -244,6 +244,9 @@ impl<T: Transport> Bus<T> {
         let next = match setup {
             Setup::Recognise { whole } => {
                 let same = self.ask(index, Read::Watchdog)?.0 == Reply::Watchdog(wanted);
+                if let Some(unit) = self.units.get_mut(index).filter(|unit| !unit.told && unit.report.setups == 0) {
+                    unit.report.was_alive = same;
+                }
                 if !same {
                     self.has_restarted(index);
                 }
