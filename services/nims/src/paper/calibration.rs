@@ -594,10 +594,13 @@ pub fn table2(effort: Effort) -> Result<Section> {
             ),
             Check::condition(
                 noise_error > 0.01,
-                "noise of the size of the residuals explains a few centimetres; as it does not, the experiment had a systematic \
-                 error, which the joint estimator below would have found"
-                    .into(),
+                "noise of the size of the residuals alone would leave a few centimetres".into(),
             ),
+        ],
+        remarks: vec![
+            "So the lengths of that experiment probably had a systematic error of this kind. The joint estimator below \
+             finds both kinds."
+                .into(),
         ],
         ..Section::default()
     })

@@ -7,7 +7,7 @@ use crate::picture::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
 use anyhow::{Context, Result};
 use cable_robot::energy::{Best, Bounds, Cost, CurrentTable, Hoist};
 use cable_robot::motor::Motor;
-use cable_robot::{Distribution, Vector3, energy::Current};
+use cable_robot::{Distribution, Matrix3, Vector3, energy::Current};
 use plant::{Plant, PlantConfig};
 
 /// Intervals of Simpson's rule: an error of 3e-6.
@@ -86,33 +86,19 @@ fn hoisted_current(tension_n: f64, reel_in_m_s: f64) -> Result<f64> {
     Ok(mean(&currents))
 }
 
-/// Least-squares fit of a T² + b T + c, and the share of the variance it leaves unexplained.
-fn quadratic(points: &[[f64; 2]]) -> [f64; 4] {
-    let basis = |x: f64| [x * x, x, 1.0];
-    let mut a = [[0.0; 4]; 3];
+/// Share of the variance of y that the best quadratic of x leaves unexplained, and its curvature.
+fn quadratic(points: &[[f64; 2]]) -> Option<[f64; 2]> {
+    let basis = |x: f64| Vector3::new(x * x, x, 1.0);
+    let (mut normal, mut right) = (Matrix3::zeros(), Vector3::zeros());
     for [x, y] in points {
-        for i in 0..3 {
-            for j in 0..3 {
-                a[i][j] += basis(*x)[i] * basis(*x)[j];
-            }
-            a[i][3] += basis(*x)[i] * y;
-        }
+        normal += basis(*x) * basis(*x).transpose();
+        right += basis(*x) * *y;
     }
-    for i in 0..3 {
-        for j in 0..3 {
-            if i != j {
-                let f = a[j][i] / a[i][i];
-                let row = a[i];
-                a[j].iter_mut().zip(row).for_each(|(to, from)| *to -= f * from);
-            }
-        }
-    }
-    let fit = [0, 1, 2].map(|i| a[i][3] / a[i][i]);
+    let fit = normal.try_inverse()? * right;
     let middle = mean(&points.iter().map(|p| p[1]).collect::<Vec<_>>());
-    let value = |x: f64| basis(x).iter().zip(fit).map(|(b, c)| b * c).sum::<f64>();
-    let left: f64 = points.iter().map(|[x, y]| (y - value(*x)) * (y - value(*x))).sum();
-    let all: f64 = points.iter().map(|[_, y]| (y - middle) * (y - middle)).sum();
-    [fit[0], fit[1], fit[2], left / all]
+    let left: f64 = points.iter().map(|[x, y]| (y - fit.dot(&basis(*x))).powi(2)).sum();
+    let all: f64 = points.iter().map(|[_, y]| (y - middle).powi(2)).sum();
+    Some([left / all, fit.x])
 }
 
 /// Figure 11: square of the current over speed and tension.
@@ -131,7 +117,7 @@ pub fn fig11(effort: Effort) -> Result<Section> {
         .iter()
         .map(|t| Ok([*t, table.current_a(*t, fastest)?.powi(2)]))
         .collect::<Result<_, cable_robot::energy::TableError>>()?;
-    let [curvature, _, _, unexplained] = quadratic(&up);
+    let [unexplained, curvature] = quadratic(&up).context("three tensions or more are needed")?;
     let (mut raising, mut lowering, mut off) = (Vec::new(), Vec::new(), Vec::new());
     for (speed, row) in speeds.iter().zip(&rows) {
         for (tension, current) in tensions.iter().zip(row) {
@@ -299,12 +285,14 @@ pub fn fig12(effort: Effort) -> Result<Section> {
         let anchors: Vec<[f64; 2]> = stand_in::three().iter().map(|a| onto(&Vector3::from(*a))).collect();
         let mut outline = anchors.clone();
         outline.push(anchors[0]);
+        // Names stand in one of the two views, where there is room.
+        let named = y == "z, m";
         let mut series = vec![
-            Series::line("anchors", BLACK, anchors).looking(Look::Discs(5)),
+            Series::line(if named { "anchors" } else { "" }, BLACK, anchors).looking(Look::Discs(5)),
             Series::line("", GREY, outline).looking(Look::Dashed),
         ];
         for (k, tracks) in moves.flown.iter().enumerate() {
-            let name = |text: &str| if k == 0 { text.to_owned() } else { String::new() };
+            let name = |text: &str| if k == 0 && named { text.to_owned() } else { String::new() };
             series.push(track_path(&tracks[1], &name("parabolas, flown"), 0, onto));
             series.push(track_path(&tracks[0], &name("straight lines, flown"), 1, onto));
         }

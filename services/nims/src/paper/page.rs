@@ -56,9 +56,9 @@ pub fn html(sections: &[Section]) -> String {
     out.push_str(&html_table(&summary(sections)));
     for section in sections {
         let verdict = Verdict::of(&section.checks);
-        let _ = write!(out, "<h2 id=\"{}\">{}</h2>\n", section.key, escape(section.title));
+        let _ = writeln!(out, "<h2 id=\"{}\">{}</h2>", section.key, escape(section.title));
         let _ = writeln!(out, "<p><b>{}.</b> {}</p>", claim_word(section), escape(&section.claim));
-        let _ = writeln!(out, "<p><b>Stand-in.</b> {}</p>", escape(&section.stand_in));
+        let _ = writeln!(out, "<p><b>Stand-in.</b> {}</p>", escape(&capital(&section.stand_in)));
         for picture in 0..section.pictures.len() {
             let name = stem(section, picture);
             let _ = writeln!(
@@ -87,6 +87,12 @@ pub fn html(sections: &[Section]) -> String {
     out
 }
 
+/// With a capital letter.
+fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or(String::new(), |first| first.to_uppercase().chain(letters).collect())
+}
+
 fn claim_word(section: &Section) -> &'static str {
     if section.ratio.is_some() { "Idea" } else { "Claim" }
 }
@@ -113,7 +119,7 @@ pub fn markdown(sections: &[Section]) -> String {
         let verdict = Verdict::of(&section.checks);
         let _ = write!(out, "\n## {}\n\n", section.title);
         let _ = write!(out, "**{}.** {}\n\n", claim_word(section), section.claim);
-        let _ = write!(out, "**Stand-in.** {}\n\n", section.stand_in);
+        let _ = write!(out, "**Stand-in.** {}\n\n", capital(&section.stand_in));
         for picture in 0..section.pictures.len() {
             let _ = write!(out, "![{}]({}.svg)\n\n", section.title, stem(section, picture));
         }

@@ -54,8 +54,8 @@ impl Along {
     fn largest_step(tensions: &[CableVec]) -> (usize, usize, f64) {
         let mut largest = (0, 0, 0.0);
         for (i, pair) in tensions.windows(2).enumerate() {
-            for cable in 0..4 {
-                let step = (pair[1][cable] - pair[0][cable]).abs();
+            for (cable, (after, before)) in pair[1].iter().zip(pair[0].iter()).enumerate() {
+                let step = (after - before).abs();
                 if step > largest.2 {
                     largest = (i, cable, step);
                 }
