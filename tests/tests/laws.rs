@@ -23,11 +23,11 @@ fn better(case: &Case) {
     println!("{names:?}\n{HEADING}\n{}", found.row(case));
     assert!(found.ratio(0) > 1.0, "identified in flight: {}", found.ratio(0));
     assert!(found.ratio(1) > 1.0, "known exactly: {}", found.ratio(1));
-    for i in 0..names.len() {
-        assert!(found.ratio(i) > 1.0 / 1.2, "{}: {}", names[i], found.ratio(i));
+    for (i, name) in names.iter().enumerate() {
+        assert!(found.ratio(i) > 1.0 / 1.2, "{name}: {}", found.ratio(i));
         let flight = found.preview[i].as_ref().unwrap();
         assert_eq!((flight.slack_cycles, flight.missed), (0, 0));
-        assert!(flight.tension_share <= 1.0, "{}: {} N", names[i], flight.tension_max_n);
+        assert!(flight.tension_share <= 1.0, "{name}: {} N", flight.tension_max_n);
     }
 }
 
