@@ -83,10 +83,10 @@ impl Drives {
             }
             let report = &answer.report;
             let read = [report.supply_v.at_ns, report.status.at_ns, report.currents_a.at_ns, report.duties.at_ns];
-            input.slow_fresh[unit] =
-                SLOW.iter()
-                    .zip(read.iter().zip(&self.slow_ns[unit]))
-                    .fold(0, |all, (bit, (now, then))| if now == then { all } else { all | bit });
+            input.slow_fresh[unit] = SLOW
+                .iter()
+                .zip(read.iter().zip(&self.slow_ns[unit]))
+                .fold(0, |all, (bit, (now, then))| if now == then { all } else { all | bit });
             self.slow_ns[unit] = read;
             input.unit_alive[unit] = u8::from(report.was_alive);
             input.supply_v[unit] = if report.supply_v.is_known() { report.supply_v.value } else { f64::NAN };
@@ -98,8 +98,9 @@ impl Drives {
             let report = &answer.report;
             input.sampled_ns[i] = report.counts.at_ns;
             input.counts[i] = report.counts.value[motor];
-            input.current_a[i] = report.currents_a.value[motor];
-            // A drive's duty is positive where its count rises; ours where line pays out.
+            // A drive's current and duty are positive where they turn the way its count rises. Ours: a current where it pulls the line
+            // in, as in the motor model; a duty where line pays out.
+            input.current_a[i] = -report.currents_a.value[motor] * self.counts_per_m[i].signum();
             input.duty[i] = report.duties.value[motor] * self.counts_per_m[i].signum();
         }
     }
