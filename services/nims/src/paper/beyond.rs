@@ -24,6 +24,9 @@ fn times(ratio: f64) -> String {
 fn span(ratios: &[f64]) -> String {
     let low = ratios.iter().fold(f64::INFINITY, |m: f64, r| m.min(*r));
     let high = ratios.iter().fold(0.0, |m: f64, r| m.max(*r));
+    if times(low) == times(high) {
+        return format!("{} times", times(low));
+    }
     format!("{} to {} times", times(low), times(high))
 }
 
@@ -454,8 +457,8 @@ pub fn preview(effort: Effort) -> Result<Section> {
             Check::condition(
                 of_quick.iter().all(|ratio| *ratio > 1.0),
                 format!(
-                    "with quick drives too: {}. Both laws are within a millimetre there, and what the drives' own speed loop adds in \
-                     the ramps is no delay and no lag",
+                    "with quick drives too: {}. Both laws are within a millimetre there; what is left of the preview law is one \
+                     or two millimetres in the ramps of speed, which its model does not explain",
                     span(&of_quick)
                 ),
             ),
@@ -466,8 +469,9 @@ pub fn preview(effort: Effort) -> Result<Section> {
             Check::condition(
                 worst > 1.0,
                 format!(
-                    "it is better even when told twice the delay and lag: {worst:.1} times; this is why the robot checks its model \
-                     and falls back to the paper's law above a misfit"
+                    "it is better even when told twice the delay and lag: {}; this is why the robot checks its model and falls \
+                     back to the paper's law above a misfit",
+                    if worst > 0.0 { format!("{} times", times(worst)) } else { "without that check it stops itself".into() }
                 ),
             ),
         ],

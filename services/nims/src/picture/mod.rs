@@ -239,6 +239,39 @@ fn tick(value: f64) -> String {
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
 }
 
+/// The parts of a line that are inside the ranges: a chart that ends below a value shows the line leave, not a false value.
+fn clipped(points: &[[f64; 2]], x: [f64; 2], y: [f64; 2]) -> Vec<Vec<(f64, f64)>> {
+    let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
+    let mut open = false;
+    for pair in points.windows(2) {
+        let [a, b] = [pair[0], pair[1]];
+        // Liang and Barsky: the share of the segment that is inside.
+        let (mut enter, mut leave) = (0.0f64, 1.0f64);
+        let mut inside = a.iter().chain(&b).all(|value| value.is_finite());
+        for (k, range) in [x, y].iter().enumerate() {
+            let d = b[k] - a[k];
+            if d == 0.0 {
+                inside &= (range[0]..=range[1]).contains(&a[k]);
+            } else {
+                let (s, t) = ((range[0] - a[k]) / d, (range[1] - a[k]) / d);
+                enter = enter.max(s.min(t));
+                leave = leave.min(s.max(t));
+            }
+        }
+        if !inside || enter > leave {
+            open = false;
+            continue;
+        }
+        let at = |share: f64| (a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]));
+        match pieces.last_mut() {
+            Some(piece) if open && enter == 0.0 => piece.push(at(leave)),
+            _ => pieces.push(vec![at(enter), at(leave)]),
+        }
+        open = leave == 1.0;
+    }
+    pieces
+}
+
 fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn {
     const X_LABELS_PX: u32 = 42;
     const Y_LABELS_PX: u32 = 62;
@@ -278,17 +311,16 @@ fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) ->
     for series in &chart.series {
         let colour = COLOURS[series.colour % COLOURS.len()];
         let line = |width: u32| colour.stroke_width(width);
-        let finite = |point: &&[f64; 2]| point[0].is_finite() && point[1].is_finite();
-        let pieces = || series.points.split(|point| !finite(&point)).filter(|piece| !piece.is_empty());
-        let pairs = |piece: &[[f64; 2]]| piece.iter().map(|point| (point[0], point[1])).collect::<Vec<_>>();
+        let shown = |p: &&[f64; 2]| (x[0]..=x[1]).contains(&p[0]) && (y[0]..=y[1]).contains(&p[1]);
+        let pieces = || clipped(&series.points, x, y);
         let discs = |radius: u32| {
-            series.points.iter().filter(finite).map(move |p| Circle::new((p[0], p[1]), radius, colour.filled()))
+            series.points.iter().filter(shown).map(move |p| Circle::new((p[0], p[1]), radius, colour.filled()))
         };
         match &series.look {
             Look::Line(_) | Look::Marked => {
                 let width = if let Look::Line(width) = series.look { width } else { 2 };
                 for piece in pieces() {
-                    plane.draw_series(LineSeries::new(pairs(piece), line(width))).map_err(words)?;
+                    plane.draw_series(LineSeries::new(piece, line(width))).map_err(words)?;
                 }
                 if series.look == Look::Marked {
                     plane.draw_series(discs(3)).map_err(words)?;
@@ -296,19 +328,19 @@ fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) ->
             }
             Look::Dashed => {
                 for piece in pieces() {
-                    plane.draw_series(DashedLineSeries::new(pairs(piece), 6, 4, line(2))).map_err(words)?;
+                    plane.draw_series(DashedLineSeries::new(piece, 6, 4, line(2))).map_err(words)?;
                 }
             }
             Look::Discs(radius) => drop(plane.draw_series(discs(*radius)).map_err(words)?),
             Look::Bars(width) => {
                 let bars =
-                    series.points.iter().filter(finite).map(|p| {
+                    series.points.iter().filter(shown).map(|p| {
                         Rectangle::new([(p[0] - 0.5 * width, 0.0), (p[0] + 0.5 * width, p[1])], colour.filled())
                     });
                 plane.draw_series(bars).map_err(words)?;
             }
             Look::Cells([width, height], values) => {
-                let cells = series.points.iter().zip(values).filter(|(p, _)| finite(p)).map(|(p, value)| {
+                let cells = series.points.iter().zip(values).filter(|(p, _)| shown(p)).map(|(p, value)| {
                     let (w, h) = (0.5 * width, 0.5 * height);
                     Rectangle::new([(p[0] - w, p[1] - h), (p[0] + w, p[1] + h)], scale(*value).filled())
                 });
@@ -440,6 +472,13 @@ mod tests {
         let (mut x, mut y) = ([0.0, 2.0], [0.0, 1.0]);
         equalise(&mut x, &mut y, (100, 100));
         assert_eq!((x, y), ([0.0, 2.0], [-0.5, 1.5]));
+    }
+
+    #[test]
+    fn a_line_is_cut_where_it_leaves_the_chart() {
+        let points = [[0.0, 4.0], [1.0, 0.0], [2.0, 1.0], [f64::NAN, 0.0], [3.0, 1.0], [4.0, -1.0]];
+        let pieces = clipped(&points, [0.0, 10.0], [0.0, 2.0]);
+        assert_eq!(pieces, [vec![(0.5, 2.0), (1.0, 0.0), (2.0, 1.0)], vec![(3.0, 1.0), (3.5, 0.0)]]);
     }
 
     #[test]
