@@ -78,7 +78,7 @@ pub struct Seen<'a> {
 pub struct Controller {
     config: ControllerConfig,
     /// Decoded plan/motion and the beat it had.
-    motion: Option<(u64, u32, Option<Motion>)>,
+    motion: Option<Kept>,
     /// The preview law, if it was chosen.
     preview: Option<Preview>,
 }
@@ -108,6 +108,15 @@ impl Instant {
         let began_ns = began_ns.saturating_add(lag * (period_s * 1e9) as u64);
         Some(Self { lag, began_ns, since_s })
     }
+}
+
+/// The motion that plan/motion last held.
+#[derive(Debug, Clone, Copy)]
+struct Kept {
+    beat: u64,
+    number: u32,
+    epoch: u32,
+    motion: Option<Motion>,
 }
 
 /// Where the node should be now and at the end of the horizon, and the lengths that put it there.
@@ -204,7 +213,7 @@ impl Controller {
                 }
             }
         }
-        if let Some((_, _, Some(motion))) = &self.motion {
+        if let Some(Kept { motion: Some(motion), .. }) = &self.motion {
             let robot = &self.config.robot;
             // What stretch takes from the straight lengths; where no tensions are found, as much as just before.
             let mut stretch = CableVec::zeros(robot.cable_count());
@@ -223,18 +232,28 @@ impl Controller {
     }
 
     /// The target at the instant of the estimate; `None` without a motion of the present epoch.
+    ///
+    /// The motion that the robot is in the middle of outlives its planner: while the epoch holds, what is known of it is followed, whatever
+    /// a planner that was started anew has to say.
     fn target(
         &mut self,
         message: Option<&PlanMotion>,
         authority: &MotorAuthority,
         instant: &Instant,
     ) -> Option<Target> {
-        let message = message.filter(|message| message.motion != 0 && message.epoch == authority.epoch)?;
-        let fresh = self.motion.is_some_and(|(beat, number, _)| beat == message.beat && number == message.motion);
-        if !fresh {
-            self.motion = Some((message.beat, message.motion, motion_of(message)));
+        let message = message.filter(|message| message.motion != 0 && message.epoch == authority.epoch);
+        let orphaned = self.motion.is_some_and(|kept| {
+            let under_way = authority.motion != 0 && (authority.motion, authority.epoch) == (kept.number, kept.epoch);
+            under_way && message.is_none_or(|message| message.motion != kept.number || message.beat < kept.beat)
+        });
+        if !orphaned {
+            let message = message?;
+            if !self.motion.is_some_and(|kept| (kept.beat, kept.number) == (message.beat, message.motion)) {
+                let (beat, number, epoch) = (message.beat, message.motion, message.epoch);
+                self.motion = Some(Kept { beat, number, epoch, motion: motion_of(message) });
+            }
         }
-        let motion = self.motion.and_then(|(_, _, motion)| motion)?;
+        let motion = self.motion.and_then(|kept| kept.motion)?;
         let (period_s, rate) = (authority.period_s, authority.plan_rate);
         // The plan time is that of the beginning of the cycle; the estimate is true some milliseconds later, when the
         // encoders had been read.

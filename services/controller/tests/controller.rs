@@ -111,6 +111,29 @@ fn without_a_motion_it_stands_still_and_says_so() {
     }
 }
 
+/// A planner that is started anew has nothing to say yet; the robot is in the middle of a motion all the same.
+#[test]
+fn a_motion_under_way_outlives_its_planner_while_the_epoch_holds() {
+    let robot = robot(3);
+    let motion = motion();
+    let now = service::motion::segment_of(&motion.current).unwrap().setpoint(3.0);
+    let is = estimate(&robot, 8, now.position);
+    let mut controller = controller(robot);
+    let under_way = MotorAuthority { motion: 1, ..authority(8, 3.0) };
+    let before = step(&mut controller, &is, Some(&motion), &under_way);
+    assert_eq!(before.segment, 5);
+    let none = PlanMotion::default();
+    let other = PlanMotion { motion: 7, beat: 0, ..motion };
+    let another_first = PlanMotion { beat: 0, end_s: 2.0, ..motion };
+    for planner in [None, Some(&none), Some(&other), Some(&another_first)] {
+        assert_eq!(step(&mut controller, &is, planner, &under_way), before);
+    }
+    let stopped = MotorAuthority { epoch: 5, ..under_way };
+    assert_eq!(step(&mut controller, &is, Some(&none), &stopped).segment, 0);
+    let at_rest = MotorAuthority { motion: 0, ..under_way };
+    assert_eq!(step(&mut controller, &is, Some(&none), &at_rest).segment, 0);
+}
+
 #[test]
 fn before_the_start_it_waits_there_and_names_the_segment() {
     let robot = robot(4);

@@ -437,6 +437,9 @@ impl Core {
             // The controller has nothing to answer to.
             return MotorAuthority::FAULT_ESTIMATE_LOST;
         }
+        if self.motion.orphaned() > 0 {
+            return MotorAuthority::FAULT_PLANNER_LOST;
+        }
         match self.arbiter.verdict()[self.arbiter.active_controller()] {
             MotorAuthority::VERDICT_NO_ESTIMATE => MotorAuthority::FAULT_ESTIMATE_LOST,
             MotorAuthority::VERDICT_NOT_FINITE | MotorAuthority::VERDICT_OUT_OF_LIMITS => {

@@ -41,6 +41,9 @@ impl Motion {
             return;
         }
         // A planner that counts its beats anew is another one, whatever number its motion has.
+        if input.planner_beat < self.beat {
+            self.beat = u64::MAX; // for the rest of this motion
+        }
         self.planner_gone = input.motion != self.id || input.planner_beat < self.beat;
         self.orphaned = if self.planner_gone { self.orphaned.saturating_add(1) } else { 0 };
         if !self.planner_gone {
@@ -82,8 +85,10 @@ impl Motion {
     /// True if a command for this segment belongs to this motion.
     #[must_use]
     pub fn has(&self, segment: u32) -> bool {
-        // The controller keeps the motion it follows when its planner is gone, so whatever it answers for is part of this one.
+        // The controller keeps the motion it follows when its planner is gone. A planner numbers the segments of a motion one after the
+        // other; one that was started anew has others, and whoever follows those is not heard.
         segment != 0
+            && (!self.planner_gone || segment == self.segment || segment == self.segment.wrapping_add(1).max(1))
     }
 
     /// Cycles since plan/motion last held this motion.

@@ -53,6 +53,12 @@ pub enum PositionError {
         /// The file.
         path: PathBuf,
     },
+    /// Two would overwrite each other's.
+    #[error("{path}: another motor-io of this robot is running and keeps the position there; end it first")]
+    InUse {
+        /// What it holds.
+        path: PathBuf,
+    },
     /// It cannot be written.
     #[error("{path}: the position cannot be kept ({why}); give a folder that can be written with --state")]
     Unwritable {
@@ -71,6 +77,8 @@ pub struct Keeper {
     kept: Option<Position>,
     kept_ns: u64,
     cables: usize,
+    /// Held for the life of this process, so that no second one claims the same position.
+    _lock: File,
 }
 
 impl PositionFile {
@@ -142,6 +150,11 @@ impl Keeper {
         fs::create_dir_all(folder).map_err(unwritable)?;
         let probe = path.with_extension("tmp");
         File::create(&probe).and_then(|_| fs::remove_file(&probe)).map_err(unwritable)?;
+        let held = path.with_extension("lock");
+        let lock = File::create(&held).map_err(unwritable)?;
+        if lock.try_lock().is_err() {
+            return Err(PositionError::InUse { path: held });
+        }
         let (sender, receiver) = mpsc::sync_channel::<Position>(1);
         let (cables, config, target) = (config.cable_count(), config.clone(), path.clone());
         let work = move || {
@@ -162,7 +175,7 @@ impl Keeper {
             .stack_size(256 << 10)
             .spawn(work)
             .map_err(unwritable)?;
-        Ok(Self { sender: Some(sender), thread: Some(thread), kept: None, kept_ns: 0, cables })
+        Ok(Self { sender: Some(sender), thread: Some(thread), kept: None, kept_ns: 0, cables, _lock: lock })
     }
 
     /// Hands over the present position, at most twice a second and only if it has changed. Never waits, never allocates.
@@ -238,6 +251,17 @@ mod tests {
         let keeper = Keeper::start(folder.path(), "lab", &config).unwrap();
         keeper.finish(Some(([2.5; CABLES], [9; CABLES])));
         assert_eq!(PositionFile::load(folder.path(), "lab", &config).unwrap().unwrap().1[2], 9);
+    }
+
+    #[test]
+    fn two_never_keep_the_same_position() {
+        let folder = tempfile::tempdir().unwrap();
+        let first = Keeper::start(folder.path(), "lab", &config(3.0)).unwrap();
+        let second = Keeper::start(folder.path(), "lab", &config(3.0)).unwrap_err();
+        assert!(second.to_string().contains("another motor-io"), "{second}");
+        assert!(Keeper::start(folder.path(), "field", &config(3.0)).is_ok());
+        first.finish(None);
+        assert!(Keeper::start(folder.path(), "lab", &config(3.0)).is_ok());
     }
 
     #[test]

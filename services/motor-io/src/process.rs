@@ -74,11 +74,20 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
     let config = CoreConfig::from_files(&box_file, &box_file.robot_file()?)?;
     let beside_runs = box_file.runs.parent().unwrap_or(Path::new(".")).join("state");
     let folder = state_folder.unwrap_or(&beside_runs);
-    let restored = PositionFile::load(folder, &box_file.name, &config).unwrap_or_else(|error| {
+    // A real box is one robot, whoever runs it; a virtual one hangs in its domain, and another domain's is another robot.
+    let robot = match &box_file.motor_box {
+        None => box_file.name.clone(),
+        Some(_) => {
+            let domain = chassis.bus().domain().name();
+            let domain: String = domain.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
+            format!("{}-{domain}", box_file.name)
+        }
+    };
+    let mut keeper = Keeper::start(folder, &robot, &config)?;
+    let restored = PositionFile::load(folder, &robot, &config).unwrap_or_else(|error| {
         warn!("{error}");
         None
     });
-    let mut keeper = Keeper::start(folder, &box_file.name, &config)?;
     let mut drives = Drives::open(&box_file, &config, chassis.bus().domain().root())?;
     let mut ports = Ports::open(chassis.bus())?;
     let mut inbox = Inbox::new(config.cable_count(), config.unit_count);

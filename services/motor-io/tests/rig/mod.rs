@@ -99,7 +99,7 @@ impl Rig {
             tension_n: [10.0; CABLES],
             controller: Some([0.0; CABLES]),
             estimate_valid: true,
-            estimator_alone: false,
+            estimator_alone: true,
             segment: None,
             incarnation: 7,
             motion: PlanMotion::default(),
