@@ -41,7 +41,7 @@ impl Grid {
         }
         low.z = robot.ground_m();
         let size = high - low;
-        if !(size.min() > 0.0) {
+        if size.min() <= 0.0 {
             return Err(Failure::BadInput(
                 "the anchors enclose no room above ground_m; give anchors that are not in one vertical plane, above the ground".to_owned(),
             ));

@@ -73,7 +73,7 @@ impl<'a> Args<'a> {
     /// A whole number that is not negative.
     pub fn count(&self, key: &str) -> Read<usize> {
         let value = self.number(key)?;
-        if value >= 0.0 && value <= 1e9 && value.fract() == 0.0 {
+        if (0.0..=1e9).contains(&value) && value.fract() == 0.0 {
             return Ok(value as usize);
         }
         Err(refuse(key, &value.to_string(), "a whole number of 0 or more"))
