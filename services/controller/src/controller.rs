@@ -248,7 +248,7 @@ impl Controller {
         });
         if !orphaned {
             let message = message?;
-            if !self.motion.is_some_and(|kept| (kept.beat, kept.number) == (message.beat, message.motion)) {
+            if self.motion.is_none_or(|kept| (kept.beat, kept.number) != (message.beat, message.motion)) {
                 let (beat, number, epoch) = (message.beat, message.motion, message.epoch);
                 self.motion = Some(Kept { beat, number, epoch, motion: motion_of(message) });
             }
