@@ -211,7 +211,6 @@ fn a_broken_line_is_found_and_stops_the_robot() {
     }
 }
 
-
 #[test]
 fn every_mission_that_comes_along_can_be_flown_by_every_robot() {
     for robot in ["lab3", "lab4"] {

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain};
-use messages::{MotorAuthority, MotorState, OperatorRequest as R, text_of};
+use messages::{MotorAuthority, MotorState, OperatorRequest as R, put_text, text_of};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -126,6 +126,45 @@ impl Eyes {
         let (accepted, sentence) = self.ask(verb, args);
         assert!(accepted, "{sentence}");
     }
+
+    /// Breaks something in the motor box, or puts it right.
+    fn fault(&mut self, text: &str) {
+        let mut request = R { verb: R::VERB_FAULT, ..R::default() };
+        put_text(&mut request.text, text);
+        let answer = self.bus.client("motor-box").unwrap().ask(&request, LONG).unwrap();
+        assert_eq!(answer.accepted, 1, "{}", text_of(&answer.answer));
+    }
+
+    /// Asks the planner, until it has seen enough to say yes.
+    fn go(&mut self, to: [f64; 3]) {
+        let mut request = R { verb: R::VERB_GOTO, ..R::default() };
+        request.args[..3].copy_from_slice(&to);
+        let give_up = Instant::now() + LONG;
+        loop {
+            let answer = self.bus.client("planner").and_then(|mut client| client.ask(&request, LONG));
+            match answer {
+                Ok(answer) if answer.accepted == 1 => return,
+                other => {
+                    let said = other.map(|answer| text_of(&answer.answer));
+                    assert!(Instant::now() < give_up, "the planner refuses for ever: {said:?}");
+                }
+            }
+            std::thread::sleep(Duration::from_millis(100));
+        }
+    }
+
+    /// Resets, as soon as the cause is gone.
+    fn reset(&mut self) {
+        let give_up = Instant::now() + LONG;
+        loop {
+            let (accepted, sentence) = self.ask(R::VERB_RESET, &[]);
+            if accepted {
+                return;
+            }
+            assert!(Instant::now() < give_up, "the reset is refused for ever: {sentence}");
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
 }
 
 fn one_sentence(output: &Output) -> String {
@@ -210,6 +249,56 @@ fn a_box_that_dies_is_a_fault_and_its_return_moves_nothing() {
         std::thread::sleep(Duration::from_millis(50));
     }
     eyes.until("holding again", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
+}
+
+#[test]
+fn a_plug_pulled_and_put_back_while_holding_costs_no_position() {
+    let place = Place::new();
+    let _box = place.start("motor-box");
+    let _io = place.start("motor-io");
+    let mut eyes = place.eyes("test");
+    eyes.up();
+    eyes.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    eyes.demand(R::VERB_ARM, &[]);
+    let (before, _) = eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
+    eyes.fault("unplug 1");
+    let (_, authority) = eyes.until("the fault", |_, authority| authority.mode == MotorAuthority::MODE_FAULTED);
+    assert_eq!(authority.faults, MotorAuthority::FAULT_LOST_UNIT);
+    eyes.fault("plug 1");
+    eyes.up();
+    eyes.reset();
+    let (after, _) = eyes.until("holding again", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
+    assert_eq!(after.position_known, MotorState::POSITION_KNOWN);
+    for cable in 0..3 {
+        assert!((after.length_m[cable] - before.length_m[cable]).abs() < 0.005, "{after:?}");
+    }
+}
+
+#[test]
+fn a_unit_that_restarts_in_a_motion_stops_the_robot_and_asks_for_a_confirmation() {
+    let place = Place::new();
+    let _box = place.start("motor-box");
+    let _io = place.start("motor-io");
+    let _others = ["estimator", "controller", "planner"].map(|name| place.start(name));
+    let mut eyes = place.eyes("test");
+    eyes.up();
+    eyes.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    eyes.demand(R::VERB_ARM, &[]);
+    eyes.go([5.4, 3.6, 0.7]);
+    eyes.until("the motion", |_, authority| {
+        authority.mode == MotorAuthority::MODE_FOLLOWING && authority.plan_rate == 1.0
+    });
+    eyes.fault("reboot 1 128 0.3");
+    let (_, authority) =
+        eyes.until("the fault", |_, authority| authority.faults & MotorAuthority::FAULT_UNIT_REBOOT != 0);
+    assert_eq!((authority.mode, authority.fault_unit[0]), (MotorAuthority::MODE_FAULTED, 1));
+    eyes.reset();
+    let (state, _) = eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
+    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    eyes.demand(R::VERB_CONFIRM_POSITION, &[]);
+    eyes.until("the confirmed position", |state, _| state.position_known == MotorState::POSITION_KNOWN);
+    eyes.go([4.8, 3.0, 0.4]);
+    eyes.until("a new motion", |_, authority| authority.mode == MotorAuthority::MODE_FOLLOWING);
 }
 
 #[test]

@@ -3,13 +3,15 @@
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 use bus::{Bus, Domain, Subscriber, TestDomain, clock};
-use messages::{MotorAuthority, TruthNode};
+use messages::{MotorAuthority, RecorderStatus, TruthNode};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::Duration;
 
 const BOX: &str = "configs/boxes/demo3.toml";
+/// The same room with four lines.
+const FOUR_LINES: &str = "configs/boxes/demo4.toml";
 /// Where the box file lets the node hang at the start, m.
 const START: &str = "4.8,3.0,0.3";
 /// The drives' watchdog in the box file, s, and the speed of the moves below, m/s.
@@ -38,13 +40,21 @@ struct Robot {
     authority: Subscriber<MotorAuthority>,
     truth: Subscriber<TruthNode>,
     last: MotorAuthority,
+    /// Every fault that motor-io has named so far.
+    named: u32,
     seen: TruthNode,
+    file: &'static str,
     _bus: Bus,
     domain: TestDomain,
 }
 
 impl Robot {
     fn up() -> Self {
+        Self::up_as(BOX, "")
+    }
+
+    /// With more text at the end of the box file.
+    fn up_as(file: &'static str, more: &str) -> Self {
         let folder = tempfile::tempdir().unwrap();
         // The last known lengths are kept beside the runs: each test has its own.
         let configs = folder.path().join("configs");
@@ -55,8 +65,11 @@ impl Robot {
                 std::fs::copy(entry.path(), configs.join(place).join(entry.file_name())).unwrap();
             }
         }
+        let path = folder.path().join(file);
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text + more).unwrap();
         let domain = Domain::for_test();
-        let (supervisor, bus) = Self::start(folder.path(), &domain, "run");
+        let (supervisor, bus) = Self::start(folder.path(), file, &domain, "run");
         let authority = bus.subscriber("motor/authority").unwrap();
         let truth = bus.subscriber("truth/node").unwrap();
         let mut robot = Self {
@@ -65,7 +78,9 @@ impl Robot {
             authority,
             truth,
             last: MotorAuthority::default(),
+            named: 0,
             seen: TruthNode::default(),
+            file,
             _bus: bus,
             domain,
         };
@@ -75,11 +90,11 @@ impl Robot {
         robot
     }
 
-    fn start(folder: &Path, domain: &Domain, run: &str) -> (Child, Bus) {
+    fn start(folder: &Path, file: &str, domain: &Domain, run: &str) -> (Child, Bus) {
         let supervisor = Command::new(program())
             .args(["up", "--domain", domain.name(), "--json", "--run"])
             .arg(folder.join(run))
-            .arg(folder.join(BOX))
+            .arg(folder.join(file))
             .stdout(Stdio::piped())
             .stderr(std::fs::File::create(folder.join(format!("{run}.stderr"))).unwrap())
             .spawn()
@@ -109,6 +124,7 @@ impl Robot {
     fn look(&mut self) {
         while let Some(sample) = self.authority.receive().unwrap() {
             self.last = sample;
+            self.named |= sample.faults;
         }
         while let Some(sample) = self.truth.receive().unwrap() {
             self.seen = sample;
@@ -172,7 +188,8 @@ impl Robot {
 
     fn taut(&self) -> bool {
         let cables = usize::from(self.seen.cable_count);
-        cables == 3 && self.seen.tension_n[..cables].iter().all(|tension| *tension > 1.0)
+        let expected = if self.file == FOUR_LINES { 4 } else { 3 };
+        cables == expected && self.seen.tension_n[..cables].iter().all(|tension| *tension > 1.0)
     }
 
     /// Waits until no drum turns. The node itself swings on the elastic lines by a millimetre or so for some seconds more.
@@ -234,7 +251,7 @@ impl Robot {
         let output = Command::new(program())
             .args(["up", "--domain", self.domain.name(), "--for", "0.5", "--run"])
             .arg(&again)
-            .arg(self.folder.path().join(BOX))
+            .arg(self.folder.path().join(self.file))
             .output()
             .unwrap();
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -327,7 +344,7 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
     let text = std::fs::read_to_string(&path).unwrap();
     assert!(text.contains("start_m = [4.8, 3.0, 0.3]"));
     std::fs::write(&path, text.replace("start_m = [4.8, 3.0, 0.3]", "start_m = [5.4, 3.6, 0.7]")).unwrap();
-    let (supervisor, _bus) = Robot::start(robot.folder.path(), &robot.domain, "second");
+    let (supervisor, _bus) = Robot::start(robot.folder.path(), BOX, &robot.domain, "second");
     robot.supervisor = supervisor;
     robot.last = MotorAuthority::default();
     // The old ports went with the old domain.
@@ -352,13 +369,16 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
 }
 
 /// The active controller or estimator dies without a standby: stop on the path, hold.
-fn stops_on_the_path(name: &str) {
-    let mut robot = Robot::up();
+fn stops_on_the_path(file: &'static str, name: &str, cause: u32) {
+    let mut robot = Robot::up_as(file, "");
     robot.fly();
+    let before = robot.named;
     robot.kill(name);
     robot.until("the robot holds", 5.0, |robot| {
         matches!(robot.last.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED)
     });
+    assert_eq!(before, 0, "nothing was wrong before");
+    assert_ne!(robot.named & cause, 0, "the cause is not named: faults {:#x}", robot.named);
     robot.until_still(5.0);
     assert!(robot.taut(), "{:?}", robot.seen);
     assert!(robot.distance(GOAL) > 0.3, "it stopped on the path, not at its end");
@@ -374,12 +394,95 @@ fn stops_on_the_path(name: &str) {
 
 #[test]
 fn without_its_controller_the_robot_stops_on_the_path_and_holds() {
-    stops_on_the_path("controller");
+    stops_on_the_path(BOX, "controller", MotorAuthority::FAULT_COMMAND_LOST);
 }
 
 #[test]
 fn without_its_estimator_the_robot_stops_on_the_path_and_holds() {
-    stops_on_the_path("estimator");
+    stops_on_the_path(BOX, "estimator", MotorAuthority::FAULT_ESTIMATE_LOST);
+}
+
+#[test]
+fn four_lines_stop_on_the_path_and_hold_without_their_controller() {
+    stops_on_the_path(FOUR_LINES, "controller", MotorAuthority::FAULT_COMMAND_LOST);
+}
+
+#[test]
+fn a_controller_that_stands_still_is_as_good_as_dead_until_it_goes_on() {
+    let mut robot = Robot::up();
+    robot.fly();
+    let pid = robot.pid("controller");
+    signal(pid, "STOP");
+    robot.until("the robot holds", 5.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+    assert_ne!(robot.named & MotorAuthority::FAULT_COMMAND_LOST, 0, "faults {:#x}", robot.named);
+    robot.until_still(5.0);
+    assert!(robot.taut() && robot.distance(GOAL) > 0.3, "{:?}", robot.seen);
+    robot.until("its silence is said", 5.0, |robot| robot.said().contains("controller has shown no sign of life"));
+    signal(pid, "CONT");
+    robot.until("its return is said", 5.0, |robot| robot.said().contains("controller is back"));
+    let (code, _) = robot.end();
+    assert_eq!(code, Some(0), "nothing died: {}", robot.said());
+    robot.files_are_closed();
+}
+
+#[test]
+fn an_emergency_stop_waits_aloud_for_a_motor_io_that_stands_still() {
+    let mut robot = Robot::up();
+    robot.fly();
+    let pid = robot.pid("motor-io");
+    signal(pid, "STOP");
+    let said = robot.folder.path().join("estop.stderr");
+    let mut estop = Command::new(program())
+        .args(["--domain", robot.domain.name(), "estop"])
+        .stdout(Stdio::null())
+        .stderr(std::fs::File::create(&said).unwrap())
+        .spawn()
+        .unwrap();
+    robot.until("it speaks up", 5.0, |_| {
+        std::fs::read_to_string(&said).unwrap_or_default().contains("use the hardware stop; still trying")
+    });
+    assert!(estop.try_wait().unwrap().is_none(), "it goes on trying");
+    signal(pid, "CONT");
+    robot.until("the emergency stop", 5.0, |robot| robot.last.mode == MotorAuthority::MODE_EMERGENCY_STOP);
+    assert!(estop.wait().unwrap().success(), "{}", std::fs::read_to_string(&said).unwrap());
+    robot.until_still(5.0);
+    assert!(robot.taut(), "{:?}", robot.seen);
+    robot.end();
+}
+
+#[test]
+fn a_recorder_whose_file_cannot_grow_says_so_and_begins_another_while_the_robot_flies_on() {
+    // A limit on the size of files stands in for a disk that is full; the shell ignores its signal for the recorder.
+    let recorder = program().with_file_name("recorder");
+    let more = format!(
+        "\n[[process]]\nname = \"recorder\"\nrole = \"recorder\"\ncommand = ['/bin/sh', '-c', 'trap \"\" XFSZ; exec \"$0\" \"$@\"', '{}']\n",
+        recorder.display()
+    );
+    let mut robot = Robot::up_as(BOX, &more);
+    let mut states = robot._bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
+    robot.fly();
+    let pid = robot.pid("recorder").to_string();
+    let limit = |bytes: &str| {
+        let set = Command::new("prlimit").args(["--pid", &pid, &format!("--fsize={bytes}:")]).status();
+        assert!(set.unwrap().success(), "prlimit of util-linux is needed");
+    };
+    limit("1000");
+    for wanted in [RecorderStatus::STATE_FAILED, RecorderStatus::STATE_RECORDING] {
+        let give_up = clock::now_ns() + 10_000_000_000;
+        while states.latest().unwrap().is_none_or(|row| row.state != wanted) {
+            assert!(clock::now_ns() < give_up, "not in state {wanted}: {}", robot.status());
+            robot.pause(0.02);
+        }
+        limit("unlimited");
+    }
+    robot.until("the move is done", 15.0, |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+    assert_eq!(robot.named, 0, "the robot has not noticed: faults {:#x}", robot.named);
+    assert!(robot.distance(GOAL) < SWING_M, "{} m from the goal", robot.distance(GOAL));
+    let log = std::fs::read_to_string(robot.folder.path().join("run/log/recorder.txt")).unwrap();
+    assert!(log.contains("trying another file in 5 s"), "{log}");
+    assert_eq!(robot.end().0, Some(0), "{}", robot.said());
+    assert!(robot.folder.path().join("run/run-0002.mcap").is_file());
+    robot.files_are_closed();
 }
 
 #[test]

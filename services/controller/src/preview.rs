@@ -26,8 +26,8 @@ const GOOD_AGAIN: f64 = 0.8;
 /// Length of a record, s: the trapezoid's ramp and a little of the cruise.
 const RECORD_S: f64 = 1.0;
 
-/// Rest before a record, s: what was commanded before has died away.
-const REST_S: f64 = 0.4;
+/// Beginning of a record of which only the commands count, s: what was commanded before it dies away.
+const SETTLE_S: f64 = 0.5;
 
 /// A command below this is rest, m/s: less than what an encoder step makes of a position error.
 const REST_M_S: f64 = 2e-3;
@@ -47,7 +47,7 @@ pub struct PreviewSettings {
     pub move_penalty_s4: f64,
     /// Delay and lag of the drives if known beforehand.
     pub lag: Option<DriveLag>,
-    /// Identify delay and lag whenever the robot starts to move.
+    /// Identify delay and lag while the robot moves.
     pub identify: bool,
     /// Misfit above which lq-endpoint takes over. For slow motion the misfit is the share by which delay and lag are
     /// off together. In flights against the plant the preview law was 1.3 to 3.2 times better with a tenth off, and with
@@ -119,9 +119,10 @@ struct Recorder {
     velocities_m_s: Vec<CableVec>,
     count: usize,
     reading_s: CableVec,
-    rested: u32,
+    ignored: usize,
+    /// Nothing but rest so far.
+    resting: bool,
     fit: Option<LagFit>,
-    recording: bool,
 }
 
 impl Recorder {
@@ -132,14 +133,14 @@ impl Recorder {
             velocities_m_s: empty,
             count: 0,
             reading_s: CableVec::zeros(0),
-            rested: 0,
+            ignored: 0,
+            resting: true,
             fit: None,
-            recording: false,
         }
     }
 
     fn drop_record(&mut self) {
-        (self.recording, self.count, self.fit, self.rested) = (false, 0, None, 0);
+        (self.count, self.resting, self.fit) = (0, true, None);
     }
 
     fn push(&mut self, command_m_s: CableVec, velocity_m_s: CableVec) {
@@ -156,6 +157,7 @@ impl Recorder {
             reading_s: self.reading_s,
             commands_m_s: &self.commands_m_s[..self.count],
             velocities_m_s: &self.velocities_m_s[..self.count],
+            ignored: self.ignored,
         }
     }
 
@@ -175,35 +177,27 @@ impl Recorder {
             }
             return done;
         }
-        if self.recording {
-            self.push(command_m_s, velocity_m_s);
-            let full = (RECORD_S / period_s).ceil().clamp(MIN_RECORD as f64, MAX_RECORD as f64) as usize;
-            if self.count < full {
-                return None;
-            }
-            match LagFit::new(&self.record(period_s)) {
-                Ok(fit) => self.fit = Some(fit),
-                // A twitch is not a motion: nothing to report.
-                Err(IdentifyError::NotExcited { .. }) => self.drop_record(),
-                Err(error) => {
-                    self.drop_record();
-                    return Some(Err(error));
-                }
-            }
+        self.ignored = (SETTLE_S / period_s).ceil() as usize;
+        self.resting &= command_m_s.max_abs() <= REST_M_S;
+        if self.resting && self.count >= self.ignored {
+            // Waits here, so that a record has the whole of a start.
             return None;
         }
-        if command_m_s.max_abs() <= REST_M_S {
-            self.rested = self.rested.saturating_add(1);
+        self.reading_s = *reading_s;
+        self.push(command_m_s, velocity_m_s);
+        let full = self.ignored + ((RECORD_S / period_s).ceil() as usize).max(MIN_RECORD);
+        if self.count < full.min(MAX_RECORD) {
             return None;
         }
-        if f64::from(self.rested) * period_s >= REST_S {
-            (self.recording, self.count, self.reading_s) = (true, 0, *reading_s);
-            let n = command_m_s.len();
-            // Before it there was rest.
-            self.push(CableVec::zeros(n), CableVec::zeros(n));
-            self.push(command_m_s, velocity_m_s);
+        match LagFit::new(&self.record(period_s)) {
+            Ok(fit) => self.fit = Some(fit),
+            // A twitch or a steady cruise says nothing, and there is nothing to report.
+            Err(IdentifyError::NotExcited { .. }) => self.drop_record(),
+            Err(error) => {
+                self.drop_record();
+                return Some(Err(error));
+            }
         }
-        self.rested = 0;
         None
     }
 }

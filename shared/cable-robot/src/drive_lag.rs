@@ -167,7 +167,8 @@ impl CycleModel {
     }
 }
 
-/// What [`identify`] works on: consecutive cycles, from rest or from a constant speed on.
+/// What [`identify`] works on: consecutive cycles. They may begin in the midst of motion if as many are ignored as it takes
+/// until what was commanded before the record has died away.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Record<'a> {
     /// Control period, s.
@@ -178,6 +179,8 @@ pub struct Record<'a> {
     pub commands_m_s: &'a [CableVec],
     /// Mean velocity of each cable from the reading of the cycle before to this cycle's, m/s.
     pub velocities_m_s: &'a [CableVec],
+    /// Cycles at the beginning of which only the commands count; 0 for a record that begins at rest.
+    pub ignored: usize,
 }
 
 /// A delay and a lag, and how good they are.
@@ -198,7 +201,7 @@ pub struct Identified {
 pub enum IdentifyError {
     /// Lengths of the lists.
     #[error(
-        "a record of {cycles} cycles with {velocities} velocities; give as many of both, {MIN_RECORD} to {MAX_RECORD}"
+        "a record of {cycles} cycles with {velocities} velocities; give as many of both, {MIN_RECORD} beyond the ignored ones to {MAX_RECORD}"
     )]
     WrongCount {
         /// Cycles with a command.
@@ -249,7 +252,7 @@ pub enum IdentifyError {
 ///     winch = next;
 ///     CableVec::repeat(1, mean)
 /// }).collect();
-/// let record = Record { period_s, reading_s: CableVec::repeat(1, reading_s), commands_m_s: &commands, velocities_m_s: &velocities };
+/// let record = Record { period_s, reading_s: CableVec::repeat(1, reading_s), commands_m_s: &commands, velocities_m_s: &velocities, ignored: 0 };
 /// let found = identify(&record)?;
 /// assert!((found.lag.delay_s() - 0.03).abs() < 1e-4 && (found.lag.lag_s() - 0.05).abs() < 1e-4);
 /// assert!(found.misfit < 0.01);
@@ -283,7 +286,7 @@ impl LagFit {
     /// Checks the record and starts from the mean shift between commands and lengths.
     pub fn new(record: &Record<'_>) -> Result<Self, IdentifyError> {
         let (cycles, velocities) = (record.commands_m_s.len(), record.velocities_m_s.len());
-        if cycles != velocities || !(MIN_RECORD..=MAX_RECORD).contains(&cycles) {
+        if cycles != velocities || cycles < record.ignored.saturating_add(MIN_RECORD) || cycles > MAX_RECORD {
             return Err(IdentifyError::WrongCount { cycles, velocities });
         }
         let n = record.reading_s.len();
@@ -309,7 +312,7 @@ impl LagFit {
             along -= both - speeds.sum * residuals.sum / speeds.count;
             square += speeds.square();
         }
-        let naive_m = (naive / (n * cycles) as f64).sqrt();
+        let naive_m = (naive / (n * (cycles - record.ignored)) as f64).sqrt();
         if !(naive_m >= LEAST_EXCITATION_M && square > 0.0) {
             return Err(IdentifyError::NotExcited { naive_m });
         }
@@ -380,7 +383,7 @@ impl LagFit {
         if !(settled || self.damping >= 1e9) {
             return Ok(None);
         }
-        let count = (record.reading_s.len() * record.commands_m_s.len()) as f64;
+        let count = (record.reading_s.len() * (record.commands_m_s.len() - record.ignored)) as f64;
         let lag = DriveLag::new(self.at[0], self.at[1])?;
         let (residual_m, naive_m) = ((self.cost / count).sqrt(), (self.naive / count).sqrt());
         Ok(Some(Identified { lag, misfit: (self.cost / self.naive).sqrt(), residual_m, naive_m }))
@@ -446,7 +449,9 @@ impl<const N: usize> Runs<N> {
                 winches[i] = model.step(winches[i], older, newer);
                 residuals[i] = measured - winches[i].length_m;
             }
-            with(k, &residuals);
+            if k >= record.ignored {
+                with(k, &residuals);
+            }
         }
     }
 }

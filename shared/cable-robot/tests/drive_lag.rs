@@ -54,11 +54,23 @@ proptest! {
         let commands = columns(&[first.clone(), second.clone()]);
         let velocities = columns(&[winch([delay_s, lag_s], readings[0], &first), winch([delay_s, lag_s], readings[1], &second)]);
         let reading_s = CableVec::from_slice(&readings).unwrap();
-        let found = identify(&Record { period_s: PERIOD_S, reading_s, commands_m_s: &commands, velocities_m_s: &velocities }).unwrap();
+        let found = identify(&Record { period_s: PERIOD_S, reading_s, commands_m_s: &commands, velocities_m_s: &velocities, ignored: 0 }).unwrap();
         let (delay, lag) = (found.lag.delay_s(), found.lag.lag_s());
         prop_assert!((delay + lag - delay_s - lag_s).abs() < 0.001, "{found:?} {delay_s} {lag_s}");
         prop_assert!((delay - delay_s).abs() < 0.006 && (lag - lag_s).abs() < 0.006, "{found:?} {delay_s} {lag_s}");
         prop_assert!(found.misfit < 0.05 && found.residual_m < STEP_M, "{found:?}");
+    }
+
+    #[test]
+    fn a_record_in_the_midst_of_motion_does(delay_s in 0.01..0.08f64, lag_s in 0.02..0.12f64, from in 30usize..80) {
+        let whole: Vec<f64> = (0..400).map(|k| trapezoid(0.2, 0.3, 60, k)).collect();
+        let velocities = winch([delay_s, lag_s], 0.004, &whole);
+        let (commands, velocities) = (columns(&[whole]), columns(&[velocities]));
+        let (commands_m_s, velocities_m_s) = (&commands[from..from + 200], &velocities[from..from + 200]);
+        let reading_s = CableVec::repeat(1, 0.004);
+        let found = identify(&Record { period_s: PERIOD_S, reading_s, commands_m_s, velocities_m_s, ignored: 60 }).unwrap();
+        prop_assert!((found.lag.total_s() - delay_s - lag_s).abs() < 0.003, "{found:?} {delay_s} {lag_s}");
+        prop_assert!(found.misfit < 0.1, "{found:?}");
     }
 
     #[test]
@@ -67,7 +79,7 @@ proptest! {
         let still = vec![0.0; 150];
         let commands = columns(&[still.clone(), jog.clone()]);
         let velocities = columns(&[still, winch([delay_s, lag_s], 0.004, &jog)]);
-        let found = identify(&Record { period_s: PERIOD_S, reading_s: CableVec::repeat(2, 0.004), commands_m_s: &commands, velocities_m_s: &velocities }).unwrap();
+        let found = identify(&Record { period_s: PERIOD_S, reading_s: CableVec::repeat(2, 0.004), commands_m_s: &commands, velocities_m_s: &velocities, ignored: 0 }).unwrap();
         prop_assert!((found.lag.total_s() - delay_s - lag_s).abs() < 0.05 * (delay_s + lag_s), "{found:?} {delay_s} {lag_s}");
         prop_assert!(found.misfit < 0.1, "{found:?}");
     }
@@ -110,6 +122,7 @@ fn a_winch_that_is_no_such_model_has_a_misfit() {
         reading_s: CableVec::repeat(1, 0.0),
         commands_m_s: &commands,
         velocities_m_s: &velocities,
+        ignored: 0,
     };
     let found = identify(&record).unwrap();
     assert!(found.misfit > 0.35, "{found:?}");
@@ -119,7 +132,13 @@ fn a_winch_that_is_no_such_model_has_a_misfit() {
 fn records_that_say_nothing_are_refused_in_a_sentence() {
     let record = |commands: &[CableVec], velocities: &[CableVec]| {
         let reading_s = CableVec::repeat(1, 0.004);
-        identify(&Record { period_s: PERIOD_S, reading_s, commands_m_s: commands, velocities_m_s: velocities })
+        identify(&Record {
+            period_s: PERIOD_S,
+            reading_s,
+            commands_m_s: commands,
+            velocities_m_s: velocities,
+            ignored: 0,
+        })
     };
     let flat = |value: f64, n: usize| vec![CableVec::repeat(1, value); n];
     let still = record(&flat(0.0, 100), &flat(0.0, 100)).unwrap_err();

@@ -490,7 +490,8 @@ impl Supervisor {
         ] {
             self.end_role(role);
         }
-        self.recover(&self.folder.path().to_owned());
+        let run = self.folder.path().to_path_buf();
+        self.recover(&run);
         let processes: Vec<Value> = self
             .children
             .iter()

@@ -151,7 +151,7 @@ pub struct ControllerSection {
     pub move_penalty_s4: f64,
     /// `preview`: `[delay, lag]` of the drives, s, if known; otherwise `lq-endpoint` flies until they are identified.
     pub drive_lag_s: Option<[f64; 2]>,
-    /// `preview`: identify delay and lag whenever the robot starts to move from rest.
+    /// `preview`: identify delay and lag while the robot moves.
     pub identify: bool,
     /// `preview`: falls back to `lq-endpoint` above this misfit (about the share by which delay and lag are off together).
     pub misfit_limit: f64,
