@@ -117,7 +117,7 @@ pub struct Hoist<'a> {
 }
 
 /// One point of a move.
-struct Instant {
+struct Moment {
     loss_w: f64,
     tensions_n: CableVec,
     margin_n: f64,
@@ -186,7 +186,7 @@ impl Hoist<'_> {
         position: &Vector3<f64>,
         velocity_m_s: &Vector3<f64>,
         wrench_n: &Vector3<f64>,
-    ) -> Result<Instant, EnergyError> {
+    ) -> Result<Moment, EnergyError> {
         let fail = |why| EnergyError::Tension { x: position.x, y: position.y, z: position.z, why };
         let held =
             general::hold(self.anchors, self.planar, position, wrench_n, self.limits_n, self.method).map_err(fail)?;
@@ -202,7 +202,7 @@ impl Hoist<'_> {
             peak_a = peak_a.max(current.abs());
         }
         let loss_w = square * self.current.resistance_ohm();
-        Ok(Instant { loss_w, tensions_n: held.tensions_n, margin_n: held.margin_n, peak_a })
+        Ok(Moment { loss_w, tensions_n: held.tensions_n, margin_n: held.margin_n, peak_a })
     }
 }
 
@@ -229,7 +229,7 @@ impl Sum {
         Self { weighted: 0.0, peak_tension_n: 0.0, peak_current_a: 0.0, margin_n: f64::INFINITY }
     }
 
-    fn add(&mut self, instant: &Instant, weight: f64) {
+    fn add(&mut self, instant: &Moment, weight: f64) {
         self.weighted += weight * instant.loss_w;
         self.peak_tension_n = instant.tensions_n.iter().fold(self.peak_tension_n, |m, t| m.max(*t));
         self.peak_current_a = self.peak_current_a.max(instant.peak_a);
