@@ -43,7 +43,7 @@ impl Place {
 
     fn command(&self, name: &str) -> Command {
         let mut command = Command::new(binary(name));
-        command.arg("--box").arg(self.box_file()).arg("--domain").arg(self.domain.root());
+        command.arg("--box").arg(self.box_file()).arg("--domain").arg(self.domain.name());
         if name == "motor-io" {
             command.arg("--state").arg(self.folder.path().join("state"));
         }
