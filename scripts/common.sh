@@ -31,3 +31,18 @@ need_python_packages() {
         give_up "the packages of $wanted could not be installed: is the network there? Or set NIMS_PYTHON to a Python that has them"
     cp "$wanted" "$stamp"
 }
+
+# Gets the readers of Foxglove and Lichtblick, which some tests compare with; without JavaScript on this machine these comparisons are left out.
+need_node_packages() {
+    local wanted=tests/node/package-lock.json stamp=tests/node/node_modules/.package-lock.nims
+    if cmp -s "$wanted" "$stamp"; then
+        return
+    fi
+    if ! command -v npm >/dev/null || ! command -v node >/dev/null; then
+        say "no node and npm here: run files are not compared with what JavaScript reads in them"
+        return
+    fi
+    say "getting the JavaScript packages of $wanted"
+    npm ci --silent --no-fund --no-audit --prefix tests/node || { say "the packages of $wanted could not be installed: run files are not compared with what JavaScript reads in them"; return; }
+    cp "$wanted" "$stamp"
+}

@@ -184,7 +184,8 @@ def talk(drive, cycles):
 
 def main():
     port, baud, cycles = sys.argv[1], int(sys.argv[2]), int(sys.argv[3])
-    drive = Basicmicro(port, baud, timeout=0.2, retries=1)
+    # Longer than a virtual machine stands still: an answer that is lost is still noticed.
+    drive = Basicmicro(port, baud, timeout=1.0, retries=1)
     check(drive.Open(), "cannot open", port)
     try:
         identify(drive)

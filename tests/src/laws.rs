@@ -92,7 +92,7 @@ pub fn identified(case: &Case) -> Result<DriveLag> {
     lockstep.run(&mission)?;
     for _ in 0..500 {
         lockstep.cycle()?;
-        if let Some(controller::Notice::Identified(found)) = lockstep.controller_mut().notice() {
+        if let Some(controller::Notice::Identified(found)) = lockstep.notice() {
             return Ok(found.lag);
         }
     }

@@ -1,7 +1,11 @@
 //! Tests across crates and processes.
 #![forbid(unsafe_code)]
 
+pub mod golden;
 pub mod laws;
+pub mod record;
+pub mod recorded;
 pub mod scenarios;
+pub mod takeover;
 
 pub use nims::lockstep;

@@ -1,11 +1,12 @@
 //! The flights that the accuracy of the robot is judged by.
 
 use anyhow::Result;
-use cable_robot::{Distribution, Robot};
+use cable_robot::Robot;
 use controller::Law;
+use estimator::Method;
 use planner::Mission;
 use plant::PlantConfig;
-use service::config::{ControllerSection, RobotFile};
+use service::config::{ControllerSection, EstimatorSection, RobotFile};
 
 use crate::lockstep::{Flight, Scenario};
 
@@ -78,9 +79,10 @@ impl Case {
             mission: mission(self.mission)?,
             period_s,
             law: Law::of(&ControllerSection::default())?,
+            method: Method::of(&EstimatorSection::default())?,
             horizon: (2.0 * sluggish_s / period_s).round() as u32 + 3,
             stretch,
-            distribution: Distribution::default_for(robot.cable_count()),
+            distribution: robot.default_distribution(),
             longest_s: 300.0,
         })
     }

@@ -219,6 +219,25 @@ fn the_mathematics_does_no_io_and_reads_no_clock() {
     }
 }
 
+/// What IEEE 754 does not fix is the system's own, and not the same bits on every machine: `libm`'s functions are.
+#[test]
+fn what_decides_takes_its_functions_from_libm() {
+    let packages = packages();
+    for name in ["cable-robot", "messages", "motor-io", "estimator", "controller", "planner"] {
+        for (path, text) in sources(&packages[name]) {
+            let code = text.split("#[cfg(test)]").next().unwrap_or("");
+            let code: String = code.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+            for function in [
+                "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "exp2",
+                "exp_m1", "ln", "ln_1p", "log", "log2", "log10", "powf", "hypot", "cbrt", "mul_add",
+            ] {
+                let call = format!(".{function}(");
+                assert!(!code.contains(&call), "{} calls {call}..)", path.display());
+            }
+        }
+    }
+}
+
 #[test]
 fn every_example_configuration_loads() {
     let configs = root().join("configs");
@@ -230,6 +249,12 @@ fn every_example_configuration_loads() {
     }
     for path in files("boxes") {
         service::config::BoxFile::load(&path).unwrap();
+    }
+    for path in files("sensors") {
+        sensor::SensorFile::load(&path).unwrap();
+    }
+    for path in files("scenes") {
+        service::config::SceneFile::load(&path).unwrap();
     }
     for path in files("missions") {
         planner::mission::Mission::read(&path).unwrap();

@@ -169,16 +169,16 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["up", BOX, "--for", "-1"], &["--for"]),
         (&["up", BOX, "--domain", "My Robot"], &["My Robot"]),
         (&["up", ROBOT], &["lab3.toml"]),
-        (&["ik", "--config", ROBOT, "--at", "1,2"], &["three"]),
+        (&["ik", "--config", ROBOT, "--at", "1,2"], &["moves in space", "x, y and z"]),
         (&["ik", "--config", ROBOT, "--at", "1,2,nan"], &["nan", "finite"]),
         (&["ik", "--config", ROBOT, "--at", "1m,2m,3m"], &["1m", "not a number"]),
         (&["ik", "--config", "configs", "--at", "1,2,3"], &["configs", "folder"]),
         (&["fk", "--config", ROBOT, "--lengths", "5,5"], &["2 values", "3 cables"]),
         (&["fk", "--config", ROBOT, "--lengths", "1,1,1"], &["too short"]),
         (&["fk", "--config", ROBOT, "--lengths", "5,-5,5"], &["cable 2"]),
-        (&["tension", "--config", ROBOT, "--at", "4.8,3,1", "--accel", "0,0"], &["three"]),
+        (&["tension", "--config", ROBOT, "--at", "4.8,3,1", "--accel", "0,0"], &["moves in space", "x, y and z"]),
         (&["tension", "--config", ROBOT, "--at", "4.8,3,1", "--method", "best"], &["best", "least-norm"]),
-        (&["goto", "1,2"], &["three"]),
+        (&["goto", "1"], &["x, y and z"]),
         (&["goto", "1,2,inf"], &["inf", "finite"]),
         (&["jog", "0", "0.1"], &["0"]),
         (&["jog", "1", "NaN"], &["NaN", "finite"]),
@@ -362,5 +362,113 @@ mod tools {
             assert!(!value["why"].as_str().unwrap().is_empty());
             assert!(value.get("tensions_n").is_none());
         }
+    }
+}
+
+mod planar {
+    //! A robot in a plane whose node floats: points have two coordinates, for this one 8 x 4 m of them.
+
+    use super::*;
+
+    const AQ: [&str; 2] = ["--config", "configs/robots/aq4.toml"];
+    const ANCHORS: [[f64; 2]; 4] = [[0.0, 4.2], [8.0, 4.2], [8.0, 0.3], [0.0, 0.3]];
+
+    fn aq(command: &str, more: &[&str]) -> Value {
+        answer(&[&[command], &AQ[..], more].concat())
+    }
+
+    fn numbers(value: &Value) -> Vec<f64> {
+        value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+    }
+
+    #[test]
+    fn lengths_lead_to_the_point_and_back() {
+        let lengths = numbers(&aq("ik", &["--at", "2.5,3.0"])["lengths_m"]);
+        for (anchor, length) in ANCHORS.iter().zip(&lengths) {
+            assert!((length - (anchor[0] - 2.5).hypot(anchor[1] - 3.0)).abs() < 1e-12);
+        }
+        let text = lengths.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+        let back = numbers(&aq("fk", &["--lengths", &text])["position_m"]);
+        assert!(back.len() == 2 && (back[0] - 2.5).abs() < 1e-9 && (back[1] - 3.0).abs() < 1e-9, "{back:?}");
+        // With a zero in the middle it is the same point; with anything else it is none.
+        assert_eq!(aq("ik", &["--at", "2.5,0,3.0"])["lengths_m"], json!(lengths));
+        refused(&[&["ik"], &AQ[..], &["--at", "2.5,0.1,3.0"]].concat(), 2, &["beside the plane", "x and z"]);
+        refused(&["ik", "--config", ROBOT, "--at", "2.5,3.0"], 2, &["moves in space", "x, y and z"]);
+    }
+
+    #[test]
+    fn preload_holds_what_floats_and_an_acceleration_takes_more() {
+        for (accel, method) in
+            [("0,0", "least-norm"), ("0.3,-0.2", "least-norm"), ("0.3,-0.2", "safest"), ("0,0", "min-sum")]
+        {
+            let value = aq("tension", &["--at", "2.5,3.0", "--accel", accel, "--method", method]);
+            let tensions = numbers(&value["tensions_n"]);
+            let mut force = [0.0; 2];
+            for (anchor, tension) in ANCHORS.iter().zip(&tensions) {
+                let toward = [anchor[0] - 2.5, anchor[1] - 3.0];
+                for k in 0..2 {
+                    force[k] += tension * toward[k] / toward[0].hypot(toward[1]);
+                }
+                assert!((10.0 - 1e-6..=80.0 + 1e-6).contains(tension), "{value}");
+            }
+            let expected = if accel == "0,0" { [0.0, 0.0] } else { [6.0 * 0.3, -6.0 * 0.2] };
+            assert!((0..2).all(|k| (force[k] - expected[k]).abs() < 1e-7), "{force:?}");
+        }
+        refused(&[&["tension"], &AQ[..], &["--at", "2.5,3.0", "--method", "unique"]].concat(), 2, &["least-norm"]);
+    }
+
+    #[test]
+    fn a_move_costs_more_against_more_drag() {
+        let ends = ["--from", "2.5,2.0", "--to", "5.5,2.5", "--speed", "0.2"];
+        let water = aq("plan", &ends);
+        let thick = changed("robots/aq4.toml", "drag_n_s2_m2 = 25.0", "drag_n_s2_m2 = 250.0");
+        let thick = answer(&[&["plan", "--config", &thick.file("robots/aq4.toml")], &ends[..]].concat());
+        assert!((water["length_m"].as_f64().unwrap() - 3.0f64.hypot(0.5)).abs() < 1e-9, "{water}");
+        let energy = |value: &Value| value["energy_j"].as_f64().unwrap();
+        assert!(energy(&thick) > 1.05 * energy(&water) && energy(&water) > 0.0, "{thick} {water}");
+        let best = aq("plan", &[&ends[..], &["--path", "parabola"]].concat());
+        assert!(energy(&best) <= energy(&water) + 1e-9, "{best}");
+        let above = aq("plan", &["--from", "2.5,2.0", "--to", "5.5,4.0"]);
+        assert_eq!(above["feasible"], json!(false));
+        assert!(above["why"].as_str().unwrap().contains("keep-out"), "{above}");
+    }
+
+    #[test]
+    fn its_workspace_is_an_area() {
+        let folder = tempfile::tempdir().unwrap();
+        let png = folder.path().join("plane.png");
+        let found = aq("workspace", &["--step", "0.2", "--png", png.to_str().unwrap()]);
+        // Below the surface and above the bed all of 8 x 3.6 m could be reached; near the banks the lines hold it no more.
+        let area = found["feasible_area_m2"].as_f64().unwrap();
+        assert!(area > 15.0 && area < 8.0 * 3.6, "{found}");
+        assert_eq!(found["safest_position_m"].as_array().unwrap().len(), 2);
+        let pixels = std::fs::read(png).unwrap();
+        assert!(pixels.starts_with(b"\x89PNG\r\n\x1a\n") && pixels.len() > 5_000);
+    }
+
+    #[test]
+    fn its_files_are_checked_and_missions_of_the_other_kind_are_refused() {
+        let good =
+            answer(&["check", "configs/missions/cross-section.toml", "--for", "configs/boxes/aq4.toml", "--json"]);
+        assert_eq!(good["usable"], json!(true), "{good}");
+        let own = answer(&["check", "configs/boxes/aq4.toml", "--json"]);
+        assert_eq!(own["usable"], json!(true), "{own}");
+        for (mission, file, says) in
+            [("spiral", "configs/boxes/aq4.toml", "beside the plane"), ("cross-section", BOX, "moves in space")]
+        {
+            let value = answer(&["run", mission, "--dry-run", "--config", file, "--json"]);
+            assert_eq!(value["feasible"], json!(false));
+            assert!(value["why"].as_str().unwrap().contains(says), "{value}");
+        }
+        for (from, to, says) in [
+            ("[8.0, 0.3]", "[8.0, 0.0, 0.3]", &["anchors_m", "number 3"][..]),
+            ("drag_n_s2_m2 = 25.0", "drag_n_s2_m2 = -1.0", &["drag_n_s2_m2"]),
+            ("[[0.0, 3.8], [8.0, 6.0]]", "[[0.0, 3.8], [8.0, 1.0, 6.0]]", &["keep_out", "beside the plane"]),
+        ] {
+            let files = changed("robots/aq4.toml", from, to);
+            refused(&["check", &files.file("robots/aq4.toml")], 2, says);
+        }
+        let files = changed("boxes/aq4.toml", "start_m = [4.0, 2.0]", "start_m = [4.0, 1.0, 2.0]");
+        refused(&["check", &files.file("boxes/aq4.toml")], 2, &["start_m", "beside the plane"]);
     }
 }

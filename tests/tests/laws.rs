@@ -15,14 +15,14 @@ fn columns(names: &[&str]) -> Vec<Knowledge> {
     laws::all().into_iter().filter(|known| names.contains(&known.name)).collect()
 }
 
-/// Better when it knows the drives, also from its own identification, and never worse than 1.2 times when it is told
-/// something wrong and may fall back.
-fn better(case: &Case) {
+/// At least `exact` times better when it knows the drives, better when it finds them out on the way, and never worse than
+/// 1.2 times when it is told something wrong and may fall back.
+fn better(case: &Case, exact: f64) {
     let names = ["identified", "exact", "half", "double"];
     let found = compare(case, &columns(&names)).unwrap();
     println!("{names:?}\n{HEADING}\n{}", found.row(case));
     assert!(found.ratio(0) > 1.0, "identified in flight: {}", found.ratio(0));
-    assert!(found.ratio(1) > 1.0, "known exactly: {}", found.ratio(1));
+    assert!(found.ratio(1) > exact, "known exactly: {}", found.ratio(1));
     for (i, name) in names.iter().enumerate() {
         assert!(found.ratio(i) > 1.0 / 1.2, "{name}: {}", found.ratio(i));
         let flight = found.preview[i].as_ref().unwrap();
@@ -33,17 +33,17 @@ fn better(case: &Case) {
 
 #[test]
 fn three_lines_polyline() {
-    better(&Case { robot: "lab3", mission: "polyline", motor_s: QUICK });
+    better(&Case { robot: "lab3", mission: "polyline", motor_s: QUICK }, 2.0);
 }
 
 #[test]
 fn three_lines_spiral_with_slow_motors() {
-    better(&Case { robot: "lab3", mission: "spiral", motor_s: SLOW });
+    better(&Case { robot: "lab3", mission: "spiral", motor_s: SLOW }, 3.0);
 }
 
 #[test]
 fn four_lines_polyline_with_slow_motors() {
-    better(&Case { robot: "lab4", mission: "polyline", motor_s: SLOW });
+    better(&Case { robot: "lab4", mission: "polyline", motor_s: SLOW }, 3.0);
 }
 
 /// The drives change in flight, the law changes with them and back, and no command jumps by more than ordinary ones do.
@@ -61,7 +61,7 @@ fn it_falls_back_in_flight_without_a_bump() {
     let mut fell_back = false;
     for _ in 0..1500 {
         let cycle = lockstep.cycle().unwrap();
-        if let Some(Notice::Misfit { misfit, limit }) = lockstep.controller_mut().notice() {
+        if let Some(Notice::Misfit { misfit, limit }) = lockstep.notice() {
             assert!(misfit > limit && !fell_back);
             fell_back = true;
         }

@@ -288,7 +288,7 @@ fn a_unit_that_restarts_in_a_motion_stops_the_robot_and_asks_for_a_confirmation(
     eyes.until("the motion", |_, authority| {
         authority.mode == MotorAuthority::MODE_FOLLOWING && authority.plan_rate == 1.0
     });
-    eyes.fault("reboot 1 128 0.3");
+    eyes.fault("reboot 1 128 for 0.3");
     let (_, authority) =
         eyes.until("the fault", |_, authority| authority.faults & MotorAuthority::FAULT_UNIT_REBOOT != 0);
     assert_eq!((authority.mode, authority.fault_unit[0]), (MotorAuthority::MODE_FAULTED, 1));

@@ -64,6 +64,10 @@ fn a_planned_parabola_costs_less_than_the_line_and_the_line_is_what_it_says() {
     assert!((share - 1.0).abs() < 1e-12, "{share}");
     let fast = plan(LAB4, &[&ends[..], &["--path", "parabola", "--time-weight", "5"]].concat());
     assert!(fast["duration_s"].as_f64() < best["duration_s"].as_f64());
+    // With geared motors a path that swings sideways costs less still.
+    let lateral = plan(LAB4, &[&ends[..], &["--path", "lateral"]].concat());
+    assert!(lateral["energy_j"].as_f64() < best["energy_j"].as_f64(), "{lateral} {best}");
+    assert!(lateral["side_m"][0].as_f64().unwrap().abs() > 0.1, "{lateral}");
 }
 
 #[test]

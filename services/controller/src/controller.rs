@@ -9,6 +9,7 @@ use service::config::{BoxFile, RobotFile};
 use service::motion::motion_of;
 
 use crate::law::Law;
+use crate::own::{Asked, CableLaw};
 use crate::preview::{Notice, Preview};
 
 /// Cycles by which motor/authority may lag behind an estimate: it is published just after motor/state, so one is
@@ -24,7 +25,7 @@ pub struct ControllerConfig {
     pub law: Law,
     /// Δ, cycles, 1 to 200.
     pub horizon: u32,
-    /// How the tensions of more than three cables are chosen.
+    /// How the tensions of more cables than directions are chosen.
     pub distribution: Distribution,
     /// Time constant of the loop on the redundant lengths, s.
     pub redundant_s: f64,
@@ -50,7 +51,7 @@ impl ControllerConfig {
             robot: if section.stretch { parts } else { parts.with_rigid_lines() },
             law: Law::of(section)?,
             horizon: u32::try_from(section.horizon_cycles)?,
-            distribution: section.distribution_for(parts.cable_count()),
+            distribution: section.distribution_for(&parts),
             redundant_s: section.redundant_s,
             cable_speed_limit_m_s: robot.cable_speed_limit_m_s(),
             error_limit_m: section.error_limit_m,
@@ -74,13 +75,16 @@ pub struct Seen<'a> {
 }
 
 /// Node estimates and motion to cable velocities: steps 3 and 4 of the paper's section VI.
-#[derive(Debug, Clone)]
 pub struct Controller {
     config: ControllerConfig,
+    /// A law that works each line for itself, or one's own.
+    own: Option<Box<dyn CableLaw>>,
     /// Decoded plan/motion and the beat it had.
     motion: Option<Kept>,
     /// The preview law, if it was chosen.
     preview: Option<Preview>,
+    /// Rows of the newest cycle: estimates come one after the other, and a law is asked once for each.
+    answered: [Option<Answered>; SLOTS],
 }
 
 /// When the estimate is true on the clock of the cycle.
@@ -132,9 +136,34 @@ impl Controller {
     pub fn new(config: ControllerConfig) -> Self {
         let preview = match config.law {
             Law::Preview { preview, .. } => Some(Preview::new(preview, config.robot.cable_count())),
-            Law::LqEndpoint { .. } => None,
+            Law::LqEndpoint { .. } | Law::PFeedforward(_) | Law::Own => None,
         };
-        Self { config, motion: None, preview }
+        let own: Option<Box<dyn CableLaw>> = match config.law {
+            Law::PFeedforward(law) => Some(Box::new(law)),
+            Law::LqEndpoint { .. } | Law::Preview { .. } | Law::Own => None,
+        };
+        Self { config, own, motion: None, preview, answered: [None; SLOTS] }
+    }
+
+    /// A copy that goes its own way from here; `None` with a law of one's own, of which nobody knows what it remembers.
+    pub fn fork(&self) -> Option<Self> {
+        let Self { config, motion, preview, answered, .. } = self;
+        (config.law != Law::Own).then(|| Self {
+            motion: *motion,
+            preview: preview.clone(),
+            answered: *answered,
+            ..Self::new(*config)
+        })
+    }
+
+    /// A controller with a law of one's own in place of the configured one.
+    pub fn with_law(config: ControllerConfig, law: Box<dyn CableLaw>) -> Self {
+        Self { own: Some(law), ..Self::new(ControllerConfig { law: Law::Own, ..config }) }
+    }
+
+    /// What it was told.
+    pub fn config(&self) -> &ControllerConfig {
+        &self.config
     }
 
     /// What an operator may want to know of the last steps: models identified, fallbacks.
@@ -161,9 +190,14 @@ impl Controller {
         };
         let mut status = ControlStatus {
             header,
+            seen_estimate: seen.estimates.map(|estimate| estimate.map_or(0, |estimate| estimate.header.cycle)),
+            seen_authority: seen.authority.map_or(0, |authority| authority.header.cycle),
+            seen_state: seen.state.map_or(0, |state| state.header.cycle),
+            seen_motion: seen.motion.map_or(0, |motion| motion.beat),
             horizon: config.horizon,
             incarnation: config.incarnation,
             law: config.law.number(),
+            chosen_law: config.law.number(),
             cable_count: config.robot.cable_count() as u8,
             ..ControlStatus::default()
         };
@@ -185,7 +219,15 @@ impl Controller {
         status.segment = command.segment;
         for (slot, estimate) in seen.estimates.iter().enumerate() {
             let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) else { continue };
-            let Some(answer) = self.answer(slot, estimate, target.as_ref(), authority.period_s) else { continue };
+            let (epoch, segment) = (authority.epoch, command.segment);
+            let answer = match &self.answered[slot] {
+                Some(kept) if kept.estimate == *estimate && (kept.epoch, kept.segment) == (epoch, segment) => {
+                    kept.answer
+                }
+                _ => self.answer(slot, estimate, target.as_ref(), authority.period_s),
+            };
+            self.answered[slot] = Some(Answered { estimate: *estimate, epoch, segment, answer });
+            let Some(answer) = answer else { continue };
             for (i, velocity) in answer.velocities_m_s.iter().enumerate() {
                 command.velocity_m_s[8 * slot + i] = *velocity;
             }
@@ -263,17 +305,24 @@ impl Controller {
         Some(Target { now_held: self.held(&now), ahead_held: self.held(&ahead), now, ahead })
     }
 
-    /// Lengths and tensions at a setpoint. At the very limit of what the lines can hold the acceleration is left out
-    /// rather than giving up: the planner has checked the motion as planned.
+    /// Lengths and tensions at a setpoint. At the very limit of what the lines can hold acceleration and drag are left
+    /// out rather than giving up: the planner has checked the motion as planned.
     fn held(&self, setpoint: &Setpoint) -> Option<Realisation> {
         let ControllerConfig { robot, distribution, .. } = &self.config;
-        elastic::realise(robot, &setpoint.position, &setpoint.acceleration, *distribution)
+        let moving_n = robot.moving_wrench_n(&setpoint.velocity, &setpoint.acceleration);
+        elastic::realise_under(robot, &setpoint.position, &moving_n, *distribution)
             .or_else(|_| elastic::realise(robot, &setpoint.position, &Vector3::zeros(), *distribution))
             .ok()
     }
 
-    fn answer(&self, slot: usize, estimate: &NodeEstimate, target: Option<&Target>, period_s: f64) -> Option<Answer> {
-        let config = &self.config;
+    fn answer(
+        &mut self,
+        slot: usize,
+        estimate: &NodeEstimate,
+        target: Option<&Target>,
+        period_s: f64,
+    ) -> Option<Answer> {
+        let config = self.config;
         let n = config.robot.cable_count();
         if estimate.valid == 0 || usize::from(estimate.cable_count) != n {
             return None;
@@ -287,6 +336,48 @@ impl Controller {
         if error_m.norm().is_nan() || error_m.norm() > config.error_limit_m {
             return None;
         }
+        let (u, redundant_m) = match self.own.take() {
+            None => self.endpoint(slot, estimate, target, position, period_s)?,
+            Some(mut own) => {
+                let u = own.velocity(&Asked {
+                    slot,
+                    robot: &config.robot,
+                    period_s,
+                    horizon_s: period_s * f64::from(config.horizon),
+                    estimate,
+                    now: &target.now,
+                    ahead: &target.ahead,
+                    now_held: target.now_held.as_ref(),
+                    ahead_held: target.ahead_held.as_ref(),
+                });
+                self.own = Some(own);
+                (u.filter(|u| u.len() == n)?, 0.0)
+            }
+        };
+        if !u.is_finite() {
+            return None;
+        }
+        let limits = CableVec::repeat(n, config.cable_speed_limit_m_s);
+        let scaled = scale_to_limits(&u, &limits);
+        Some(Answer {
+            velocities_m_s: scaled.velocities_m_s,
+            error_m,
+            saturation: u.max_abs() / config.cable_speed_limit_m_s,
+            redundant_m,
+        })
+    }
+
+    /// The paper's law, or the preview law as far as it has a say; and what the redundant lengths lack, m.
+    fn endpoint(
+        &self,
+        slot: usize,
+        estimate: &NodeEstimate,
+        target: &Target,
+        position: Vector3<f64>,
+        period_s: f64,
+    ) -> Option<(CableVec, f64)> {
+        let config = &self.config;
+        let n = config.robot.cable_count();
         let jacobian = Jacobian::at(config.robot.anchors(), &position).ok()?;
         let node_jacobian = jacobian.node_jacobian()?;
         let mut u =
@@ -301,7 +392,7 @@ impl Controller {
                 u[i] += (ahead.unstretched_m[i] - now.unstretched_m[i] - straight[i]) / horizon_s;
             }
             let mut behind = CableVec::zeros(n);
-            if n > 3 {
+            if config.robot.redundancy() > 0 {
                 behind = redundant(&jacobian, &node_jacobian, now, estimate);
                 redundant_m = behind.norm_squared().sqrt();
                 for i in 0..n {
@@ -316,17 +407,7 @@ impl Controller {
                 }
             }
         }
-        if !u.is_finite() {
-            return None;
-        }
-        let limits = CableVec::repeat(n, config.cable_speed_limit_m_s);
-        let scaled = scale_to_limits(&u, &limits);
-        Some(Answer {
-            velocities_m_s: scaled.velocities_m_s,
-            error_m,
-            saturation: u.max_abs() / config.cable_speed_limit_m_s,
-            redundant_m,
-        })
+        Some((u, redundant_m))
     }
 }
 
@@ -336,8 +417,9 @@ fn at_rate(motion: &Motion, time_s: f64, rate: f64) -> Setpoint {
     Setpoint { velocity: at.velocity * rate, acceleration: at.acceleration * (rate * rate), ..at }
 }
 
-/// What the lengths lack in the directions that do not move the node: (I - J B)(l* - l), m. For four cables that is one
-/// direction, the null vector of Jᵀ, which is also the direction in which tensions trade places.
+/// What the lengths lack in the directions that do not move the node: (I - J B)(l* - l), m. For four cables in
+/// space that is one direction, the null vector of Jᵀ, which is also the direction in which tensions trade places; in a
+/// plane it is two.
 fn redundant(
     jacobian: &Jacobian,
     node_jacobian: &NodeJacobian,
@@ -349,6 +431,16 @@ fn redundant(
     missing.zip_map(&moving, |all, part| all - part)
 }
 
+/// What a row was computed for, and the result.
+#[derive(Debug, Clone, Copy)]
+struct Answered {
+    estimate: NodeEstimate,
+    epoch: u32,
+    segment: u32,
+    answer: Option<Answer>,
+}
+
+#[derive(Debug, Clone, Copy)]
 struct Answer {
     velocities_m_s: CableVec,
     error_m: Vector3<f64>,

@@ -1,7 +1,7 @@
 //! Control laws: from where the node is and should be to the velocity the cables answer with.
 
 use cable_robot::drive_lag::DriveLag;
-use cable_robot::law::{InputWeight, LqGain};
+use cable_robot::law::{InputWeight, LqGain, PFeedforward};
 use cable_robot::{CableVec, Matrix3, NodeJacobian, Vector3};
 use messages::ControlStatus;
 use service::config::ControllerSection;
@@ -29,13 +29,17 @@ pub enum Law {
         /// The preview law itself.
         preview: PreviewSettings,
     },
+    /// Each line for itself: desired velocity, and a share of the length error.
+    PFeedforward(PFeedforward),
+    /// One that the process brought along ([`crate::CableLaw`]); without it there is no answer.
+    Own,
 }
 
 /// A law or a parameter that does not exist.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum LawError {
     /// No such law.
-    #[error("law is \"{0}\"; accepted: \"lq-endpoint\" or \"preview\"")]
+    #[error("law is \"{0}\"; accepted: \"lq-endpoint\", \"preview\" or \"p-feedforward\"")]
     Unknown(String),
     /// A parameter out of range.
     #[error("{key} is {value}; accepted: {accepted}")]
@@ -55,7 +59,11 @@ impl Law {
     /// # Errors
     /// One sentence: which key, what is accepted.
     pub fn of(section: &ControllerSection) -> Result<Self, LawError> {
-        let &ControllerSection { state_weight, input_weight, .. } = section;
+        let &ControllerSection { state_weight, input_weight, length_gain_per_s: gain, .. } = section;
+        if section.law == "p-feedforward" {
+            let wrong = LawError::Parameter { key: "length_gain_per_s", value: gain, accepted: "above 0, at most 50" };
+            return PFeedforward::new(gain).map(Self::PFeedforward).map_err(|_| wrong);
+        }
         if section.law != "preview" {
             return Self::by_name(&section.law, state_weight, input_weight);
         }
@@ -100,11 +108,24 @@ impl Law {
         match self {
             Self::LqEndpoint { .. } => ControlStatus::LAW_LQ_ENDPOINT,
             Self::Preview { .. } => ControlStatus::LAW_PREVIEW,
+            Self::PFeedforward(_) => ControlStatus::LAW_P_FEEDFORWARD,
+            Self::Own => ControlStatus::LAW_OTHER,
+        }
+    }
+
+    /// The name of a number, as the configuration has it; `None` for a law of one's own and for one that this build does not know.
+    #[must_use]
+    pub fn name_of(number: u8) -> Option<&'static str> {
+        match number {
+            ControlStatus::LAW_LQ_ENDPOINT => Some("lq-endpoint"),
+            ControlStatus::LAW_PREVIEW => Some("preview"),
+            ControlStatus::LAW_P_FEEDFORWARD => Some("p-feedforward"),
+            _ => None,
         }
     }
 
     /// The paper's law (the fallback of the preview law): cable velocities (m/s) that bring the node by `error_m` in `horizon` cycles of `period_s`; `None` where the
-    /// geometry gives none.
+    /// geometry gives none, and for laws that are not of this kind.
     pub fn velocity(
         &self,
         node_jacobian: &NodeJacobian,
@@ -118,6 +139,7 @@ impl Law {
                 let gain = LqGain::new(node_jacobian, period_s, &q, &r, horizon).ok()?;
                 Some(gain.velocity(error_m))
             }
+            Self::PFeedforward(_) | Self::Own => None,
         }
     }
 }

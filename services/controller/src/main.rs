@@ -1,62 +1,13 @@
-//! The controller: wakes on `node/estimate/*`, answers on `motor/command/SLOT`.
+//! The controller: node estimate and motion to cable velocities, with the law that the box file names.
 
 use std::process::ExitCode;
 
-use controller::{Controller, ControllerConfig, Seen};
-use messages::{ControlStatus, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES};
-use service::{Args, BadInput, Chassis};
+use controller::{Controller, process};
+use service::LawArgs;
 
 fn main() -> ExitCode {
-    service::main("controller", run)
-}
-
-fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
-    let file = chassis.box_file()?;
-    let config = ControllerConfig::of(file, &file.robot_file()?, chassis.incarnation())
-        .map_err(|error| BadInput(format!("[controller] {error}")))?;
-    let mut controller = Controller::new(config);
-    let bus = chassis.bus();
-    let channels = SLOT_NAMES.map(|slot| format!("node/estimate/{slot}"));
-    let mut estimates = [bus.subscriber::<NodeEstimate>(&channels[0])?, bus.subscriber::<NodeEstimate>(&channels[1])?];
-    let mut motions = bus.subscriber::<PlanMotion>("plan/motion")?;
-    let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
-    let mut states = bus.subscriber::<MotorState>("motor/state")?;
-    let slot = chassis.slot().name();
-    let mut commands = bus.publisher::<MotorCommand>(&format!("motor/command/{slot}"))?;
-    let mut statuses = bus.publisher::<ControlStatus>(&format!("control/status/{slot}"))?;
-    let mut waiter = chassis.waiter(&[&channels[0], &channels[1]])?;
-    let (mut newest, mut motion, mut authority, mut state) = ([None; 2], None, None, None);
-    chassis.ready()?;
-    while chassis.running() {
-        chassis.wait(&mut waiter, None)?;
-        let mut new = false;
-        for (newest, estimates) in newest.iter_mut().zip(&mut estimates) {
-            if let Some(estimate) = estimates.latest()? {
-                (*newest, new) = (Some(estimate), true);
-            }
-        }
-        motion = motions.latest()?.or(motion);
-        authority = authorities.latest()?.or(authority);
-        state = states.latest()?.or(state);
-        if new {
-            chassis.pass_begin();
-            let seen = Seen {
-                estimates: [newest[0].as_ref(), newest[1].as_ref()],
-                motion: motion.as_ref(),
-                authority: authority.as_ref(),
-                state: state.as_ref(),
-            };
-            let (mut command, mut status) = controller.step(&seen);
-            commands.send(&mut command)?;
-            statuses.send(&mut status)?;
-            chassis.pass_end();
-            match controller.notice() {
-                Some(notice) if notice.is_warning() => tracing::warn!("{notice}"),
-                Some(notice) => tracing::info!("{notice}"),
-                None => {}
-            }
-        }
-        chassis.report_lost(estimates[0].lost() + estimates[1].lost() + motions.lost() + authorities.lost());
-    }
-    Ok(())
+    service::main("controller", |args: &LawArgs, chassis| {
+        let config = process::config(chassis, args.law.as_deref())?;
+        process::run(chassis, Controller::new(config))
+    })
 }

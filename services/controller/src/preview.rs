@@ -9,9 +9,9 @@
 //! * for the moment in which a newly identified model takes the old one's place.
 
 use cable_robot::drive_lag::{
-    CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record,
+    CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record, Winch,
 };
-use cable_robot::preview::{MAX_PREVIEW, PreviewError, PreviewGain, Twin};
+use cable_robot::preview::{Lead, Led, MAX_PREVIEW, PreviewError, PreviewGain, Twin};
 use cable_robot::{CableVec, MAX_CABLES};
 use messages::{MotorAuthority, MotorState, NodeEstimate, SLOTS};
 use thiserror::Error;
@@ -109,6 +109,7 @@ impl Notice {
 #[derive(Debug, Clone, Copy)]
 struct Installed {
     gain: PreviewGain,
+    lead: Lead,
     twins: [Twin; SLOTS],
 }
 
@@ -225,7 +226,11 @@ pub(crate) struct Preview {
     bad: bool,
     rate: Option<(u64, f64, f64)>,
     ahead_m: Vec<CableVec>,
+    /// The cycle of the newest look ahead and what it came to.
+    led: Option<(u64, Led)>,
     notice: Option<Notice>,
+    /// Cycle in which each slot's twin was last corrected: once in a cycle, however often the controller is woken in it.
+    corrected: [u64; SLOTS],
 }
 
 impl Preview {
@@ -243,7 +248,9 @@ impl Preview {
             bad: false,
             rate: None,
             ahead_m: vec![CableVec::zeros(cables); MAX_PREVIEW],
+            led: None,
             notice: None,
+            corrected: [0; SLOTS],
         }
     }
 
@@ -345,8 +352,10 @@ impl Preview {
         }
         let Some(lag) = self.pending.take() else { return };
         let PreviewSettings { horizon, move_penalty_s4, .. } = self.settings;
-        let built = PreviewGain::new(&lag, period_s, horizon, move_penalty_s4)
-            .and_then(|gain| Ok(Installed { gain, twins: [Twin::new(&lag, period_s)?; SLOTS] }));
+        let built = PreviewGain::new(&lag, period_s, horizon, move_penalty_s4).and_then(|gain| {
+            let lead = Lead::new(&lag, period_s, horizon)?;
+            Ok(Installed { gain, lead, twins: [Twin::new(&lag, period_s)?; SLOTS] })
+        });
         match built {
             Ok(installed) => {
                 self.installed = Some(installed);
@@ -393,13 +402,15 @@ impl Preview {
         }
     }
 
-    /// Fills in the desired lengths of the previewed cycles; `lengths` gives those for a plan time and a rate.
+    /// Looks at the desired lengths of the previewed cycles and what they ask of the winches; `lengths` gives them for a
+    /// plan time and a rate.
     pub(crate) fn look_ahead(
         &mut self,
         authority: &MotorAuthority,
         lag: u64,
         mut lengths: impl FnMut(f64, f64) -> CableVec,
     ) {
+        self.led = None;
         if self.weight > 0.0 {
             let mut ahead_m = std::mem::take(&mut self.ahead_m);
             self.plan_ahead(authority, lag, |j, time_s, rate| {
@@ -408,6 +419,10 @@ impl Preview {
                 }
             });
             self.ahead_m = ahead_m;
+            if let Some(installed) = &mut self.installed {
+                let (cycle, horizon) = (authority.header.cycle + lag, installed.gain.horizon());
+                self.led = Some((cycle, installed.lead.step(cycle, &self.ahead_m[..horizon])));
+            }
         }
     }
 
@@ -415,9 +430,11 @@ impl Preview {
     pub(crate) fn correct(&mut self, slot: usize, estimate: &NodeEstimate, since_s: f64, velocities_m_s: &[f64]) {
         let cycle = estimate.header.cycle;
         if self.sent.newest() == cycle
+            && self.corrected.get(slot).is_some_and(|last| *last != cycle)
             && let Some(installed) = &mut self.installed
             && let Some(twin) = installed.twins.get_mut(slot)
         {
+            self.corrected[slot] = cycle;
             let n = self.cables;
             let lengths_m = CableVec::from_array8(&estimate.predicted_m, n);
             twin.correct(cycle, since_s, &lengths_m, &velocities_m_s[..n.min(velocities_m_s.len())], &self.sent);
@@ -428,15 +445,19 @@ impl Preview {
     /// not move the node: it is not brought to zero at once but within `redundant_s`.
     pub(crate) fn velocity(&self, slot: usize, cycle: u64, behind_m: &CableVec, redundant_s: f64) -> Option<CableVec> {
         let installed = self.installed.as_ref().filter(|_| self.weight > 0.0 && self.sent.newest() == cycle)?;
+        let led = self.led.as_ref().filter(|(of, _)| *of == cycle).map(|(_, led)| led)?;
         let winches = installed.twins.get(slot)?.at_next_command(&self.sent);
         let previous = self.sent.ago(0);
-        let gain = &installed.gain;
-        // The law answers a lasting error with `rate` times it.
-        let share = (1.0 / (redundant_s * gain.rate())).min(1.0);
+        // The feedback answers a lasting error with `rate` times it.
+        let share = (1.0 / (redundant_s * installed.gain.rate())).min(1.0);
         let u = CableVec::from_fn(self.cables, |i| {
-            let mut winch = winches[i];
-            winch.length_m += (1.0 - share) * behind_m.get(i).copied().unwrap_or(0.0);
-            gain.command(winch, previous[i], self.ahead_m[..gain.horizon()].iter().map(|ahead| ahead[i]))
+            let (is, wanted) = (winches[i], led.winches[i]);
+            let behind_m = (1.0 - share) * behind_m.get(i).copied().unwrap_or(0.0);
+            let off = Winch {
+                length_m: is.length_m + behind_m - wanted.length_m,
+                velocity_m_s: is.velocity_m_s - wanted.velocity_m_s,
+            };
+            led.command_m_s[i] + installed.gain.correct(off, previous[i] - led.previous_m_s[i])
         });
         u.is_finite().then_some(u)
     }

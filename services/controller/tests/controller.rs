@@ -1,13 +1,13 @@
 //! The controller against known positions and motions.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use cable_robot::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
-use cable_robot::{
-    CableVec, Distribution, Jacobian, NodeJacobian, Path, Profile, Robot, RobotParts, Segment, Vector3, elastic,
-};
-use controller::{Controller, ControllerConfig, Law, Seen};
-use messages::{Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion};
+use cable_robot::{CableVec, Jacobian, NodeJacobian, Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
+use controller::{Asked, CableLaw, Controller, ControllerConfig, Law, Seen};
+use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
+use service::config::ControllerSection;
 use service::motion::segment_message;
 
 const PERIOD_S: f64 = 0.01;
@@ -30,18 +30,34 @@ fn robot(cables: usize) -> Robot {
     .unwrap()
 }
 
-fn controller(robot: Robot) -> Controller {
-    Controller::new(ControllerConfig {
-        robot,
-        law: Law::by_name("lq-endpoint", 0.0, 1.0).unwrap(),
-        horizon: HORIZON,
-        distribution: Distribution::default_for(robot.cable_count()),
-        redundant_s: REDUNDANT_S,
-        cable_speed_limit_m_s: LIMIT_M_S,
-        error_limit_m: 0.25,
-        ttl_cycles: 3,
-        incarnation: 9,
+/// A robot in a plane whose node floats in water, held by its preload alone.
+fn floating() -> Robot {
+    Robot::new(RobotParts {
+        anchors_m: vec![[0.0, 0.0, 4.2], [8.0, 0.0, 4.0], [8.2, 0.0, 0.3], [0.0, 0.0, 0.2]],
+        planar: true,
+        node_mass_kg: 6.0,
+        net_weight_n: Some(0.0),
+        drag_n_s2_m2: 25.0,
+        tension_limits_n: [10.0, 80.0],
+        speed_limit_m_s: 0.3,
+        acceleration_limit_m_s2: 0.3,
+        stiffness_n: Some(12_000.0),
+        routed_length_m: Some(vec![4.0; 4]),
+        ..RobotParts::default()
     })
+    .unwrap()
+}
+
+/// A move in its plane.
+fn level_motion() -> PlanMotion {
+    let path = Path::line(Vector3::new(2.5, 0.0, 2.0), Vector3::new(5.5, 0.0, 2.4));
+    let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.2)).unwrap();
+    let segment = Segment { id: 5, path, profile, start_s: 1.0 };
+    PlanMotion { current: segment_message(&segment), end_s: segment.end_s(), ..motion() }
+}
+
+fn controller(robot: Robot) -> Controller {
+    Controller::new(config(robot, Law::by_name("lq-endpoint", 0.0, 1.0).unwrap()))
 }
 
 fn authority(cycle: u64, plan_time_s: f64) -> MotorAuthority {
@@ -57,7 +73,7 @@ fn authority(cycle: u64, plan_time_s: f64) -> MotorAuthority {
 }
 
 fn estimate(robot: &Robot, cycle: u64, position: Vector3<f64>) -> NodeEstimate {
-    let choice = Distribution::default_for(robot.cable_count());
+    let choice = robot.default_distribution();
     let held = elastic::realise(robot, &position, &Vector3::zeros(), choice).unwrap();
     NodeEstimate {
         header: Header { cycle, seq: cycle, stamp_ns: cycle * 10_000_000, oldest_input_ns: cycle * 10_000_000 },
@@ -153,7 +169,7 @@ fn on_the_path_it_commands_the_speed_of_the_path() {
         let is = estimate(&robot, 8, now.position);
         let command = step(&mut controller(robot), &is, Some(&motion), &authority(8, 3.0));
         // What the unstretched lengths do over the horizon, per second.
-        let choice = Distribution::default_for(cables);
+        let choice = robot.default_distribution();
         let hold = |t| {
             let at = segment.setpoint(t);
             elastic::realise(&robot, &at.position, &at.acceleration, choice).unwrap().unstretched_m
@@ -179,26 +195,58 @@ fn an_error_is_brought_to_zero_within_the_horizon() {
     }
 }
 
-/// Lines that pull at each other too much or too little are eased without moving the node.
+/// Lines that pull at each other too much or too little are eased without moving the node, in every way in which they can:
+/// one of four lines in space, two in a plane.
 #[test]
 fn the_redundant_lengths_are_corrected_and_the_node_stays() {
-    let robot = robot(4);
-    let jacobian = Jacobian::at(robot.anchors(), &from()).unwrap();
-    let node: NodeJacobian = jacobian.node_jacobian().unwrap();
-    // Any vector less what moves the node is a direction in which lengths only trade tension.
-    let any = CableVec::from_slice(&[1.0, 0.0, 0.0, 0.0]).unwrap();
-    let moving = jacobian.cable_velocity(&node.node_velocity(&any));
-    let redundant = any.zip_map(&moving, |a, m| a - m);
-    let mut is = estimate(&robot, 8, from());
-    for i in 0..4 {
-        is.predicted_m[i] += 0.004 * redundant[i];
+    let cases = [(robot(4), motion(), from(), 1), (floating(), level_motion(), Vector3::new(2.5, 0.0, 2.0), 2)];
+    for (robot, motion, at, modes) in cases {
+        let jacobian = Jacobian::at(robot.anchors(), &at).unwrap();
+        let node: NodeJacobian = jacobian.node_jacobian().unwrap();
+        let mut ways: Vec<CableVec> = Vec::new();
+        for cable in 0..4 {
+            // Any vector less what moves the node is a direction in which lengths only trade tension.
+            let any = CableVec::from_fn(4, |i| f64::from(u8::from(i == cable)));
+            let moving = jacobian.cable_velocity(&node.node_velocity(&any));
+            let redundant = any.zip_map(&moving, |a, m| a - m);
+            let mut is = estimate(&robot, 8, at);
+            for i in 0..4 {
+                is.predicted_m[i] += 0.004 * redundant[i];
+            }
+            let command = step(&mut controller(robot), &is, Some(&motion), &authority(8, 0.0));
+            for i in 0..4 {
+                let expected = -0.004 * redundant[i] / REDUNDANT_S;
+                assert!((command.velocity_m_s[i] - expected).abs() < 1e-9, "{:?}", command.velocity_m_s);
+            }
+            assert!(node.node_velocity(&command.velocity_m_s[..4]).norm() < 1e-9);
+            // What is new in it beside the ways found before.
+            let rest = ways.iter().fold(redundant, |rest, way| {
+                let along: f64 = rest.iter().zip(way.iter()).map(|(r, w)| r * w).sum();
+                rest.zip_map(way, |r, w| r - along * w)
+            });
+            let size = rest.norm_squared().sqrt();
+            if size > 1e-6 {
+                ways.push(rest.map(|r| r / size));
+            }
+        }
+        assert_eq!(ways.len(), modes);
     }
-    let command = step(&mut controller(robot), &is, Some(&motion()), &authority(8, 0.0));
-    for i in 0..4 {
-        let expected = -0.004 * redundant[i] / REDUNDANT_S;
-        assert!((command.velocity_m_s[i] - expected).abs() < 1e-9, "{:?}", command.velocity_m_s);
-    }
-    assert!(node.node_velocity(&command.velocity_m_s[..4]).norm() < 1e-9);
+}
+
+/// What is commanded is what puts the node where it should be against the drag.
+#[test]
+fn drag_is_part_of_what_the_lengths_have_to_hold() {
+    let (robot, motion) = (floating(), level_motion());
+    let segment = service::motion::segment_of(&motion.current).unwrap();
+    let now = segment.setpoint(8.0);
+    assert!((now.velocity.norm() - 0.2).abs() < 1e-12 && now.acceleration.norm() < 1e-12);
+    let is = estimate(&robot, 8, now.position);
+    let (authority, mut controller) = (authority(8, 8.0), controller(robot));
+    let seen = Seen { estimates: [Some(&is), None], motion: Some(&motion), authority: Some(&authority), state: None };
+    let (_, status) = controller.step(&seen);
+    let jacobian = Jacobian::at(robot.anchors(), &now.position).unwrap();
+    let force = jacobian.structure_matrix().force(&status.tension_n[..4]);
+    assert!((force - now.velocity * (25.0 * 0.2)).norm() < 1e-9, "{force:?}");
 }
 
 #[test]
@@ -247,6 +295,87 @@ fn laws_are_chosen_by_name_and_wrong_ones_named() {
     assert!(Law::by_name("pid", 0.0, 1.0).unwrap_err().to_string().contains("lq-endpoint"));
     assert!(Law::by_name("lq-endpoint", -1.0, 1.0).unwrap_err().to_string().contains("state_weight"));
     assert!(Law::by_name("lq-endpoint", 0.0, f64::NAN).unwrap_err().to_string().contains("input_weight"));
+    let gain = |length_gain_per_s| {
+        Law::of(&ControllerSection { law: "p-feedforward".into(), length_gain_per_s, ..ControllerSection::default() })
+    };
+    assert_eq!(gain(2.0).unwrap().number(), ControlStatus::LAW_P_FEEDFORWARD);
+    assert!(gain(0.0).unwrap_err().to_string().contains("length_gain_per_s"));
+}
+
+fn config(robot: Robot, law: Law) -> ControllerConfig {
+    ControllerConfig {
+        robot,
+        law,
+        horizon: HORIZON,
+        distribution: robot.default_distribution(),
+        redundant_s: REDUNDANT_S,
+        cable_speed_limit_m_s: LIMIT_M_S,
+        error_limit_m: 0.25,
+        ttl_cycles: 3,
+        incarnation: 9,
+    }
+}
+
+/// On the path the plain law commands what the lengths do there, by finite differences; behind it, its gain times what is missing on
+/// top, each line for itself.
+#[test]
+fn the_plain_law_feeds_the_velocity_forward_and_the_length_error_back() {
+    for cables in [3, 4] {
+        let robot = robot(cables);
+        let motion = motion();
+        let segment = service::motion::segment_of(&motion.current).unwrap();
+        let at = |time_s: f64| estimate(&robot, 8, segment.setpoint(time_s).position);
+        let law = Law::PFeedforward(PFeedforward::new(2.5).unwrap());
+        let mut controller = Controller::new(config(robot, law));
+        let (command, status) = controller.step(&Seen {
+            estimates: [Some(&at(3.0)), None],
+            motion: Some(&motion),
+            authority: Some(&authority(8, 3.0)),
+            state: None,
+        });
+        assert_eq!((command.valid, status.law), ([1, 0], ControlStatus::LAW_P_FEEDFORWARD));
+        let (before, after) = (at(2.99).predicted_m, at(3.01).predicted_m);
+        for i in 0..cables {
+            let expected = (after[i] - before[i]) / 0.02;
+            assert!((command.velocity_m_s[i] - expected).abs() < 2e-4, "{} {expected}", command.velocity_m_s[i]);
+        }
+        let mut behind = at(3.0);
+        behind.predicted_m[1] -= 0.004;
+        let pulled = step(&mut controller, &behind, Some(&motion), &authority(8, 3.0));
+        for i in 0..cables {
+            let more = if i == 1 { 0.01 } else { 0.0 };
+            assert!((pulled.velocity_m_s[i] - command.velocity_m_s[i] - more).abs() < 1e-12);
+        }
+    }
+}
+
+/// Whatever a law of one's own says, what leaves the controller is finite and inside the limits.
+#[test]
+fn a_law_of_ones_own_is_kept_inside_the_limits() {
+    struct Says(Vec<Option<CableVec>>);
+    impl CableLaw for Says {
+        fn velocity(&mut self, asked: &Asked<'_>) -> Option<CableVec> {
+            assert_eq!((asked.slot, asked.period_s), (0, PERIOD_S));
+            self.0.pop()?
+        }
+    }
+    let robot = robot(3);
+    let vec = |values: &[f64]| Some(CableVec::from_slice(values).unwrap());
+    let says = [vec(&[0.1, -0.2, 0.0]), vec(&[8.0, -4.0, 0.8]), vec(&[f64::NAN, 0.0, 0.0]), vec(&[0.1, 0.1]), None];
+    let expected = [Some([0.1, -0.2, 0.0]), Some([LIMIT_M_S, -0.5 * LIMIT_M_S, 0.1 * LIMIT_M_S]), None, None, None];
+    let says = Says(says.into_iter().rev().collect());
+    let law = Law::by_name("lq-endpoint", 0.0, 1.0).unwrap();
+    let mut controller = Controller::with_law(config(robot, law), Box::new(says));
+    for (cycle, expected) in (8..).zip(expected) {
+        let is = estimate(&robot, cycle, from());
+        let command = step(&mut controller, &is, Some(&motion()), &authority(cycle, 0.0));
+        // Woken once more in the same cycle, it says the same, and the law is not asked again.
+        assert_eq!(step(&mut controller, &is, Some(&motion()), &authority(cycle, 0.0)), command);
+        assert_eq!(command.valid, [u8::from(expected.is_some()), 0]);
+        for (is, wanted) in command.velocity_m_s.iter().zip(expected.unwrap_or_default()) {
+            assert!((is - wanted).abs() < 1e-12);
+        }
+    }
 }
 
 fn any_number() -> impl Strategy<Value = f64> {

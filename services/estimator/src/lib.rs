@@ -7,5 +7,9 @@
 #![forbid(unsafe_code)]
 
 mod estimator;
+mod kalman;
+mod method;
+mod phi;
 
 pub use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig};
+pub use method::{Method, MethodError};

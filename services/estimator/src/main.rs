@@ -4,19 +4,25 @@ use std::process::ExitCode;
 
 use estimator::{Estimator, EstimatorConfig};
 use messages::{MotorAuthority, MotorState, NodeEstimate};
-use service::{Args, Chassis};
+use service::{BadInput, Chassis, LawArgs};
 
 fn main() -> ExitCode {
     service::main("estimator", run)
 }
 
-fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+fn run(args: &LawArgs, chassis: &mut Chassis) -> anyhow::Result<()> {
     let file = chassis.box_file()?;
     let robot = file.robot_file()?.robot()?;
-    let mut estimator = Estimator::new(&EstimatorConfig::of(&file.estimator, robot, chassis.incarnation()));
+    let mut section = file.estimator.clone();
+    if let Some(law) = &args.law {
+        law.clone_into(&mut section.method);
+    }
+    let config = EstimatorConfig::of(&section, robot, chassis.incarnation())
+        .map_err(|error| BadInput(format!("[estimator] {error}")))?;
+    let mut estimator = Estimator::new(&config);
     let mut states = chassis.bus().subscriber::<MotorState>("motor/state")?;
     let mut authorities = chassis.bus().subscriber::<MotorAuthority>("motor/authority")?;
-    let mut estimates = chassis.bus().publisher::<NodeEstimate>(&format!("node/estimate/{}", chassis.slot().name()))?;
+    let mut estimates = chassis.output::<NodeEstimate>(&format!("node/estimate/{}", chassis.slot().name()))?;
     let mut waiter = chassis.waiter(&["motor/state"])?;
     let mut authority = None;
     let mut rig = 0;

@@ -5,8 +5,13 @@ use std::path::{Path, PathBuf};
 use plant::PlantConfig;
 use plant::line::IdlerConfig;
 use plant::motor::MotorConfig;
-use service::config::{BoxFile, MotorBoxSection, RobotFile};
+use plant::scene::{Cavity, Cylinder, Field, Peak, Prism, Scene};
+use service::config::{
+    BoxFile, DeviceKind as Speaks, DeviceSection, FieldSection, MotorBoxSection, RobotFile, SceneFile,
+};
 use thiserror::Error;
+
+use crate::device::{DeviceConfig, DeviceKind};
 
 /// What stands for the domain's folder in a port's path.
 const DOMAIN: &str = "{domain}";
@@ -22,6 +27,9 @@ pub enum ConfigError {
         "the box file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
     )]
     NoSection,
+    /// The scene.
+    #[error("{0}")]
+    Scene(String),
     /// A port that is not in the domain's folder.
     #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
     NotOurPort(String),
@@ -58,6 +66,10 @@ pub struct BoxConfig {
     pub ports: Vec<PortConfig>,
     /// Time a unit takes to answer, ns.
     pub turnaround_ns: u64,
+    /// Sensors on the node.
+    pub devices: Vec<DeviceConfig>,
+    /// What they look at.
+    pub scene: Scene,
 }
 
 impl BoxConfig {
@@ -73,12 +85,18 @@ impl BoxConfig {
             reversed: counts_per_m.iter().map(|&counts| counts < 0.0).collect(),
             ports: port_configs(box_file, folder)?,
             turnaround_ns: (section.turnaround_s * 1e9).round() as u64,
+            devices: section.device.iter().map(|device| device_config(device, folder)).collect(),
+            scene: match &section.scene {
+                Some(path) => scene(&SceneFile::load(path).map_err(|error| ConfigError::Scene(error.to_string()))?),
+                None => Scene { ground_m: robot.robot.ground_m, ..Scene::default() },
+            },
         })
     }
 }
 
 fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f64]) -> PlantConfig {
-    let mut config = PlantConfig::new(robot.robot.anchors_m.clone(), section.start_m);
+    let mut config = PlantConfig::new(robot.robot.anchors_m.to_vec(), section.start_m.position_m);
+    config.planar = robot.robot.anchors_m.is_planar();
     config.routed_length_m = robot.lines.routed_length_m.clone();
     config.routed_length_m.resize(config.cable_count(), 0.0);
     config.node.mass_kg = robot.robot.node_mass_kg;
@@ -110,6 +128,54 @@ fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f6
         .collect();
     config.start_limits_n = robot.robot.tension_limits_n;
     config
+}
+
+fn device_config(section: &DeviceSection, folder: &Path) -> DeviceConfig {
+    let fields = || section.values.iter().map(field).collect();
+    DeviceConfig {
+        link: folder.join(&section.name),
+        baud: section.baud,
+        period_ns: (1e9 / section.rate_hz).round() as u64,
+        latency_ns: (section.latency_s * 1e9).round() as u64,
+        lever_m: section.lever_m,
+        noise: section.noise,
+        kind: match section.kind {
+            Speaks::Tfmini => {
+                DeviceKind::Tfmini { beam_rad: section.beam_deg.to_radians(), resolution_m: section.resolution_m }
+            }
+            Speaks::Line => DeviceKind::Line { template: section.template.clone(), fields: fields() },
+            Speaks::Modbus => {
+                DeviceKind::Modbus { unit_id: section.unit_id, register: section.register, fields: fields() }
+            }
+        },
+    }
+}
+
+fn field(section: &FieldSection) -> Field {
+    let peak = section.peak.map(|peak| Peak { at_m: peak.at_m, height: peak.height, radius_m: peak.radius_m });
+    Field { base: section.base, slope_per_m: section.slope_per_m, peak }
+}
+
+/// What a scene file describes.
+#[must_use]
+pub fn scene(file: &SceneFile) -> Scene {
+    let cylinders = file.cylinder.iter().map(|section| Cylinder {
+        center_m: section.center_m,
+        radius_m: section.radius_m,
+        height_m: section.height_m,
+    });
+    let prisms = file.prism.iter().map(|section| Prism {
+        center_m: section.center_m,
+        size_m: section.size_m,
+        angle_rad: section.angle_deg.to_radians(),
+        height_m: section.height_m,
+        cavity: section.cavity.map(|cavity| Cavity {
+            from_m: cavity.from_m,
+            to_m: cavity.to_m,
+            depth_m: cavity.depth_m,
+        }),
+    });
+    Scene { ground_m: file.ground_m, cylinders: cylinders.collect(), prisms: prisms.collect() }
 }
 
 fn port_configs(box_file: &BoxFile, folder: &Path) -> Result<Vec<PortConfig>, ConfigError> {

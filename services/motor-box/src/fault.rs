@@ -33,6 +33,13 @@ pub enum BoxFault {
         /// Silent, or right again.
         on: bool,
     },
+    /// Answers of the units on a port come later than they should.
+    Late {
+        /// Which port.
+        port: usize,
+        /// By how much, s; 0 puts it right.
+        delay_s: f64,
+    },
     /// A unit loses its supply for a while and begins again, its encoders at zero.
     Reboot {
         /// Which port.
@@ -51,21 +58,89 @@ pub enum BoxFault {
         /// For how long, s.
         for_s: f64,
     },
+    /// The stop button on a unit's own input is pressed: the unit lets its motors go, and says so when it is asked for its status.
+    Estop {
+        /// Which port.
+        port: usize,
+        /// Which unit on it.
+        address: u8,
+        /// Pressed, or released again.
+        on: bool,
+    },
 }
 
-/// How faults are written.
-const FORMS: &str = "stall CABLE on|off, slip CABLE SHARE, jump CABLE COUNTS, dead CABLE on|off, break CABLE on|off, supply VOLTS, \
-                     unplug PORT, plug PORT, noise PORT PROBABILITY, silence PORT on|off, reboot PORT ADDRESS SECONDS, \
-                     mute PORT ADDRESS SECONDS";
+/// One kind of fault, as it is asked for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Kind {
+    /// First word.
+    pub name: &'static str,
+    /// Words behind it.
+    pub arguments: &'static str,
+    /// What happens.
+    pub what: &'static str,
+}
+
+/// Every kind there is. Cables, ports and units are as in the box file.
+pub const KINDS: [Kind; 14] = [
+    kind("noise", "PORT PROBABILITY", "each byte on the wire, both ways, has a bit turned over with this probability"),
+    kind("silence", "PORT", "nothing that the units on the port say gets through; they still hear"),
+    kind("late", "PORT SECONDS", "what the units on the port answer comes later by this time"),
+    kind("mute", "PORT ADDRESS", "what one unit answers is lost, for half a second or as long as said"),
+    kind("unplug", "PORT", "the port's plug is pulled: its name goes away"),
+    kind("plug", "PORT", "it is plugged in again"),
+    kind(
+        "reboot",
+        "PORT ADDRESS",
+        "a unit loses its supply, for half a second or as long as said, and begins again with its encoders at zero",
+    ),
+    kind(
+        "estop",
+        "PORT ADDRESS",
+        "the stop button on a unit's own input is pressed: the unit lets its motors go, and says so when it is asked",
+    ),
+    kind("supply", "VOLTS", "the supply has this voltage, without load"),
+    kind("stall", "CABLE", "the motor jams"),
+    kind("slip", "CABLE SHARE", "this share of the line's motion slips over the idler wheel unseen"),
+    kind("dead", "CABLE", "the encoder stops counting"),
+    kind("jump", "CABLE COUNTS", "the encoder's count jumps"),
+    kind("break", "CABLE", "the line breaks"),
+];
+
+const fn kind(name: &'static str, arguments: &'static str, what: &'static str) -> Kind {
+    Kind { name, arguments, what }
+}
+
+/// A unit without supply or voice comes back after this time if none is said, s: more than its lines are given up after.
+const AWAY_S: f64 = 0.5;
+
+/// Longest time that a fault can be asked for, s.
+const LONGEST_S: f64 = 3600.0;
 
 /// A request that is no fault.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("\"{text}\" is not a fault of the motor box: write one of {FORMS}; cables and ports count from 1")]
+#[error(
+    "\"{text}\" is not a fault of the motor box: write one of {}; behind most of them `off` puts it right, `for SECONDS` later; \
+         cables and ports count from 1",
+    forms()
+)]
 pub struct UnknownFault {
     text: String,
 }
 
-impl FromStr for BoxFault {
+fn forms() -> String {
+    KINDS.map(|kind| format!("{} {}", kind.name, kind.arguments)).join(", ")
+}
+
+/// A fault, and whether it passes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct FaultRequest {
+    /// What breaks, or is put right.
+    pub fault: BoxFault,
+    /// It is put right after this time, s.
+    pub for_s: Option<f64>,
+}
+
+impl FromStr for FaultRequest {
     type Err = UnknownFault;
 
     fn from_str(text: &str) -> Result<Self, UnknownFault> {
@@ -74,29 +149,76 @@ impl FromStr for BoxFault {
     }
 }
 
-fn parse(words: &[&str]) -> Option<BoxFault> {
+impl BoxFault {
+    /// What puts it right again, in a box with this supply, V. `None` for what happens in a moment or is a repair itself.
+    #[must_use]
+    pub fn repair(&self, supply_v: f64) -> Option<Self> {
+        use plant::Fault;
+        Some(match *self {
+            Self::Plant(fault) => Self::Plant(match fault {
+                Fault::Stall { cable, on: true } => Fault::Stall { cable, on: false },
+                Fault::EncoderDead { cable, on: true } => Fault::EncoderDead { cable, on: false },
+                Fault::BrokenLine { cable, on: true } => Fault::BrokenLine { cable, on: false },
+                Fault::IdlerSlip { cable, .. } => Fault::IdlerSlip { cable, share: 0.0 },
+                Fault::Supply { .. } => Fault::Supply { voltage_v: supply_v },
+                _ => return None,
+            }),
+            Self::Unplug { port } => Self::Plug { port },
+            Self::Noise { port, .. } => Self::Noise { port, probability: 0.0 },
+            Self::Silence { port, on: true } => Self::Silence { port, on: false },
+            Self::Late { port, .. } => Self::Late { port, delay_s: 0.0 },
+            Self::Estop { port, address, on: true } => Self::Estop { port, address, on: false },
+            _ => return None,
+        })
+    }
+}
+
+fn parse(words: &[&str]) -> Option<FaultRequest> {
+    let (words, for_s) = match words {
+        [words @ .., "for", seconds] => (words, Some(amount(seconds).filter(|s| *s > 0.0 && *s <= LONGEST_S)?)),
+        words => (words, None),
+    };
+    let away_s = for_s.unwrap_or(AWAY_S);
+    let fault = match *words {
+        ["reboot", port, address] => {
+            BoxFault::Reboot { port: index(port)?, address: address_of(address)?, for_s: away_s }
+        }
+        ["mute", port, address] => BoxFault::Mute { port: index(port)?, address: address_of(address)?, for_s: away_s },
+        ref words => parse_one(words)?,
+    };
+    match fault {
+        // Their time is their own.
+        BoxFault::Reboot { .. } | BoxFault::Mute { .. } => Some(FaultRequest { fault, for_s: None }),
+        // A time is for what can be put right.
+        _ if for_s.is_some() && fault.repair(0.0).is_none() => None,
+        _ => Some(FaultRequest { fault, for_s }),
+    }
+}
+
+fn parse_one(words: &[&str]) -> Option<BoxFault> {
     use plant::Fault;
     Some(match *words {
-        ["stall", cable, on] => BoxFault::Plant(Fault::Stall { cable: index(cable)?, on: switch(on)? }),
+        ["stall", cable, ref on @ ..] => BoxFault::Plant(Fault::Stall { cable: index(cable)?, on: switch(on)? }),
+        ["slip", cable, "off"] => BoxFault::Plant(Fault::IdlerSlip { cable: index(cable)?, share: 0.0 }),
         ["slip", cable, share] => BoxFault::Plant(Fault::IdlerSlip { cable: index(cable)?, share: fraction(share)? }),
         ["jump", cable, counts] => {
             // No encoder of this size counts further than its register in one jump.
             let counts = i64::from(counts.parse::<i32>().ok()?);
             BoxFault::Plant(Fault::EncoderJump { cable: index(cable)?, counts })
         }
-        ["dead", cable, on] => BoxFault::Plant(Fault::EncoderDead { cable: index(cable)?, on: switch(on)? }),
-        ["break", cable, on] => BoxFault::Plant(Fault::BrokenLine { cable: index(cable)?, on: switch(on)? }),
+        ["dead", cable, ref on @ ..] => BoxFault::Plant(Fault::EncoderDead { cable: index(cable)?, on: switch(on)? }),
+        ["break", cable, ref on @ ..] => BoxFault::Plant(Fault::BrokenLine { cable: index(cable)?, on: switch(on)? }),
         ["supply", volts] => BoxFault::Plant(Fault::Supply { voltage_v: amount(volts)? }),
         ["unplug", port] => BoxFault::Unplug { port: index(port)? },
-        ["plug", port] => BoxFault::Plug { port: index(port)? },
+        ["unplug", port, "off"] | ["plug", port] => BoxFault::Plug { port: index(port)? },
+        ["noise", port, "off"] => BoxFault::Noise { port: index(port)?, probability: 0.0 },
         ["noise", port, probability] => BoxFault::Noise { port: index(port)?, probability: fraction(probability)? },
-        ["silence", port, on] => BoxFault::Silence { port: index(port)?, on: switch(on)? },
-        ["reboot", port, address, for_s] => {
-            BoxFault::Reboot { port: index(port)?, address: address_of(address)?, for_s: amount(for_s)? }
+        ["silence", port, ref on @ ..] => BoxFault::Silence { port: index(port)?, on: switch(on)? },
+        ["estop", port, address, ref on @ ..] => {
+            BoxFault::Estop { port: index(port)?, address: address_of(address)?, on: switch(on)? }
         }
-        ["mute", port, address, for_s] => {
-            BoxFault::Mute { port: index(port)?, address: address_of(address)?, for_s: amount(for_s)? }
-        }
+        ["late", port, "off"] => BoxFault::Late { port: index(port)?, delay_s: 0.0 },
+        ["late", port, delay] => BoxFault::Late { port: index(port)?, delay_s: amount(delay).filter(|s| *s <= 10.0)? },
         _ => return None,
     })
 }
@@ -106,10 +228,11 @@ fn index(word: &str) -> Option<usize> {
     word.parse::<usize>().ok()?.checked_sub(1)
 }
 
-fn switch(word: &str) -> Option<bool> {
-    match word {
-        "on" => Some(true),
-        "off" => Some(false),
+/// On, if it is not said otherwise.
+fn switch(words: &[&str]) -> Option<bool> {
+    match words {
+        [] | ["on"] => Some(true),
+        ["off"] => Some(false),
         _ => None,
     }
 }
@@ -134,26 +257,74 @@ fn address_of(word: &str) -> Option<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plant::Fault;
 
     #[test]
     fn every_form_is_understood() {
         let cases = [
-            ("stall 2 on", BoxFault::Plant(plant::Fault::Stall { cable: 1, on: true })),
-            ("slip 1 0.3", BoxFault::Plant(plant::Fault::IdlerSlip { cable: 0, share: 0.3 })),
-            ("jump 3 -500", BoxFault::Plant(plant::Fault::EncoderJump { cable: 2, counts: -500 })),
-            ("dead 1 off", BoxFault::Plant(plant::Fault::EncoderDead { cable: 0, on: false })),
-            ("break 4 on", BoxFault::Plant(plant::Fault::BrokenLine { cable: 3, on: true })),
-            ("supply 9.5", BoxFault::Plant(plant::Fault::Supply { voltage_v: 9.5 })),
+            ("stall 2", BoxFault::Plant(Fault::Stall { cable: 1, on: true })),
+            ("stall 2 off", BoxFault::Plant(Fault::Stall { cable: 1, on: false })),
+            ("slip 1 0.3", BoxFault::Plant(Fault::IdlerSlip { cable: 0, share: 0.3 })),
+            ("slip 1 off", BoxFault::Plant(Fault::IdlerSlip { cable: 0, share: 0.0 })),
+            ("jump 3 -500", BoxFault::Plant(Fault::EncoderJump { cable: 2, counts: -500 })),
+            ("dead 1 off", BoxFault::Plant(Fault::EncoderDead { cable: 0, on: false })),
+            ("break 4 on", BoxFault::Plant(Fault::BrokenLine { cable: 3, on: true })),
+            ("supply 9.5", BoxFault::Plant(Fault::Supply { voltage_v: 9.5 })),
             ("unplug 1", BoxFault::Unplug { port: 0 }),
             ("plug 2", BoxFault::Plug { port: 1 }),
             ("noise 1 0.01", BoxFault::Noise { port: 0, probability: 0.01 }),
             ("silence 1 on", BoxFault::Silence { port: 0, on: true }),
-            ("reboot 1 0x81 0.5", BoxFault::Reboot { port: 0, address: 0x81, for_s: 0.5 }),
-            ("  mute 1  128 2 ", BoxFault::Mute { port: 0, address: 128, for_s: 2.0 }),
+            ("late 1 0.004", BoxFault::Late { port: 0, delay_s: 0.004 }),
+            ("late 1 off", BoxFault::Late { port: 0, delay_s: 0.0 }),
+            ("estop 1 129", BoxFault::Estop { port: 0, address: 129, on: true }),
+            ("estop 1 0x81 off", BoxFault::Estop { port: 0, address: 0x81, on: false }),
+            ("reboot 1 0x81", BoxFault::Reboot { port: 0, address: 0x81, for_s: 0.5 }),
+            ("reboot 1 0x81 for 0.2", BoxFault::Reboot { port: 0, address: 0x81, for_s: 0.2 }),
+            ("  mute 1  128 for 2 ", BoxFault::Mute { port: 0, address: 128, for_s: 2.0 }),
         ];
         for (text, fault) in cases {
-            assert_eq!(text.parse(), Ok(fault), "{text}");
+            assert_eq!(text.parse(), Ok(FaultRequest { fault, for_s: None }), "{text}");
         }
+        let timed = FaultRequest { fault: BoxFault::Silence { port: 0, on: true }, for_s: Some(1.5) };
+        assert_eq!("silence 1 for 1.5".parse(), Ok(timed));
+    }
+
+    #[test]
+    fn every_kind_has_a_form_that_is_understood() {
+        let values = [("CABLE", "1"), ("PORT", "1"), ("ADDRESS", "128"), ("SHARE", "0.5"), ("PROBABILITY", "0.5")];
+        let more = [("SECONDS", "0.1"), ("COUNTS", "50"), ("VOLTS", "9")];
+        for kind in KINDS {
+            let words = kind.arguments.split(' ').map(|word| {
+                values.iter().chain(&more).find(|(name, _)| *name == word).map_or(word, |(_, value)| value)
+            });
+            let text = [kind.name].into_iter().chain(words).collect::<Vec<_>>().join(" ");
+            assert!(text.parse::<FaultRequest>().is_ok(), "{text}");
+        }
+    }
+
+    #[test]
+    fn what_can_be_put_right_is() {
+        for text in [
+            "stall 1",
+            "slip 1 0.5",
+            "dead 1",
+            "break 1",
+            "supply 3",
+            "unplug 1",
+            "noise 1 0.1",
+            "silence 1",
+            "late 1 1",
+            "estop 1 128",
+        ] {
+            let fault = text.parse::<FaultRequest>().expect(text).fault;
+            let repair = fault.repair(24.0).expect(text);
+            assert!(repair != fault, "{text}");
+            assert!(repair.repair(24.0).is_none_or(|again| again == repair), "{text}");
+        }
+        assert_eq!(
+            "supply 3".parse::<FaultRequest>().expect("known").fault.repair(24.0),
+            Some(BoxFault::Plant(Fault::Supply { voltage_v: 24.0 }))
+        );
     }
 
     #[test]
@@ -161,16 +332,21 @@ mod tests {
         for text in [
             "",
             "stall",
-            "stall 0 on",
-            "stall 1",
+            "stall 0",
+            "stall 1 perhaps",
             "slip 1 1.5",
             "supply NaN",
             "noise 1 inf",
             "explode 1",
             "jump 1 9e99",
+            "jump 1 50 for 2",
+            "stall 1 off for 2",
+            "stall 1 for 0",
+            "stall 1 for -1",
+            "late 1 60",
         ] {
-            let error = text.parse::<BoxFault>().expect_err(text).to_string();
-            assert!(error.contains("stall CABLE on|off"), "{error}");
+            let error = text.parse::<FaultRequest>().expect_err(text).to_string();
+            assert!(error.contains("slip CABLE SHARE"), "{error}");
         }
     }
 }

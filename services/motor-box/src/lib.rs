@@ -2,7 +2,7 @@
 //!
 //! Where the hardware would be, there is [`Machine`]: drive units that understand packet serial, and the physics they turn.
 //! [`Wire`] gives each serial port a name and the speed of a real wire, and [`MotorBox`] lets it all live in real time. Whatever
-//! talks to the box cannot tell it from hardware, and needs not know that it is there.
+//! talks to the box cannot tell it from hardware, and needs not know that it is there. Sensors on the node have ports beside the drives'.
 //!
 //! # Invariants
 //! * Nothing in the control loop may read what the box publishes: truth is for evaluation.
@@ -11,6 +11,7 @@
 #![forbid(unsafe_code)]
 
 pub mod config;
+mod device;
 mod error;
 mod fault;
 mod machine;
@@ -20,8 +21,9 @@ mod socket;
 mod wire;
 
 pub use config::BoxConfig;
+pub use device::{DeviceConfig, DeviceKind};
 pub use error::BoxError;
-pub use fault::BoxFault;
+pub use fault::{BoxFault, FaultRequest, KINDS, Kind, UnknownFault};
 pub use machine::Machine;
 pub use run::MotorBox;
 pub use serve::{ports_only, serve};

@@ -40,6 +40,8 @@ struct Winch {
 struct Bank {
     line: UnitLine,
     winches: Vec<[Option<Winch>; 2]>,
+    /// Whether the stop button of each unit is pressed.
+    stopped: Vec<bool>,
     /// Settings that the plant has been given, to see when a program changes them.
     applied: Vec<[(Pid, f64); 2]>,
 }
@@ -77,7 +79,8 @@ impl Machine {
                     })
                     .collect();
                 let units = port.units.iter().map(|unit| unit_of(unit, config.turnaround_ns)).collect();
-                let mut bank = Bank { line: UnitLine::new(units), applied: Vec::new(), winches };
+                let stopped = vec![false; port.units.len()];
+                let mut bank = Bank { line: UnitLine::new(units), applied: Vec::new(), winches, stopped };
                 bank.commission(&plant, config.plant.motor.current_limit_a);
                 bank
             })
@@ -145,7 +148,18 @@ impl Machine {
                 let until_ns = self.now_ns.saturating_add(ns(for_s));
                 self.unit_mut(port, address)?.mute_until(until_ns);
             }
-            BoxFault::Unplug { .. } | BoxFault::Plug { .. } | BoxFault::Noise { .. } | BoxFault::Silence { .. } => {}
+            BoxFault::Estop { port, address, on } => {
+                let found = self.banks.get_mut(port).and_then(|bank| {
+                    let unit = bank.line.units().iter().position(|unit| unit.address() == address)?;
+                    bank.stopped.get_mut(unit)
+                });
+                *found.ok_or(BoxError::NoSuchUnit { port, address })? = on;
+            }
+            BoxFault::Unplug { .. }
+            | BoxFault::Plug { .. }
+            | BoxFault::Noise { .. }
+            | BoxFault::Silence { .. }
+            | BoxFault::Late { .. } => {}
         }
         self.measure();
         self.listen()
@@ -164,6 +178,9 @@ impl Machine {
             for (unit, winches) in bank.winches.iter().enumerate() {
                 let mut measured =
                     Measured { supply_v: self.plant.voltage_v(), temperature_c: BOARD_C, ..Measured::default() };
+                if bank.stopped[unit] {
+                    measured.status.0 |= Status::EMERGENCY_STOP;
+                }
                 for (motor, winch) in winches.iter().enumerate() {
                     let Some(Winch { cable, sign }) = *winch else { continue };
                     measured.counts[motor] = self.plant.counts(cable) * sign as i64;

@@ -1,10 +1,12 @@
 //! The box in real time: wires, machine and clock brought together.
 
+use plant::scene::Scene;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::BoxError;
 use crate::config::BoxConfig;
-use crate::fault::BoxFault;
+use crate::device::Device;
+use crate::fault::{BoxFault, FaultRequest};
 use crate::machine::Machine;
 use crate::wire::Wire;
 
@@ -28,11 +30,17 @@ const SHORTEST_SLEEP_NS: u64 = 1_000;
 pub struct MotorBox {
     machine: Machine,
     wires: Vec<Wire>,
+    devices: Vec<Device>,
+    scene: Scene,
     /// The machine's clock, ns.
     now_ns: u64,
     /// The real clock when that was true, ns.
     real_ns: u64,
     maintained_ns: u64,
+    /// What is put right by itself, and when on the machine's clock, ns.
+    repairs: Vec<(u64, BoxFault)>,
+    /// The configured supply, V.
+    supply_v: f64,
     /// Time that was left out because the machine underneath stood still, ns.
     left_out_ns: u64,
 }
@@ -50,8 +58,22 @@ impl MotorBox {
             .zip(0..)
             .map(|(port, i)| Wire::new(&port.link, port.baud, config.plant.seed.wrapping_add(i)))
             .collect::<Result<_, _>>()?;
+        let seed = |i: usize| config.plant.seed.wrapping_add(i as u64);
+        let devices = config.devices.iter().enumerate().map(|(i, device)| Device::new(device.clone(), seed(100 + i)));
+        let devices = devices.collect::<Result<_, _>>()?;
         let real_ns = serial::monotonic_ns();
-        Ok(Self { machine, wires, now_ns: 0, real_ns, maintained_ns: 0, left_out_ns: 0 })
+        Ok(Self {
+            machine,
+            wires,
+            devices,
+            scene: config.scene.clone(),
+            now_ns: 0,
+            real_ns,
+            maintained_ns: 0,
+            repairs: Vec::new(),
+            supply_v: config.plant.supply_v,
+            left_out_ns: 0,
+        })
     }
 
     /// The machine: truth, and what the units were told.
@@ -69,6 +91,28 @@ impl MotorBox {
         self.left_out_ns
     }
 
+    /// Breaks something, for as long as it says, or puts it right. What was to be put right later in the same place is forgotten.
+    ///
+    /// # Errors
+    /// There is no such part.
+    pub fn request(&mut self, request: &FaultRequest) -> Result<(), BoxError> {
+        self.apply(request.fault)?;
+        let repair = request.fault.repair(self.supply_v);
+        self.repairs.retain(|(_, pending)| Some(*pending) != repair && *pending != request.fault);
+        if let (Some(seconds), Some(repair)) = (request.for_s, repair) {
+            self.repairs.push((self.now_ns.saturating_add((seconds * 1e9) as u64), repair));
+        }
+        Ok(())
+    }
+
+    fn repair(&mut self) -> Result<(), BoxError> {
+        while let Some(due) = self.repairs.iter().position(|(at_ns, _)| *at_ns <= self.now_ns) {
+            let (_, repair) = self.repairs.swap_remove(due);
+            self.apply(repair)?;
+        }
+        Ok(())
+    }
+
     /// Breaks something, or puts it right.
     ///
     /// # Errors
@@ -79,14 +123,17 @@ impl MotorBox {
             BoxFault::Plug { port } => self.wire_mut(port)?.plug()?,
             BoxFault::Noise { port, probability } => self.wire_mut(port)?.noise = probability,
             BoxFault::Silence { port, on } => self.wire_mut(port)?.silent = on,
+            BoxFault::Late { port, delay_s } => self.wire_mut(port)?.late_ns = (delay_s * 1e9) as u64,
             other => self.machine.apply(other)?,
         }
         Ok(())
     }
 
+    /// The drives' ports come first, in the order of the box file, and then those of the devices.
     fn wire_mut(&mut self, port: usize) -> Result<&mut Wire, BoxError> {
-        let count = self.wires.len();
-        self.wires.get_mut(port).ok_or(BoxError::NoSuchPort { port, count })
+        let count = self.wires.len() + self.devices.len();
+        let devices = self.devices.iter_mut().map(|device| &mut device.wire);
+        self.wires.iter_mut().chain(devices).nth(port).ok_or(BoxError::NoSuchPort { port, count })
     }
 
     /// Lives until `until_ns` on the real clock (CLOCK_MONOTONIC), or until a signal interrupts the wait.
@@ -99,7 +146,8 @@ impl MotorBox {
             if self.real_ns >= until_ns {
                 return Ok(());
             }
-            let next_ns = self.wires.iter().filter_map(Wire::next_ns).min();
+            let devices = self.devices.iter().map(Device::next_ns);
+            let next_ns = self.wires.iter().filter_map(Wire::next_ns).chain(devices).min();
             let tick_ns = self.machine.now_ns() + TICK_NS;
             let sleep_ns = next_ns.map_or(tick_ns, |next| next.min(tick_ns)).saturating_sub(self.now_ns);
             let sleep_ns = sleep_ns.min(until_ns - self.real_ns).max(SHORTEST_SLEEP_NS);
@@ -116,6 +164,7 @@ impl MotorBox {
         self.real_ns = real_ns;
         self.left_out_ns += passed_ns.saturating_sub(LONGEST_STEP_NS);
         self.now_ns += passed_ns.min(LONGEST_STEP_NS);
+        self.repair()?;
         for (port, wire) in self.wires.iter_mut().enumerate() {
             wire.take_in(self.now_ns)?;
             while let Some((at_ns, byte)) = wire.next_for_units(self.now_ns) {
@@ -128,9 +177,16 @@ impl MotorBox {
         for wire in &mut self.wires {
             wire.hand_out(self.now_ns)?;
         }
+        for device in &mut self.devices {
+            if device.is_due(self.now_ns) {
+                self.machine.advance(self.now_ns)?;
+            }
+            device.live(self.now_ns, self.machine.plant().position_m(), &self.scene)?;
+        }
         if self.now_ns >= self.maintained_ns + MAINTAIN_NS {
             self.maintained_ns = self.now_ns;
             self.wires.iter().for_each(Wire::maintain);
+            self.devices.iter().for_each(|device| device.wire.maintain());
         }
         Ok(())
     }
@@ -139,9 +195,11 @@ impl MotorBox {
     fn wait(&self, sleep_ns: u64) -> Result<bool, BoxError> {
         let timeout =
             Timespec { tv_sec: (sleep_ns / 1_000_000_000) as i64, tv_nsec: (sleep_ns % 1_000_000_000) as i64 };
+        let devices = self.devices.iter().map(|device| &device.wire);
         let mut descriptors: Vec<PollFd<'_>> = self
             .wires
             .iter()
+            .chain(devices)
             .filter_map(Wire::descriptor)
             .map(|descriptor| PollFd::from_borrowed_fd(descriptor, PollFlags::IN))
             .collect();

@@ -9,7 +9,7 @@ use service::config::BoxFile;
 use service::{BadInput, Chassis};
 use tracing::{info, warn};
 
-use crate::{BoxConfig, BoxError, BoxFault, Machine, MotorBox};
+use crate::{BoxConfig, BoxError, FaultRequest, Machine, MotorBox};
 
 /// Between two samples of truth, ns: as often as the control cycle.
 const TRUTH_NS: u64 = 10_000_000;
@@ -115,8 +115,8 @@ fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> (bool, String) {
         return (false, "the motor box takes faults only".to_owned());
     }
     let text = text_of(&request.text);
-    let done = match text.parse::<BoxFault>() {
-        Ok(fault) => motor_box.apply(fault).map_err(|error| error.to_string()),
+    let done = match text.parse::<FaultRequest>() {
+        Ok(fault) => motor_box.request(&fault).map_err(|error| error.to_string()),
         Err(error) => Err(error.to_string()),
     };
     match done {

@@ -23,6 +23,8 @@ pub struct Wire {
     answer_bytes: VecDeque<u8>,
     /// Fault: nothing that the units say gets through.
     pub silent: bool,
+    /// Fault: answers come later by this, ns.
+    pub late_ns: u64,
     /// Fault: probability for each byte, in both directions, that one of its bits turns over.
     pub noise: f64,
     random: Random,
@@ -45,6 +47,7 @@ impl Wire {
             answers: VecDeque::with_capacity(64),
             answer_bytes: VecDeque::with_capacity(1024),
             silent: false,
+            late_ns: 0,
             noise: 0.0,
             random: Random::new(seed),
         })
@@ -93,7 +96,7 @@ impl Wire {
             bytes += 1;
         }
         if bytes > 0 {
-            self.answers.push_back((done_ns, bytes));
+            self.answers.push_back((done_ns + self.late_ns, bytes));
         }
         result
     }

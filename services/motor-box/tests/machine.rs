@@ -31,6 +31,8 @@ fn config() -> BoxConfig {
             ],
         }],
         turnaround_ns: 150_000,
+        devices: Vec::new(),
+        scene: plant::scene::Scene::default(),
     }
 }
 
@@ -47,9 +49,9 @@ impl Rig {
         let machine = Shared::new(Machine::new(&config()).unwrap());
         let pipe = Pipe::new("box", BAUD, machine.socket(0));
         let unit = |address| DriverUnit { address, watchdog_tenths: 3, fastest_counts_s: 10_000 };
-        let bus =
-            Bus::new(pipe, &BusConfig { baud: BAUD, margin_ns: WIRE_MARGIN_NS, units: vec![unit(0x80), unit(0x81)] })
-                .unwrap();
+        let units = vec![unit(0x80), unit(0x81)];
+        let config = BusConfig { baud: BAUD, margin_ns: WIRE_MARGIN_NS, units, stop_pin: None };
+        let bus = Bus::new(pipe, &config).unwrap();
         let answers = bus.blank_answers();
         let mut rig = Self { machine, bus, answers, next_ns: PERIOD_NS };
         for _ in 0..40 {

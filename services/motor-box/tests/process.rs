@@ -77,7 +77,7 @@ fn it_publishes_truth_and_takes_faults() {
     };
     let nonsense = ask("explode 1");
     assert_eq!(nonsense.accepted, 0);
-    assert!(text_of(&nonsense.answer).contains("stall CABLE on|off"));
+    assert!(text_of(&nonsense.answer).contains("slip CABLE SHARE"));
     assert_eq!(ask("break 2 on").accepted, 1);
     wait_for("a broken line", || {
         let mut slack = false;

@@ -2,6 +2,7 @@
 
 use cable_robot::{Distribution, Robot};
 use messages::{CABLES, UNITS};
+use service::config::ArbiterSection;
 use thiserror::Error;
 
 /// One key of the configuration that cannot be used, in one sentence.
@@ -46,7 +47,7 @@ pub struct CoreConfig {
     pub stop_s: f64,
     /// Rest after a motion's end before it counts as finished, s.
     pub settle_s: f64,
-    /// Cycles for which the last command is used when none arrives.
+    /// So many cycles in a row without a command, and the robot stops; until then the last one is used.
     pub ttl_cycles: u32,
     /// Cable velocity of jogging, m/s.
     pub jog_speed_m_s: f64,
@@ -66,7 +67,24 @@ pub struct CoreConfig {
     pub watchdog_s: f64,
     /// Time without a beat after which the supervisor or the planner counts as lost, s.
     pub beat_s: f64,
-    /// How the tension of more than three cables is chosen where `zero --at` turns a position into lengths.
+    /// Time for which a second controller or estimator has to answer well beside the one in charge to become its standby, s.
+    pub qualify_s: f64,
+    /// From the announcement of a swap to the cycle in which it takes effect, s.
+    pub announce_s: f64,
+    /// Time in which one command fades into another, s: longer than drives lag, shorter than a person notices.
+    pub fade_s: f64,
+    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, s.
+    pub probation_s: f64,
+    /// Time of good answers after which a standby's falls are forgiven, s.
+    pub forgive_s: f64,
+    /// Falls after which a standby is set aside.
+    pub quarantine_falls: u8,
+    /// How far a standby's command may be from that of the controller in charge, as a share of `cable_speed_m_s`. The two laws
+    /// differ most where the motion changes: by the acceleration times the time by which one looks further ahead.
+    pub command_bound: f64,
+    /// How far a standby's estimate may be from the one in charge, m: what the node may be off its path.
+    pub estimate_bound_m: f64,
+    /// How the tension of more cables than directions is chosen where `zero --at` turns a position into lengths.
     pub distribution: Distribution,
 }
 
@@ -109,6 +127,7 @@ impl CoreConfig {
         }
         let mut counts = [1.0; CABLES];
         counts[..n].copy_from_slice(counts_per_m);
+        let arbiter = ArbiterSection::default();
         let config = Self {
             period_s,
             counts_per_m: counts,
@@ -129,7 +148,15 @@ impl CoreConfig {
             current_limit_a: 5.0,
             watchdog_s: 0.3,
             beat_s: 2.0,
-            distribution: if n == 3 { Distribution::Unique } else { Distribution::LeastNorm },
+            qualify_s: arbiter.qualify_s,
+            announce_s: arbiter.announce_s,
+            fade_s: arbiter.fade_s,
+            probation_s: arbiter.probation_s,
+            forgive_s: arbiter.forgive_s,
+            quarantine_falls: arbiter.quarantine_falls,
+            command_bound: arbiter.command_bound,
+            estimate_bound_m: arbiter.estimate_bound_m,
+            distribution: robot.default_distribution(),
             robot,
         };
         config.check()?;
@@ -191,6 +218,14 @@ impl CoreConfig {
         inside("supply_min_v", self.supply_min_v, 0.0, 100.0, "0 to 100 volts")?;
         inside("current_limit_a", self.current_limit_a, 1e-3, 1e3, "0.001 to 1000 amperes")?;
         inside("watchdog_s", self.watchdog_s, 0.1, 2.0, "0.1 to 2 seconds in steps of 0.1")?;
-        inside("beat_s", self.beat_s, 0.1, 60.0, "0.1 to 60 seconds")
+        inside("beat_s", self.beat_s, 0.1, 60.0, "0.1 to 60 seconds")?;
+        inside("qualify_s", self.qualify_s, 0.1, 60.0, "0.1 to 60 seconds")?;
+        inside("announce_s", self.announce_s, 0.0, 10.0, "0 to 10 seconds")?;
+        inside("fade_s", self.fade_s, 0.0, 10.0, "0 to 10 seconds")?;
+        inside("probation_s", self.probation_s, 0.0, 60.0, "0 to 60 seconds")?;
+        inside("forgive_s", self.forgive_s, 0.1, 3600.0, "0.1 to 3600 seconds")?;
+        inside("quarantine_falls", self.quarantine_falls.into(), 1.0, 100.0, "1 to 100")?;
+        inside("command_bound", self.command_bound, 1e-3, 1.0, "0.001 to 1")?;
+        inside("estimate_bound_m", self.estimate_bound_m, 1e-4, 1.0, "0.0001 to 1 metre")
     }
 }

@@ -5,7 +5,9 @@ use crate::core::DriveCommand;
 use messages::{CABLES, MotorInput, UNITS};
 use roboclaw::driver::USB_MARGIN_NS;
 use roboclaw::fleet::MAX_FLEET;
-use roboclaw::{BusConfig, Drive, Error, Fleet, FleetCommand, PortConfig, UnitAnswer, UnitConfig};
+use roboclaw::{
+    BusConfig, Drive, Error, Fleet, FleetCommand, PortConfig, Status, StatusPin, StopInput, UnitAnswer, UnitConfig,
+};
 use service::config::{BoxFile, PortSection};
 use std::path::Path;
 
@@ -25,6 +27,8 @@ pub struct Drives {
     cables: usize,
     counts_per_m: [f64; CABLES],
     reboots: [u32; UNITS],
+    /// Port of each unit.
+    port: [usize; UNITS],
     /// When each of the slow values of a unit was last read: supply, status, currents, duties.
     slow_ns: [[u64; 4]; UNITS],
     trouble: Option<Error>,
@@ -45,6 +49,12 @@ impl Drives {
                 }
             }
         }
+        let mut port = [0; UNITS];
+        let on_port =
+            box_file.motor_io.ports.iter().enumerate().flat_map(|(at, port)| port.units.iter().map(move |_| at));
+        for (place, at) in port.iter_mut().zip(on_port) {
+            *place = at;
+        }
         let ports: Vec<PortConfig> =
             box_file.motor_io.ports.iter().map(|port| port_config(port, config, domain_root)).collect();
         Ok(Self {
@@ -53,6 +63,7 @@ impl Drives {
             cables: config.cable_count(),
             counts_per_m: config.counts_per_m,
             reboots: [0; UNITS],
+            port,
             slow_ns: [[0; 4]; UNITS],
             trouble: None,
             lost: None,
@@ -91,6 +102,15 @@ impl Drives {
             input.unit_alive[unit] = u8::from(report.was_alive);
             input.supply_v[unit] = if report.supply_v.is_known() { report.supply_v.value } else { f64::NAN };
             input.status[unit] = report.status.value.0;
+            let stop = reply.ports.get(self.port[unit]).map_or(&StopInput::Unknown, |port| &port.stop);
+            if *stop != StopInput::Unknown {
+                // A button on the port stops all its units, as one on a unit does that one, and it is looked at in every cycle.
+                input.slow_fresh[unit] |= MotorInput::SLOW_STATUS;
+                input.status[unit] |= if stop.says_stop() { Status::EMERGENCY_STOP } else { 0 };
+            }
+            if let StopInput::Unreadable(error) = stop {
+                self.trouble = Some(error.clone());
+            }
         }
         for i in 0..self.cables {
             let (unit, motor) = self.place[i];
@@ -144,6 +164,11 @@ fn port_config(port: &PortSection, config: &CoreConfig, domain_root: &Path) -> P
     };
     PortConfig {
         path: port.path.replace("{domain}", &domain_root.to_string_lossy()),
-        bus: BusConfig { baud: port.baud, margin_ns: USB_MARGIN_NS, units: port.units.iter().map(unit).collect() },
+        bus: BusConfig {
+            baud: port.baud,
+            margin_ns: USB_MARGIN_NS,
+            units: port.units.iter().map(unit).collect(),
+            stop_pin: port.stop_pin.as_deref().and_then(StatusPin::named),
+        },
     }
 }

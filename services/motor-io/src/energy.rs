@@ -1,4 +1,5 @@
-//! Electrical power and loss per cable, and their integrals.
+//! Electrical power and loss per cable, and their integrals. Drives report currents that are averaged over milliseconds: the heat
+//! of their ripple is not in the loss.
 
 use messages::{CABLES, Energy};
 
@@ -10,7 +11,8 @@ pub struct EnergyMeter {
 }
 
 impl EnergyMeter {
-    /// One cycle: `passed_s` seconds at this current (A), drive output (-1 to 1), supply voltage (V) and armature resistance (ohm).
+    /// One cycle: `passed_s` seconds at this current (A, positive pulls the line in), drive output (-1 to 1, positive pays out),
+    /// supply voltage (V) and armature resistance (ohm).
     pub fn add(
         &mut self,
         cables: usize,
@@ -21,7 +23,8 @@ impl EnergyMeter {
         let mut energy = Energy { cable_count: cables as u8, ..Energy::default() };
         for i in 0..cables {
             let (current_a, duty, supply_v) = drive(i);
-            energy.power_w[i] = duty * supply_v * current_a;
+            // The two count in opposite directions; a motor that is driven takes power, one that is dragged gives some back.
+            energy.power_w[i] = -duty * supply_v * current_a;
             energy.loss_w[i] = current_a * current_a * resistance_ohm;
             self.energy_j[i] += energy.power_w[i] * passed_s;
             self.loss_j[i] += energy.loss_w[i] * passed_s;

@@ -47,6 +47,8 @@ impl Inbox {
     pub fn estimate(&mut self, slot: usize, estimate: &NodeEstimate) {
         self.input.estimate_cycle[slot] = estimate.header.cycle;
         self.input.estimate_valid[slot] = estimate.valid;
+        self.input.estimate_incarnation[slot] = estimate.incarnation;
+        self.input.estimate_position_m[slot * 3..][..3].copy_from_slice(&estimate.position_m);
         self.input.estimate_tension_n[slot * CABLES..][..CABLES].copy_from_slice(&estimate.tension_n);
     }
 

@@ -137,7 +137,8 @@ impl Odometry {
         self.doubt();
     }
 
-    fn doubt(&mut self) {
+    /// The lengths may not be right any more, and need confirmation.
+    pub fn doubt(&mut self) {
         if self.position == MotorState::POSITION_KNOWN {
             self.position = MotorState::POSITION_FROM_BEFORE_THE_CUT;
         }

@@ -158,6 +158,7 @@ impl Keeper {
         let (sender, receiver) = mpsc::sync_channel::<Position>(1);
         let (cables, config, target) = (config.cable_count(), config.clone(), path.clone());
         let work = move || {
+            service::realtime::ordinary();
             let mut failed = false;
             while let Ok(position) = receiver.recv() {
                 match PositionFile::of(&config, &position).write(&target) {

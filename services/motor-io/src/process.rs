@@ -10,8 +10,8 @@ use crate::sentences::{fault_sentences, faults_of, mode_sentence};
 use bus::clock::{Pacer, SECOND_NS, now_ns};
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber};
 use messages::{
-    Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, OperatorRequest, PlanMotion,
-    SLOT_NAMES,
+    Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
+    PlanMotion, SLOT_NAMES,
 };
 use service::config::{BoxFile, RobotFile};
 use service::{BadInput, Chassis};
@@ -25,6 +25,10 @@ const BUS_LEAST: f64 = 0.65;
 /// Share of the period for which a command that is not there at the tick is waited for: a hiccup of the machine then costs a
 /// little delay and not a cycle.
 const GRACE_SHARE: f64 = 0.2;
+/// Share of the period that the chain has for its answer at least, however late the drives were with what it answers to ..
+const ANSWER_LEAST: f64 = 0.5;
+/// .. but not longer after the tick than this share: the drives want their time too.
+const GRACE_MOST: f64 = 0.4;
 /// The energy changes slowly: every so many seconds.
 const ENERGY_S: f64 = 0.1;
 /// Drives have this long to come up, s; the virtual box makes its ports while this process starts.
@@ -59,6 +63,15 @@ impl CoreConfig {
         config.stall_cycles = section.stall_cycles;
         config.supply_min_v = section.supply_min_v;
         config.watchdog_s = section.watchdog_s;
+        let arbiter = &box_file.arbiter;
+        config.qualify_s = arbiter.qualify_s;
+        config.command_bound = arbiter.command_bound;
+        config.estimate_bound_m = arbiter.estimate_bound_m;
+        config.announce_s = arbiter.announce_s;
+        config.fade_s = arbiter.fade_s;
+        config.probation_s = arbiter.probation_s;
+        config.quarantine_falls = arbiter.quarantine_falls;
+        config.forgive_s = arbiter.forgive_s;
         config.current_limit_a = robot_file.motor.current_limit_a;
         config.check().map_err(bad)?;
         Ok(config)
@@ -72,7 +85,7 @@ impl CoreConfig {
 pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result<()> {
     let box_file = chassis.box_file()?.clone();
     let config = CoreConfig::from_files(&box_file, &box_file.robot_file()?)?;
-    let beside_runs = box_file.runs.parent().unwrap_or(Path::new(".")).join("state");
+    let beside_runs = box_file.state_folder();
     let folder = state_folder.unwrap_or(&beside_runs);
     // A real box is one robot, whoever runs it; a virtual one hangs in its domain, and another domain's is another robot.
     let robot = match &box_file.motor_box {
@@ -95,7 +108,8 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
 
     let period_ns = (config.period_s * 1e9).round() as u64;
     let share = |share: f64| (config.period_s * 1e9 * share) as u64;
-    let (bus_ns, bus_least_ns, grace_ns) = (share(BUS_SHARE), share(BUS_LEAST), share(GRACE_SHARE));
+    let (bus_ns, bus_least_ns) = (share(BUS_SHARE), share(BUS_LEAST));
+    let (grace_ns, answer_least_ns, grace_most_ns) = (share(GRACE_SHARE), share(ANSWER_LEAST), share(GRACE_MOST));
     let patience = config.cycles(PATIENCE_S).into();
     let last_stop = config.cycles(LAST_STOP_S).into();
     let energy_every = u64::from(config.cycles(ENERGY_S));
@@ -103,7 +117,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
     let mut reporter = Reporter::default();
     let mut server = chassis.bus().server(chassis.name())?;
     let mut waiter = chassis.bus().waiter(&["motor/command/a", "motor/command/b"])?;
-    let (mut ready, mut ending) = (false, 0_u64);
+    let (mut ready, mut ending, mut published_ns) = (false, 0_u64, 0_u64);
     let mut pacer = Pacer::new(period_ns);
 
     for cycle in 1_u64.. {
@@ -121,10 +135,14 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         }
         // Takes away the wake-ups of the last cycle; from here on a new one is not lost.
         reporter.bus(waiter.wait_until(Some(0)).map(|_| ()));
-        let mut answered = ports.commands(cycle, &mut inbox, &mut reporter);
-        while !answered && core.awaits_command() && now_ns() < tick.woke_ns.saturating_add(grace_ns) {
-            reporter.bus(waiter.wait_until(Some(tick.woke_ns.saturating_add(grace_ns))).map(|_| ()));
-            answered = ports.commands(cycle, &mut inbox, &mut reporter);
+        let awaited = core.awaited_slots();
+        let mut answered = ports.commands(cycle, awaited, &mut inbox, &mut reporter);
+        let earliest_ns = tick.woke_ns.saturating_add(grace_ns);
+        let latest_ns = tick.woke_ns.saturating_add(grace_most_ns);
+        let patient_ns = published_ns.saturating_add(answer_least_ns).clamp(earliest_ns, latest_ns);
+        while !answered && core.awaits_command() && now_ns() < patient_ns {
+            reporter.bus(waiter.wait_until(Some(patient_ns)).map(|_| ()));
+            answered = ports.commands(cycle, awaited, &mut inbox, &mut reporter);
         }
         let call = ports.gather(&mut inbox, &mut server, &mut reporter);
         let begin_ns = now_ns();
@@ -139,6 +157,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         input.end_ns = now_ns();
         let observation = core.observe(input);
         ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
+        published_ns = now_ns();
         answer(call, &core, &mut reporter);
         if ready {
             reporter.look(&observation.authority);
@@ -175,6 +194,7 @@ struct Ports {
     supervisor: Subscriber<Heartbeat>,
     state: Publisher<MotorState>,
     authority: Publisher<MotorAuthority>,
+    slots: Publisher<MotorSlots>,
     input: Publisher<MotorInput>,
     energy: Publisher<Energy>,
     /// Kept here so that publishing the input needs no copy on the stack each time.
@@ -191,15 +211,23 @@ impl Ports {
             supervisor: bus.subscriber("system/heartbeat/nims")?,
             state: bus.publisher("motor/state")?,
             authority: bus.publisher("motor/authority")?,
+            slots: bus.publisher("motor/slots")?,
             input: bus.publisher("motor/input")?,
             energy: bus.publisher("energy")?,
             sent_input: Box::default(),
         })
     }
 
-    /// Takes in commands; true once one of them answers the last cycle.
-    fn commands(&mut self, cycle: u64, inbox: &mut Inbox, reporter: &mut Reporter) -> bool {
-        let mut any = false;
+    /// Takes in commands; true once the controller that is awaited answers the last cycle by the estimate that is awaited. A standby's
+    /// answer may be there before: it is for the case that the other does not come.
+    fn commands(
+        &mut self,
+        cycle: u64,
+        (controller, estimator): (usize, usize),
+        inbox: &mut Inbox,
+        reporter: &mut Reporter,
+    ) -> bool {
+        let mut awaited = false;
         for (slot, commands) in self.commands.iter_mut().enumerate() {
             // What a dead controller left behind arrives first: the answer to the last cycle counts, whenever it comes.
             let mut answered = false;
@@ -209,10 +237,10 @@ impl Ports {
                     inbox.command(slot, &command);
                 }
                 answered |= current;
+                awaited |= current && slot == controller && command.valid[estimator] == 1;
             }
-            any |= answered;
         }
-        any
+        awaited
     }
 
     /// Takes in everything else that has arrived, and at most one request.
@@ -240,6 +268,7 @@ impl Ports {
         // First what estimator and controller wait for.
         reporter.bus(self.state.send(&mut observation.state).map(|_| ()));
         reporter.bus(self.authority.send(&mut observation.authority).map(|_| ()));
+        reporter.bus(self.slots.send(&mut observation.slots).map(|_| ()));
         *self.sent_input = *input;
         reporter.bus(self.input.send(&mut self.sent_input).map(|_| ()));
         if energy {

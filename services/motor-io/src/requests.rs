@@ -2,14 +2,15 @@
 #![allow(clippy::result_large_err)] // a sentence in place: in the loop nothing is allocated, so nothing is boxed
 
 use crate::answer::{Answer, Sentence, sentence};
+use crate::arbiter::role::Refusal;
 use crate::config::JOG_LIMIT_M;
 use crate::core::{Core, Jog};
 use crate::faults::{Faults, STOPS};
 use crate::plan_clock::SLOWEST;
 use crate::safety::Mode;
-use crate::sentences::FaultList;
+use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
 use cable_robot::{Vector3, elastic, kinematics, tension};
-use messages::{MotorAuthority, MotorInput, MotorState, OperatorRequest};
+use messages::{MotorAuthority, MotorInput, MotorState, OperatorRequest, ROLES, SLOT_NAMES, SLOTS};
 
 /// A number as it was given; huge ones in powers of ten, so that they leave room for the rest of the sentence.
 struct Given(f64);
@@ -61,6 +62,8 @@ impl Core {
             OperatorRequest::VERB_JOG => self.start_jog(args),
             OperatorRequest::VERB_RESUME => self.resume(input),
             OperatorRequest::VERB_SPEED => self.set_speed(args[0]),
+            OperatorRequest::VERB_SWAP => self.swap(input, args),
+            OperatorRequest::VERB_ADMIT => self.admit(args),
             OperatorRequest::VERB_GOTO | OperatorRequest::VERB_RUN => {
                 no!("Motions are planned by the planner; send this request to it.")
             }
@@ -281,6 +284,9 @@ impl Core {
             return no!("Not zeroed: [{x}, {y}, {z}] is no position; give x, y and z in metres.");
         }
         let robot = &self.config.robot;
+        if robot.is_planar() && at.y != 0.0 {
+            return no!("Not zeroed: y is {}, and this robot moves in the plane y = 0; give x and z.", Given(at.y));
+        }
         let held = match tension::at(robot, &at, &Vector3::zeros(), self.config.distribution) {
             Ok(held) => held,
             Err(error) => {
@@ -377,6 +383,53 @@ impl Core {
             yes!("Motions run at {:.0} % of their planned speed.", fraction * 100.0)
         } else {
             no!("{} is no speed; accepted: a fraction from {SLOWEST} to 1.", Given(fraction))
+        }
+    }
+
+    /// The role and the slot that a request means.
+    fn seat(args: &[f64; 8]) -> Result<(usize, usize), Sentence> {
+        let index = |value: f64, end: usize| (0..end).find(|i| *i as f64 == value);
+        match (index(args[0], ROLES), index(args[1], SLOTS)) {
+            (Some(role), Some(slot)) => Ok((role, slot)),
+            _ => Err(sentence(format_args!(
+                "Not done: there is no slot {} of role {}; this program and the one that asked are of different versions.",
+                Given(args[1]),
+                Given(args[0])
+            ))),
+        }
+    }
+
+    fn swap(&mut self, input: &MotorInput, args: &[f64; 8]) -> Outcome {
+        let (role, slot) = Self::seat(args)?;
+        let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
+        match self.arbiter.announce(role, slot, input.header.cycle) {
+            Ok(cycle) => yes!("The {who} in slot {name} takes over in cycle {cycle}."),
+            Err(Refusal::InCharge) => yes!("The {who} in slot {name} is in charge already."),
+            Err(Refusal::UnderWay) => no!("Not swapped: another swap is under way; ask again in a second."),
+            Err(_) => no!("Not swapped: the {who} in slot {name} {}.", self.why_not(role, slot)),
+        }
+    }
+
+    /// Why a slot is no standby, as the rest of a sentence, and what to do.
+    fn why_not(&self, role: usize, slot: usize) -> WhyNot {
+        let seat = self.arbiter.slot(role, slot);
+        WhyNot {
+            role,
+            phase: seat.phase(),
+            cause: seat.cause(),
+            verdict: self.arbiter.verdict()[slot],
+            well_s: f64::from(seat.well()) * self.config.period_s,
+            qualify_s: self.config.qualify_s,
+        }
+    }
+
+    fn admit(&mut self, args: &[f64; 8]) -> Outcome {
+        let (role, slot) = Self::seat(args)?;
+        let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
+        match self.arbiter.admit(role, slot) {
+            Ok(()) => yes!("The {who} in slot {name} is admitted again; it qualifies from the beginning."),
+            Err(Refusal::InCharge) => yes!("The {who} in slot {name} is in charge already."),
+            Err(_) => yes!("The {who} in slot {name} was not set aside."),
         }
     }
 }

@@ -1,7 +1,8 @@
 //! What happened and what to do, one sentence per mode, fault and verdict: for whoever shows the robot's state.
 
+use crate::arbiter::role::Phase;
 use crate::faults::Faults;
-use messages::{MotorAuthority, MotorState};
+use messages::{CONTROLLERS, MotorAuthority, MotorSlots, MotorState, ROLES};
 use std::fmt;
 
 /// (bit, what is the case, what to do about it)
@@ -15,7 +16,7 @@ const FAULTS: [(u32, &str, &str); 18] = [
     (
         MotorAuthority::FAULT_STALL,
         "a motor pushes hard and its line does not move, so this cable was let go",
-        "free the line, check the encoder, then reset",
+        "free the line, check the encoder, reset, then look where the node is and confirm the position or zero",
     ),
     (
         MotorAuthority::FAULT_SLACK,
@@ -27,7 +28,7 @@ const FAULTS: [(u32, &str, &str); 18] = [
     (
         MotorAuthority::FAULT_RUNAWAY,
         "an encoder counts against the command, so this cable was let go",
-        "check the encoder's plug and the sign of counts_per_m, then reset",
+        "check the encoder's plug and the sign of counts_per_m, reset, then look where the node is and confirm the position or zero",
     ),
     (
         MotorAuthority::FAULT_ENCODER_JUMP,
@@ -52,7 +53,11 @@ const FAULTS: [(u32, &str, &str); 18] = [
         "this machine had no time for the drives, so the robot stopped where it was",
         "look for what else runs on it; after up to a second the robot goes on by itself, after more it holds, and resume goes on",
     ),
-    (MotorAuthority::FAULT_EMERGENCY_INPUT, "the emergency stop of a drive unit is pressed", "release it, then reset"),
+    (
+        MotorAuthority::FAULT_EMERGENCY_INPUT,
+        "the emergency stop button of a drive unit is pressed, or its wire is broken",
+        "see that nobody is in danger, release it, then reset",
+    ),
     (
         MotorAuthority::FAULT_SUPERVISOR_LOST,
         "the supervisor is gone, so the robot stopped and holds",
@@ -162,7 +167,86 @@ pub fn verdict_sentence(verdict: u8) -> &'static str {
         MotorAuthority::VERDICT_OUT_OF_LIMITS => "The command is far beyond the cable speed limit.",
         MotorAuthority::VERDICT_NO_ESTIMATE => "The controller has no valid estimate to answer for.",
         MotorAuthority::VERDICT_ABSENT => "No command has arrived for this cycle.",
+        MotorAuthority::VERDICT_SEGMENT => "The command follows another motion than the robot.",
         _ => "This verdict is unknown to this program; it is of another version than motor-io.",
+    }
+}
+
+/// Roles with slots, by their index.
+pub const ROLE_NAMES: [&str; ROLES] = ["controller", "estimator"];
+
+/// The phase of a slot, as commands print it.
+#[must_use]
+pub fn phase_name(phase: u8) -> &'static str {
+    match phase {
+        MotorSlots::PHASE_EMPTY => "empty",
+        MotorSlots::PHASE_ATTACHED => "attached",
+        MotorSlots::PHASE_SHADOW => "shadow",
+        MotorSlots::PHASE_QUALIFIED => "qualified",
+        MotorSlots::PHASE_SWITCHING => "switching",
+        MotorSlots::PHASE_ACTIVE => "active",
+        MotorSlots::PHASE_PROBATION => "probation",
+        MotorSlots::PHASE_QUARANTINED => "quarantined",
+        _ => "unknown",
+    }
+}
+
+/// What last cost a slot its trust, as the rest of a sentence that begins with who it is; empty for nothing.
+#[must_use]
+pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
+    match cause {
+        MotorSlots::CAUSE_NONE => "",
+        MotorSlots::CAUSE_ABSENT => "stopped answering",
+        MotorSlots::CAUSE_RESTARTED => "was started anew",
+        MotorSlots::CAUSE_NOT_FINITE => "gave something that is no number",
+        MotorSlots::CAUSE_OUT_OF_LIMITS => "asked for velocities far beyond the limit",
+        MotorSlots::CAUSE_APART if role == CONTROLLERS => "commanded something else than the one in charge",
+        MotorSlots::CAUSE_APART => "put the node somewhere else than the one in charge",
+        MotorSlots::CAUSE_NOT_VALID => "answered without a valid result",
+        MotorSlots::CAUSE_PROBATION => "missed a cycle just after it had taken over",
+        _ => "failed in a way unknown to this program",
+    }
+}
+
+/// Why a slot is no standby, and what to do: the rest of a sentence that begins with who it is.
+#[derive(Debug, Clone, Copy)]
+pub struct WhyNot {
+    /// Index of the role.
+    pub role: usize,
+    /// Its phase.
+    pub phase: Phase,
+    /// What last cost it its trust.
+    pub cause: u8,
+    /// Of a controller: the verdict on its last command.
+    pub verdict: u8,
+    /// For how long it has answered well, s.
+    pub well_s: f64,
+    /// For how long it has to, s.
+    pub qualify_s: f64,
+}
+
+impl fmt::Display for WhyNot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { role, cause, well_s, qualify_s, .. } = *self;
+        let failed = cause_phrase(role, cause);
+        match self.phase {
+            Phase::Empty if failed.is_empty() => f.write_str("is not running; start one first"),
+            Phase::Empty => write!(f, "is not running: it {failed}; start one first"),
+            Phase::Attached if role == CONTROLLERS && self.verdict != MotorAuthority::VERDICT_ACCEPTED => {
+                let verdict = verdict_sentence(self.verdict).trim_end_matches('.');
+                write!(f, "has no good answer yet ({verdict}); ask again when it has")
+            }
+            Phase::Attached => f.write_str("has no good answer beside the one in charge yet; ask again when it has"),
+            Phase::Shadow if well_s == 0.0 && !failed.is_empty() => write!(
+                f,
+                "does not qualify: it {failed}; look at its log and its configuration, or swap where the robot holds"
+            ),
+            Phase::Shadow => write!(f, "has answered well for {well_s:.1} of {qualify_s:.1} s; ask again in a second"),
+            Phase::Quarantined => {
+                write!(f, "was set aside because it came and went: it {failed}; admit it again with nims swap --admit")
+            }
+            Phase::Qualified | Phase::Switching | Phase::Active | Phase::Probation => f.write_str("is being swapped"),
+        }
     }
 }
 
@@ -209,7 +293,7 @@ mod tests {
         for mode in 0..=6 {
             assert!(!mode_sentence(mode).contains("unknown"));
         }
-        for verdict in 0..=8 {
+        for verdict in 0..=9 {
             assert!(!verdict_sentence(verdict).contains("another version"));
         }
     }

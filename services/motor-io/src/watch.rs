@@ -18,8 +18,9 @@ use roboclaw::Status;
 
 /// Cycles without an answer before a unit is lost: one may be noise, two a coincidence.
 const LOST_CYCLES: u32 = 3;
-/// A resynchronisation takes 50 to 100 ms (quiet line, then a fence); after this it will not succeed, s.
-const RESYNC_S: f64 = 0.25;
+/// A resynchronisation takes 50 to 100 ms (quiet line, then a fence), and several times that where answers come late; after this it will
+/// not succeed, s.
+const RESYNC_S: f64 = 0.4;
 /// Below this commanded velocity nothing is said about a cable that does not move, m/s.
 const STALL_COMMAND_M_S: f64 = 0.01;
 /// A cable slower than this share of its command does not move.

@@ -1,35 +1,13 @@
 //! The core allocates nothing after its construction, whatever happens in a cycle.
-#![allow(unsafe_code, clippy::unwrap_used)]
+#![allow(clippy::unwrap_used)]
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+#[path = "../../../shared/cable-robot/tests/counting/mod.rs"]
+mod counting;
 mod rig;
 
+use counting::allocations;
 use messages::{MotorAuthority, MotorInput, OperatorRequest};
 use motor_io::Core;
-
-thread_local! {
-    static COUNT: Cell<u64> = const { Cell::new(0) };
-}
-
-struct Counting;
-
-// SAFETY: every call is handed on to the system's allocator unchanged; counting touches only a thread-local number.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        COUNT.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller keeps the contract of `alloc`.
-        unsafe { System.alloc(layout) }
-    }
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller keeps the contract of `dealloc`.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn a_cycle_allocates_nothing() {
@@ -52,11 +30,12 @@ fn a_cycle_allocates_nothing() {
     }
     assert_eq!(rig.mode(), MotorAuthority::MODE_FAULTED);
     let mut core: Core = rig.core.clone();
-    let before = COUNT.get();
-    for input in &inputs {
-        let sent = core.decide(input);
-        let seen = core.observe(input);
-        std::hint::black_box((sent, seen, core.answers().len()));
-    }
-    assert_eq!(COUNT.get() - before, 0);
+    let count = allocations(|| {
+        for input in &inputs {
+            let sent = core.decide(input);
+            let seen = core.observe(input);
+            std::hint::black_box((sent, seen, core.answers().len()));
+        }
+    });
+    assert_eq!(count, 0);
 }

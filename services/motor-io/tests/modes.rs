@@ -143,8 +143,8 @@ fn a_dead_controller_stops_the_robot_on_the_path_and_the_motion_can_go_on() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.controller = None;
     rig.until(20, |rig| rig.mode() == A::MODE_STOPPING);
-    // Three cycles are bridged, and the fourth is the stop; all of them were missed.
-    assert_eq!(rig.seen().authority.missed, 4);
+    // Two cycles are bridged, and the third is the stop; all of them were missed.
+    assert_eq!(rig.seen().authority.missed, 3);
     rig.until(30, |rig| rig.mode() == A::MODE_HOLDING);
     assert_eq!(rig.faults(), A::FAULT_COMMAND_LOST);
     let (accepted, sentence) = rig.ask(R::VERB_RESUME, &[]);

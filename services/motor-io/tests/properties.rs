@@ -220,6 +220,7 @@ fn same(replayed: &mut Core, now: &Step) -> Result<(), TestCaseError> {
     let seen = replayed.observe(&now.input);
     prop_assert_eq!(bytes_of(&seen.state), bytes_of(&now.seen.state));
     prop_assert_eq!(bytes_of(&seen.authority), bytes_of(&now.seen.authority));
+    prop_assert_eq!(bytes_of(&seen.slots), bytes_of(&now.seen.slots));
     prop_assert_eq!(bytes_of(&seen.energy), bytes_of(&now.seen.energy));
     Ok(())
 }

@@ -1,6 +1,7 @@
-//! What can be typed. Values are checked here once; behind this module a number is finite and a point has three of them.
+//! What can be typed. Values are checked here once; behind this module a number is finite and a point has two or three.
 
 use clap::{Parser, Subcommand, ValueEnum};
+use service::config::Point;
 use std::path::PathBuf;
 
 /// Run, watch and command a cable-suspended robot.
@@ -29,6 +30,8 @@ pub enum Command {
     Up(Up),
     /// What the robot and its processes are doing.
     Status,
+    /// The same, live in the terminal; q quits.
+    Top,
     /// Look at channels.
     #[command(subcommand)]
     Channel(Channel),
@@ -72,6 +75,38 @@ pub enum Command {
         #[arg(value_parser = finite, allow_negative_numbers = true)]
         percent: f64,
     },
+    /// Start a process: a role such as controller, or a [[process]] of the box file.
+    Start(Start),
+    /// End a process in good order.
+    StopProcess {
+        /// Its name in the process table.
+        process: String,
+    },
+    /// End a process in good order and start it again.
+    Restart {
+        /// Its name in the process table.
+        process: String,
+    },
+    /// Start a program that the box file does not know, e.g. a sensor, as one of the robot's processes.
+    Plug(Plug),
+    /// End a process that was plugged in, and forget it.
+    Unplug {
+        /// Its name in the process table.
+        process: String,
+    },
+    /// Write a sensor of one's own that runs as it is, to be changed: in Rust, or in Python.
+    NewSensor(NewSensor),
+    /// Break something in the virtual motor box, or a process, on purpose; `nims fault list` says what there is.
+    Fault {
+        /// What: `list`, or e.g. `stall 2`, `noise 1 0.01`, `stop controller`, `nan estimator`.
+        #[arg(required = true, allow_negative_numbers = true)]
+        words: Vec<String>,
+        /// Put it right after so many seconds.
+        #[arg(long = "for", value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
+        seconds: Option<f64>,
+    },
+    /// Let another controller or estimator take over while the robot moves.
+    Swap(Swap),
     /// Check a robot, box or mission file; each finding with its cure.
     Check {
         /// The file.
@@ -80,13 +115,18 @@ pub enum Command {
         #[arg(long = "for", value_name = "CONFIG")]
         on: Option<PathBuf>,
     },
+    /// Look at this machine: memory, stale robots, limits, ports, clock, disk; each finding with its cure. Exit code 1: one would stop the robot.
+    Doctor {
+        /// Box file, whose ports, runs folder and scheduling are looked at too.
+        config: Option<PathBuf>,
+    },
     /// Cable lengths for a position of the node.
     Ik {
         /// Robot file.
         #[arg(long)]
         config: PathBuf,
         /// Where the node is, m.
-        #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+        #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
         at: Point,
     },
     /// Position of the node for cable lengths.
@@ -102,6 +142,8 @@ pub enum Command {
     Tension(Tension),
     /// Anchors with their deviations from measurements in the field, or why these do not determine them.
     Calibrate(Calibrate),
+    /// What the motors draw over speed and tension, from recorded runs of raising and lowering known loads.
+    MotorTable(MotorTable),
     /// What a move costs, and the parabola that costs least.
     Plan(Plan),
     /// Where the lines can hold the node at rest: volume and margins.
@@ -116,10 +158,23 @@ pub enum Command {
         #[arg(long, value_name = "DIR")]
         out: PathBuf,
     },
-    /// Restore a run file that was not closed.
+    /// The channels of a run as tables for other tools, one file each, whatever type they have.
+    Export(Export),
+    /// Restore run files that were not closed or are damaged.
     Recover {
         /// Run folder, or a file that ends in .mcap.part or .mcap.
         run: PathBuf,
+    },
+    /// Compute a run again from what was recorded and compare every bit; with --law or --set: what would have been commanded instead.
+    Replay(Replay),
+    /// A run as one page: what was flown, how well, what happened; several runs side by side.
+    Report {
+        /// Run folders or files.
+        #[arg(required = true, value_name = "RUN")]
+        runs: Vec<PathBuf>,
+        /// The page; default: report.html in the run folder (comparison.html for several runs, in the first one's).
+        #[arg(long, value_name = "FILE")]
+        out: Option<PathBuf>,
     },
     /// What is in a run: length, channels, rates, gaps, health.
     Info {
@@ -128,12 +183,97 @@ pub enum Command {
     },
 }
 
+/// `nims export`.
+#[derive(Debug, clap::Args)]
+pub struct Export {
+    /// Run folder or file.
+    pub run: PathBuf,
+    /// Folder for the tables; default: `export` in the run folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// How they are written.
+    #[arg(long, value_enum, default_value = "csv")]
+    pub format: TableFormat,
+    /// Only this channel; a trailing * stands for any ending. May be given several times.
+    #[arg(long, value_name = "NAME")]
+    pub channel: Vec<String>,
+    /// Only from this time on, s since the run began.
+    #[arg(long, value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
+    pub from: Option<f64>,
+    /// Only before this time, s since the run began.
+    #[arg(long, value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
+    pub to: Option<f64>,
+    /// In place of tables: as Foxglove, Lichtblick, RViz and rerun draw it in three dimensions, to this new file.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "format", "channel", "from", "to"])]
+    pub scene: Option<PathBuf>,
+}
+
+/// How tables are written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum TableFormat {
+    /// Text, a line per sample.
+    Csv,
+    /// One structured NumPy array per channel, the samples as they lay in memory.
+    Npy,
+    /// Compressed columns for pandas, polars, DuckDB.
+    Parquet,
+}
+
+impl From<TableFormat> for runlog::export::Format {
+    fn from(format: TableFormat) -> Self {
+        match format {
+            TableFormat::Csv => Self::Csv,
+            TableFormat::Npy => Self::Npy,
+            TableFormat::Parquet => Self::Parquet,
+        }
+    }
+}
+
+/// Roles that have two slots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum SlottedRole {
+    /// Position and motion to velocities.
+    Controller,
+    /// Lengths to position.
+    Estimator,
+}
+
+impl SlottedRole {
+    /// Index in the arrays of samples.
+    #[must_use]
+    pub fn index(self) -> usize {
+        match self {
+            Self::Controller => messages::CONTROLLERS,
+            Self::Estimator => messages::ESTIMATORS,
+        }
+    }
+}
+
+/// `nims swap`.
+#[derive(Debug, clap::Args)]
+pub struct Swap {
+    /// Whose.
+    #[arg(value_enum)]
+    pub role: SlottedRole,
+    /// Law or method, or the name of a `[[process]]` of that role; it is started in the free slot. Default: the standby that runs there.
+    pub name: Option<String>,
+    /// Slot of the new one. Default: the one that is not in charge.
+    #[arg(long, value_enum)]
+    pub slot: Option<service::Slot>,
+    /// Keep the old one running, as a standby.
+    #[arg(long)]
+    pub keep: bool,
+    /// Only admit again a slot that was set aside because it came and went.
+    #[arg(long, conflicts_with_all = ["name", "keep"])]
+    pub admit: bool,
+}
+
 /// `nims demo`.
 #[derive(Debug, clap::Args)]
 pub struct Demo {
     /// Box file; default: configs/boxes/demo3.toml.
     pub config: Option<PathBuf>,
-    /// Mission file; default: demo.toml of the box's missions.
+    /// Mission file; default: the one that the box names, `demo` if it names none.
     #[arg(long)]
     pub mission: Option<PathBuf>,
     /// Run folder; default: a new one in the box's runs folder.
@@ -152,6 +292,45 @@ pub struct Up {
     /// Run folder; default: a new one in the box's runs folder.
     #[arg(long, value_name = "DIR")]
     pub run: Option<PathBuf>,
+}
+
+/// `nims start`.
+#[derive(Debug, clap::Args)]
+pub struct Start {
+    /// A role, the name of a process in the process table, or a [[process]] of the box file.
+    pub process: String,
+    /// For a controller or an estimator: which slot; default: the first free one.
+    #[arg(long, value_enum)]
+    pub slot: Option<service::Slot>,
+    /// For a controller or an estimator: which law, or which [[process]]; default: as configured.
+    #[arg(long)]
+    pub law: Option<String>,
+}
+
+/// `nims plug`.
+#[derive(Debug, clap::Args)]
+pub struct Plug {
+    /// What it shall be called: 1 to 16 of a-z, 0-9, dash.
+    pub name: String,
+    /// If a process of that name runs, end it and start this one in its place.
+    #[arg(long)]
+    pub replace: bool,
+    /// Program and arguments, behind `--`; {name}, {domain}, {box} and {run} stand for its name, the robot's domain, the box file, the run folder.
+    #[arg(last = true, required = true)]
+    pub command: Vec<String>,
+}
+
+/// `nims new-sensor`.
+#[derive(Debug, clap::Args)]
+pub struct NewSensor {
+    /// What it is called, and its channel sensor/NAME: 1 to 16 of a-z, 0-9, dash.
+    pub name: String,
+    /// One file in Python in place of a folder in Rust.
+    #[arg(long)]
+    pub python: bool,
+    /// The sources of nims, for a sensor in Rust. Default: where this program was built from.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "python")]
+    pub nims: Option<PathBuf>,
 }
 
 /// `nims channel`.
@@ -185,7 +364,7 @@ pub enum Channel {
 #[group(required = true, multiple = false)]
 pub struct Zero {
     /// The node is here, m.
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub at: Option<Point>,
     /// These lengths of line are paid out, m.
     #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
@@ -196,7 +375,7 @@ pub struct Zero {
 #[derive(Debug, clap::Args)]
 pub struct Goto {
     /// Where to, m.
-    #[arg(value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    #[arg(value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub to: Point,
     /// Along which path.
     #[arg(long, value_enum, default_value = "line")]
@@ -216,6 +395,8 @@ pub enum PathKind {
     Line,
     /// A parabola in a vertical plane.
     Parabola,
+    /// Sags and swings sideways so that it loses least in the motors.
+    Lateral,
 }
 
 /// `nims run`.
@@ -230,7 +411,7 @@ pub struct Run {
     #[arg(long, requires = "dry_run")]
     pub config: Option<PathBuf>,
     /// For a dry run: where the mission begins, m; default: where the node is.
-    #[arg(long, requires = "dry_run", value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    #[arg(long, requires = "dry_run", value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub from: Option<Point>,
 }
 
@@ -241,12 +422,12 @@ pub struct Tension {
     #[arg(long)]
     pub config: PathBuf,
     /// Where the node is, m.
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub at: Point,
-    /// Acceleration of the node, m/s².
-    #[arg(long, value_name = "AX,AY,AZ", value_parser = point, allow_hyphen_values = true, default_value = "0,0,0")]
-    pub accel: Point,
-    /// Which of the possible tensions; default: unique for three cables, least-norm for more.
+    /// Acceleration of the node, m/s²; default: none.
+    #[arg(long, value_name = "AX,AY,AZ|AX,AZ", value_parser = point, allow_hyphen_values = true)]
+    pub accel: Option<Point>,
+    /// Which of the possible tensions; default: unique for as many cables as directions, least-norm for more.
     #[arg(long, value_enum)]
     pub method: Option<Method>,
 }
@@ -262,6 +443,39 @@ pub struct Calibrate {
     /// Write the calibration, its covariance and the measurements to this new file.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+}
+
+/// `nims motor-table`.
+#[derive(Debug, clap::Args)]
+pub struct MotorTable {
+    /// Run folders or files. The robot file of each run must say what hung on the lines (node_mass_kg).
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Write the table to this new file, for `table` in `[motor]` of a robot file.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Reel-in speeds of the table, m/s, rising, below 0 for paying out; default: as far as the runs go.
+    #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
+    pub speeds: Option<Numbers>,
+    /// Tensions of the table, N, rising; default: as far as the runs go.
+    #[arg(long, value_name = "A,B,..", value_parser = numbers)]
+    pub tensions: Option<Numbers>,
+}
+
+/// `nims replay`.
+#[derive(Debug, clap::Args)]
+pub struct Replay {
+    /// Run folder or file.
+    pub run: PathBuf,
+    /// Another law for the controllers.
+    #[arg(long, value_name = "LAW")]
+    pub law: Option<String>,
+    /// Another value for a key of the box file or the robot file, e.g. controller.horizon_cycles=30; as often as needed.
+    #[arg(long, value_name = "KEY=VALUE", value_parser = assignment)]
+    pub set: Vec<(String, String)>,
+    /// With --law or --set: draw both velocities of each cable into this .svg or .png file.
+    #[arg(long, value_name = "FILE")]
+    pub plot: Option<PathBuf>,
 }
 
 /// Ways to calibrate.
@@ -282,12 +496,13 @@ pub struct Plan {
     #[arg(long)]
     pub config: PathBuf,
     /// Where the move starts, m.
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub from: Point,
     /// Where it ends, m.
-    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
     pub to: Point,
-    /// Along which path; default: a line, or with --mu a parabola. A parabola without --mu is the one that costs least.
+    /// Along which path; default: a line, or with --mu a parabola. A parabola without --mu and a lateral path are those that cost
+    /// least.
     #[arg(long, value_enum)]
     pub path: Option<PathKind>,
     /// How much the parabola sags, 1/m.
@@ -296,7 +511,7 @@ pub struct Plan {
     /// What a second costs beside the losses in the motors, W.
     #[arg(long, value_name = "W", value_parser = finite, allow_negative_numbers = true, default_value = "0")]
     pub time_weight: f64,
-    /// Which of the possible tensions; default: unique for three cables, least-norm for more.
+    /// Which of the possible tensions; default: unique for as many cables as directions, least-norm for more.
     #[arg(long, value_enum)]
     pub method: Option<Method>,
     /// Cruise speed, m/s; default: the robot's limit.
@@ -313,7 +528,7 @@ pub struct Workspace {
     /// Robot file.
     #[arg(long)]
     pub config: PathBuf,
-    /// Picture of slices at several heights.
+    /// Picture of slices at several heights; of a planar robot, of its plane.
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
     /// Size of a cell, m; default: a fortieth of the longest side.
@@ -324,7 +539,7 @@ pub struct Workspace {
 /// Which tensions are chosen among the possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub enum Method {
-    /// The only ones (three cables).
+    /// The only ones (as many cables as directions).
     Unique,
     /// Least sum of squares.
     LeastNorm,
@@ -333,10 +548,6 @@ pub enum Method {
     /// Farthest from both limits.
     Safest,
 }
-
-/// Three finite numbers.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point(pub [f64; 3]);
 
 /// Finite numbers, at least one.
 #[derive(Debug, Clone, PartialEq)]
@@ -355,13 +566,16 @@ fn numbers(text: &str) -> Result<Numbers, String> {
         .map_err(|why| format!("{why}; give numbers separated by commas"))
 }
 
+fn assignment(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.trim().is_empty() => Ok((key.trim().to_owned(), value.trim().to_owned())),
+        _ => Err(format!("`{text}` is not KEY=VALUE, e.g. controller.horizon_cycles=30")),
+    }
+}
+
 fn point(text: &str) -> Result<Point, String> {
     let Numbers(values) = numbers(text)?;
-    let given = values.len();
-    values
-        .try_into()
-        .map(Point)
-        .map_err(|_| format!("it has {given} numbers; give three separated by commas, e.g. 4.8,3.0,0.3"))
+    Point::from_numbers(&values).map_err(|why| format!("{why}, separated by commas, e.g. 4.8,3.0,0.3"))
 }
 
 #[cfg(test)]
@@ -375,9 +589,10 @@ mod tests {
     }
 
     #[test]
-    fn points_are_three_finite_numbers() {
-        assert_eq!(point("-1, 2,3e-1"), Ok(Point([-1.0, 2.0, 0.3])));
-        for bad in ["", "1,2", "1,2,3,4", "1,2,nan", "1,2,inf", "1;2;3", "1,2,3m"] {
+    fn points_are_two_or_three_finite_numbers() {
+        assert_eq!(point("-1, 2,3e-1"), Ok([-1.0, 2.0, 0.3].into()));
+        assert_eq!(point("1,2"), Ok(Point { position_m: [1.0, 0.0, 2.0], planar: true }));
+        for bad in ["", "1", "1,2,3,4", "1,2,nan", "1,2,inf", "1;2;3", "1,2,3m"] {
             assert!(point(bad).is_err(), "{bad}");
         }
     }

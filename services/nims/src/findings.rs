@@ -1,12 +1,14 @@
 //! `nims check`: what a configuration means for the robot, each finding with its cure.
 
 use crate::failure::{Answer, Failure};
+use crate::points;
+use cable_robot::energy::MotorTable;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
 use serde::Serialize;
 use serde_json::{Value, json};
-use service::config::{BoxFile, PlannerSection, RobotFile};
+use service::config::{BoxFile, CalibrationFile, PlannerSection, RobotFile};
 use service::toml_file;
 use std::path::Path;
 
@@ -43,15 +45,15 @@ pub struct Finding {
     pub cure: String,
 }
 
-fn note(finding: String) -> Finding {
+pub(crate) fn note(finding: String) -> Finding {
     Finding { level: Level::Note, finding, cure: String::new() }
 }
 
-fn warning(finding: String, cure: &str) -> Finding {
+pub(crate) fn warning(finding: String, cure: &str) -> Finding {
     Finding { level: Level::Warning, finding, cure: cure.to_owned() }
 }
 
-fn error(finding: String, cure: &str) -> Finding {
+pub(crate) fn error(finding: String, cure: &str) -> Finding {
     Finding { level: Level::Error, finding, cure: cure.to_owned() }
 }
 
@@ -81,18 +83,15 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
             Ok(vec![match kind(on)? {
                 Kind::Box => {
                     let file = BoxFile::load(on).map_err(Failure::bad)?;
-                    let start = file.motor_box.as_ref().map(|section| section.start_m);
-                    flown(
-                        &mission,
-                        &file.robot_file().map_err(Failure::bad)?,
-                        &file.planner,
-                        &file.controller.distribution,
-                        start,
-                    )
+                    let start = file.motor_box.as_ref().map(|section| section.start_m.position_m);
+                    let robot = file.robot_file().map_err(Failure::bad)?;
+                    let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
+                    flown(&mission, &robot, &file.planner, distribution, start)
                 }
                 _ => {
                     let robot = RobotFile::load(on).map_err(Failure::bad)?;
-                    flown(&mission, &robot, &PlannerSection::default(), "least-norm", None)
+                    let distribution = robot.robot().map_err(Failure::bad)?.default_distribution();
+                    flown(&mission, &robot, &PlannerSection::default(), distribution, None)
                 }
             }?])
         }
@@ -115,6 +114,20 @@ pub fn can_be_built(file: &BoxFile) -> Answer {
 #[must_use]
 pub fn to_json(findings: &[Finding]) -> Value {
     json!({ "usable": usable(findings), "findings": findings })
+}
+
+/// Findings in words, a line each.
+#[must_use]
+pub fn to_words(findings: &[Finding]) -> String {
+    let lines: Vec<String> = findings
+        .iter()
+        .map(|finding| match (finding.level, finding.cure.as_str()) {
+            (Level::Note, _) => format!("note: {}", finding.finding),
+            (Level::Warning, cure) => format!("warning: {}; {cure}", finding.finding),
+            (Level::Error, cure) => format!("error: {}; {cure}", finding.finding),
+        })
+        .collect();
+    lines.join("\n")
 }
 
 /// Whether none of the findings is an error.
@@ -146,20 +159,24 @@ fn kind(path: &Path) -> Answer<Kind> {
     }
 }
 
-/// Middle of the anchors' feet, at a quarter of the way up to the lowest anchor.
+/// Middle of the anchors' feet, at a quarter of the way up to the lowest anchor; of a node that floats between lines from
+/// above and below, the middle of the anchors.
 fn middle(robot: &Robot) -> Vector3<f64> {
     let anchors = robot.anchors();
     let mut centre = anchors.iter().sum::<Vector3<f64>>() / anchors.len() as f64;
     let lowest = anchors.iter().map(|anchor| anchor.z).fold(f64::INFINITY, f64::min);
+    if robot.net_weight_n() == 0.0 {
+        return centre;
+    }
     centre.z = robot.ground_m() + 0.25 * (lowest - robot.ground_m());
     centre
 }
 
 fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     let robot = file.robot().map_err(Failure::bad)?;
-    let distribution = Distribution::default_for(robot.cable_count());
+    let distribution = robot.default_distribution();
     let at = middle(&robot);
-    let place = format!("[{:.2}, {:.2}, {:.2}] m", at.x, at.y, at.z);
+    let place = points::in_words(&robot, &at);
     let mut findings = Vec::new();
     match tension::at(&robot, &at, &Vector3::zeros(), distribution) {
         Ok(found) => {
@@ -169,7 +186,7 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
             findings.push(ceiling(&robot, &at, distribution));
         }
         Err(why) => findings.push(error(
-            format!("the node cannot hang in the middle of its own anchors, {place}: {why}"),
+            format!("the lines cannot hold the node in the middle of its own anchors, {place}: {why}"),
             "check the units of anchors_m (metres), node_mass_kg (kilograms) and tension_limits_n (newtons)",
         )),
     }
@@ -184,7 +201,11 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
             "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",
         ),
     });
-    let current = robot.motor().current_a(robot.tension_limits_n()[1], robot.speed_limit_m_s());
+    findings.extend(file.calibration.as_ref().map(calibrated));
+    findings.extend(robot.motor_table().map(|table| measured(&robot, table)));
+    let (fastest, tightest) = (robot.speed_limit_m_s(), robot.tension_limits_n()[1]);
+    let modelled = |_| robot.motor().current_a(tightest, fastest);
+    let current = robot.current().current_a(tightest, fastest).unwrap_or_else(modelled);
     if current > file.motor.current_limit_a {
         findings.push(warning(
             format!(
@@ -197,6 +218,34 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
         ));
     }
     Ok(findings)
+}
+
+/// Which calibration, and how well it knows the anchors.
+fn calibrated(file: &CalibrationFile) -> Finding {
+    let (anchor, axis, std_m) = file.worst();
+    let sentence = format!(
+        "the anchors are of the calibration of {} ({}): {axis} of anchor {anchor} is known least, to ±{std_m:.3} m",
+        file.date, file.method
+    );
+    if file.verdict.starts_with("poor") {
+        return warning(sentence, "add points near the corners below the anchors and calibrate again before a mission");
+    }
+    note(sentence)
+}
+
+/// What a motor table covers of what the robot may do.
+fn measured(robot: &Robot, table: &MotorTable) -> Finding {
+    let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
+    let ([slowest, fastest], [loosest, tightest]) = (ends(table.speeds_m_s()), ends(table.tensions_n()));
+    let sentence = format!(
+        "the motor table covers {slowest} to {fastest} m/s and {loosest} to {tightest} N; what a move costs beyond is not known"
+    );
+    let limit = robot.speed_limit_m_s();
+    if slowest > -limit || fastest < limit {
+        let cure = "record runs that raise and lower loads as fast as speed_limit_m_s; slower moves are not affected";
+        return warning(sentence, cure);
+    }
+    note(sentence)
 }
 
 /// What happens when the drives stop feeding the motors: leads shorted, only the gear and the motor's own braking hold.
@@ -214,6 +263,12 @@ fn sinking(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
             }
         };
         return note(format!("unpowered, the gears hold the node: sinking speed 0 mm/s ({beyond})"));
+    }
+    if robot.net_weight_n() == 0.0 {
+        return note(format!(
+            "unpowered, a line runs out at {:.1} mm/s until nothing pulls on it; the node floats",
+            1000.0 * fastest
+        ));
     }
     let node =
         NodeJacobian::at(robot.anchors(), at).map_or(fastest, |jacobian| jacobian.node_velocity(&pays_out).norm());
@@ -312,23 +367,18 @@ pub struct Flight {
 /// Where it breaks which limit, by how much.
 pub fn fly(mission: &Mission, file: &BoxFile, from: &[f64; 3]) -> Answer<Flight> {
     let robot = file.robot_file().map_err(Failure::bad)?;
-    plan(mission, &robot, &file.planner, &file.controller.distribution, from)
+    let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
+    plan(mission, &robot, &file.planner, distribution, from)
 }
 
 fn plan(
     mission: &Mission,
     robot: &RobotFile,
     section: &PlannerSection,
-    distribution: &str,
+    distribution: Distribution,
     from: &[f64; 3],
 ) -> Answer<Flight> {
     let robot = robot.robot().map_err(Failure::bad)?;
-    let distribution = match (robot.cable_count(), distribution) {
-        (3, _) => Distribution::Unique,
-        (_, "min-sum") => Distribution::MinSum,
-        (_, "safest") => Distribution::Safest,
-        _ => Distribution::LeastNorm,
-    };
     let config = PlannerConfig {
         robot,
         distribution,
@@ -344,17 +394,22 @@ fn flown(
     mission: &Mission,
     robot: &RobotFile,
     section: &PlannerSection,
-    distribution: &str,
+    distribution: Distribution,
     start: Option<[f64; 3]>,
 ) -> Answer<Finding> {
+    let checked = robot.robot().map_err(Failure::bad)?;
     let from = match start {
         Some(start) => start,
-        None => middle(&robot.robot().map_err(Failure::bad)?).into(),
+        None => middle(&checked).into(),
     };
     Ok(match plan(mission, robot, section, distribution, &from) {
         Ok(flight) => note(format!(
-            "mission \"{}\" can be flown from [{}, {}, {}] m: {} segments, {:.2} m, {:.1} s",
-            mission.name, from[0], from[1], from[2], flight.segments, flight.length_m, flight.duration_s
+            "mission \"{}\" can be flown from {}: {} segments, {:.2} m, {:.1} s",
+            mission.name,
+            points::in_words(&checked, &from.into()),
+            flight.segments,
+            flight.length_m,
+            flight.duration_s
         )),
         Err(why) => error(
             format!("mission \"{}\" cannot be flown: {why}", mission.name),

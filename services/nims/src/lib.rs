@@ -13,19 +13,33 @@ mod calibrate;
 mod channels;
 pub mod cli;
 pub mod demo;
+mod doctor;
+mod export;
 mod failure;
+pub mod fault;
 pub mod findings;
 pub mod live;
 pub mod lockstep;
+pub mod motor_table;
+mod new_sensor;
 mod offline;
 mod operate;
+mod page;
 pub mod paper;
 pub mod picture;
 pub mod plan;
+pub mod points;
+pub mod processes;
+pub mod replay;
+pub mod report;
 mod runs;
+pub mod scene_export;
 pub mod solve;
 mod status;
 pub mod supervisor;
+mod swap;
+mod top;
+pub mod tracker;
 mod workspace;
 
 pub use failure::{Answer, Failure};
@@ -89,6 +103,11 @@ pub fn run(cli: &Cli) -> Answer {
         print(&operate::accepted(&sentence), &sentence);
         Ok(())
     };
+    let tell = |asked: supervisor::Asked| -> Answer {
+        let (value, words) = processes::tell(&live::join(domain)?, &asked)?;
+        print(&value, &words);
+        Ok(())
+    };
     match &cli.command {
         Command::Demo(asked) => demo::run(asked, domain, json),
         Command::Up(asked) => up(asked, domain, json),
@@ -97,6 +116,7 @@ pub fn run(cli: &Cli) -> Answer {
             print(&value, &words);
             Ok(())
         }
+        Command::Top => top::top(domain, json),
         Command::Channel(channel) => channel_command(channel, domain, json),
         Command::Arm => ask(operate::MOTOR_IO, OperatorRequest::VERB_ARM),
         Command::Disarm => ask(operate::MOTOR_IO, OperatorRequest::VERB_DISARM),
@@ -117,8 +137,38 @@ pub fn run(cli: &Cli) -> Answer {
             Ok(())
         }
         Command::Run(mission) => asked(operate::run_checked(&live::join(domain)?, mission)?),
+        Command::Start(start) => {
+            let (value, words) = processes::start(&live::join(domain)?, start)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Swap(asked) => {
+            let bus = live::join(domain)?;
+            let (value, words) = if asked.admit { swap::admit(&bus, asked)? } else { swap::swap(&bus, asked)? };
+            print(&value, &words);
+            Ok(())
+        }
+        Command::StopProcess { process } => tell(supervisor::Asked::Stop { name: process.clone() }),
+        Command::Restart { process } => tell(supervisor::Asked::Restart { name: process.clone() }),
+        Command::Plug(plug) => {
+            let (value, words) = processes::plug(&live::join(domain)?, plug)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::NewSensor(asked) => {
+            let (value, words) = new_sensor::new_sensor(asked)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Unplug { process } => tell(supervisor::Asked::Unplug { name: process.clone() }),
+        Command::Fault { words, seconds } => {
+            let (value, words) = fault::fault(domain, words, *seconds)?;
+            print(&value, &words);
+            Ok(())
+        }
         Command::Check { config, on } => check(config, on.as_deref(), json),
-        Command::Ik { config, at } => offline::ik(config, *at).map(|value| answers::print(true, &value, "")),
+        Command::Ik { config, at } => offline::ik(config, at).map(|value| answers::print(true, &value, "")),
+        Command::Doctor { config } => doctor(config.as_deref(), json),
         Command::Fk { config, lengths } => offline::fk(config, lengths).map(|value| answers::print(true, &value, "")),
         Command::Tension(tension) => offline::tensions(tension).map(|value| answers::print(true, &value, "")),
         Command::Paper { figures, out } => {
@@ -130,8 +180,27 @@ pub fn run(cli: &Cli) -> Answer {
         Command::Workspace(asked) => workspace::workspace(asked).map(|value| answers::print(true, &value, "")),
         Command::Solve => solve::serve(std::io::stdin(), std::io::stdout().lock()).map_err(Failure::not_now),
         Command::Calibrate(asked) => calibrate::calibrate(asked, json).map(|value| answers::print(true, &value, "")),
+        Command::MotorTable(asked) => {
+            let (value, words) = motor_table::motor_table(asked)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Export(asked) => {
+            let (value, words) = match &asked.scene {
+                Some(scene) => scene_export::export_scene(&asked.run, scene)?,
+                None => export::export(asked)?,
+            };
+            print(&value, &words);
+            Ok(())
+        }
         Command::Recover { run } => {
             let (value, words) = runs::recover(run)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Replay(asked) => replay::replay(asked, json),
+        Command::Report { runs, out } => {
+            let (value, words) = report::report(runs, out.as_deref())?;
             print(&value, &words);
             Ok(())
         }
@@ -156,20 +225,23 @@ fn up(asked: &cli::Up, domain: Option<&str>, json: bool) -> Answer {
 
 fn check(config: &std::path::Path, on: Option<&std::path::Path>, json: bool) -> Answer {
     let found = findings::check(config, on)?;
-    let lines: Vec<String> = found
-        .iter()
-        .map(|finding| match (finding.level, finding.cure.as_str()) {
-            (findings::Level::Note, _) => format!("note: {}", finding.finding),
-            (findings::Level::Warning, cure) => format!("warning: {}; {cure}", finding.finding),
-            (findings::Level::Error, cure) => format!("error: {}; {cure}", finding.finding),
-        })
-        .collect();
-    answers::print(json, &findings::to_json(&found), &lines.join("\n"));
+    answers::print(json, &findings::to_json(&found), &findings::to_words(&found));
     if findings::usable(&found) {
         return Ok(());
     }
     let errors = found.iter().filter(|finding| finding.level == findings::Level::Error).count();
     Err(Failure::BadInput(format!("{} cannot be used as it is: {errors} error(s), listed on stdout", config.display())))
+}
+
+fn doctor(config: Option<&std::path::Path>, json: bool) -> Answer {
+    let found = doctor::doctor(config)?;
+    answers::print(json, &findings::to_json(&found), &findings::to_words(&found));
+    match found.iter().filter(|finding| finding.level == findings::Level::Error).count() {
+        0 => Ok(()),
+        errors => {
+            Err(Failure::NotNow(format!("{errors} error(s) on this machine would stop the robot, listed on stdout")))
+        }
+    }
 }
 
 fn channel_command(channel: &Channel, domain: Option<&str>, json: bool) -> Answer {

@@ -2,7 +2,7 @@
 
 use crate::failure::{Answer, Failure};
 use bus::{Bus, Domain};
-use messages::{Message, OperatorRequest};
+use messages::{Message, MotorAuthority, NodeEstimate, OperatorRequest, SLOT_NAMES};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 use std::time::Duration;
@@ -63,6 +63,7 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
 /// # Errors
 /// As [`domain`].
 pub fn join(name: Option<&str>) -> Answer<Bus> {
+    bus::make_private();
     Ok(Bus::join(&domain(name)?, "nims-command")?)
 }
 
@@ -94,6 +95,30 @@ pub fn ask_for_emergency_stop(bus: &Bus, request: &OperatorRequest) -> Answer<Op
         client.leave_behind();
     }
     answer.map_err(helped)
+}
+
+/// The newest estimate of those in charge, if there is one within `patience`.
+///
+/// # Errors
+/// A channel cannot be opened.
+pub fn estimate(bus: &Bus, patience: Duration) -> Answer<Option<NodeEstimate>> {
+    let mut authority = bus.subscriber::<MotorAuthority>("motor/authority")?;
+    let [a, b] = SLOT_NAMES.map(|slot| format!("node/estimate/{slot}"));
+    let mut estimates = [bus.subscriber::<NodeEstimate>(&a)?, bus.subscriber::<NodeEstimate>(&b)?];
+    let (mut newest, mut said) = ([None; 2], None);
+    let deadline = bus::clock::now_ns() + patience.as_nanos() as u64;
+    let mut waiter = bus.waiter(&[&a, &b])?;
+    loop {
+        for (newest, estimates) in newest.iter_mut().zip(&mut estimates) {
+            *newest = estimates.latest()?.or(*newest);
+        }
+        said = authority.latest()?.or(said);
+        let late = bus::clock::now_ns() >= deadline;
+        if late || (said.is_some() && newest.iter().any(Option::is_some)) {
+            return Ok(messages::blended_estimate(said.as_ref(), [newest[0].as_ref(), newest[1].as_ref()]));
+        }
+        waiter.wait_until(Some(deadline))?;
+    }
 }
 
 /// The newest sample of a channel, waiting for it at most as long as said.

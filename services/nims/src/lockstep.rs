@@ -1,18 +1,22 @@
 //! The whole control chain against the plant, one cycle after the other, without processes and without a clock: much
 //! faster than real time and the same bits every time.
 
+mod slots;
+
+pub use slots::{Said, Slots};
+
 use anyhow::{Context, Result, ensure};
 use cable_robot::{CableVec, Distribution, Robot, Vector3};
-use controller::{Controller, ControllerConfig, Law};
-use estimator::{Estimator, EstimatorConfig};
+use controller::{Controller, ControllerConfig, Law, Notice};
+use estimator::{Estimator, EstimatorConfig, Method};
 use messages::{
-    ControlStatus, Header, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, OperatorRequest,
-    PlanMotion, PlanStatus,
+    CABLES, ControlStatus, Energy, Header, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
+    NodeEstimate, OperatorRequest, PlanMotion, PlanStatus,
 };
 use motor_io::{Core, CoreConfig};
 use planner::{Mission, Planner, PlannerConfig};
 use plant::{MotorInput as DriveInput, Plant, PlantConfig};
-use service::config::{ControllerSection, EstimatorSection, PlannerSection};
+use service::config::{BoxFile, ControllerSection, EstimatorSection, PlannerSection};
 use service::motion::motion_of;
 
 /// Time from a tick until a drive unit has answered, ns: two units at 230400 baud, 37 bytes out and 39 bytes back each.
@@ -36,6 +40,8 @@ pub struct Scenario {
     pub law: Law,
     /// Δ of the law, cycles.
     pub horizon: u32,
+    /// How the estimator works.
+    pub method: Method,
     /// Whether estimator, controller and zeroing correct for stretch.
     pub stretch: bool,
     /// How tensions are chosen.
@@ -66,6 +72,8 @@ pub struct Flight {
     pub truth: Deviation,
     /// Truth against estimate.
     pub between: Deviation,
+    /// True velocity against the estimated one, RMS, m/s.
+    pub velocity_rms_m_s: f64,
     /// True tension less chosen one, N: largest over cables and moving cycles, and RMS.
     pub tension_max_n: f64,
     /// See `tension_max_n`.
@@ -119,18 +127,26 @@ pub struct Cycle {
     pub state: MotorState,
     /// Mode and plan clock.
     pub authority: MotorAuthority,
-    /// Estimate.
+    /// How far each slot is trusted.
+    pub slots: MotorSlots,
+    /// Power and loss as motor-io integrates them.
+    pub energy: Energy,
+    /// Estimate; with two estimators that of the slot in use.
     pub estimate: NodeEstimate,
-    /// Command.
+    /// Command; with two controllers that of the slot in use.
     pub command: MotorCommand,
-    /// The controller's account.
+    /// That controller's account.
     pub control: ControlStatus,
+    /// What was sent to the drives, m/s.
+    pub sent_m_s: [f64; CABLES],
     /// Motion.
     pub motion: PlanMotion,
     /// The planner's account.
     pub plan: PlanStatus,
     /// True position at the instant of the estimate, m.
     pub truth_m: [f64; 3],
+    /// True velocity then, m/s.
+    pub truth_m_s: [f64; 3],
     /// True tensions then, N.
     pub truth_n: CableVec,
 }
@@ -147,15 +163,30 @@ pub struct Chain {
     pub planner: Planner,
 }
 
+/// The robot as the chain takes it.
+fn believed(scenario: &Scenario) -> Robot {
+    if scenario.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() }
+}
+
+/// The configuration of motor-io's deciding part.
+///
+/// # Errors
+/// Encoders, units or limits that cannot be.
+pub fn core_config(scenario: &Scenario) -> Result<CoreConfig> {
+    let robot = believed(scenario);
+    let counts_per_m: Vec<f64> = scenario.plant.idlers.iter().map(|idler| idler.counts_per_m).collect();
+    let units: Vec<Vec<usize>> =
+        (0..robot.cable_count()).collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
+    let mut core = CoreConfig::new(robot, scenario.period_s, &counts_per_m, &units)?;
+    core.distribution = scenario.distribution;
+    Ok(core)
+}
+
 impl Chain {
     /// As the scenario says, everything else as the configuration files have it by default.
     pub fn new(scenario: &Scenario) -> Result<Self> {
-        let robot = if scenario.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() };
-        let n = robot.cable_count();
-        let counts_per_m: Vec<f64> = scenario.plant.idlers.iter().map(|idler| idler.counts_per_m).collect();
-        let units: Vec<Vec<usize>> = (0..n).collect::<Vec<_>>().chunks(2).map(<[usize]>::to_vec).collect();
-        let mut core = CoreConfig::new(robot, scenario.period_s, &counts_per_m, &units)?;
-        core.distribution = scenario.distribution;
+        let robot = believed(scenario);
+        let core = core_config(scenario)?;
         let section = ControllerSection::default();
         let controller = ControllerConfig {
             robot,
@@ -172,7 +203,12 @@ impl Chain {
         let distribution = scenario.distribution;
         Ok(Self {
             core: Core::new(core),
-            estimator: Estimator::new(&EstimatorConfig::of(&EstimatorSection::default(), robot, 1)),
+            estimator: Estimator::new(&EstimatorConfig {
+                robot,
+                method: scenario.method,
+                sigma_length_m: EstimatorSection::default().sigma_length_m,
+                incarnation: 1,
+            }),
             controller: Controller::new(controller),
             planner: Planner::new(PlannerConfig {
                 robot: scenario.robot,
@@ -185,19 +221,33 @@ impl Chain {
     }
 }
 
+impl Chain {
+    /// As a box file says, word for word what the processes would be made from.
+    ///
+    /// # Errors
+    /// What is wrong with the file.
+    pub fn of(file: &BoxFile) -> Result<Self> {
+        let robot = file.robot_file()?;
+        Ok(Self {
+            core: Core::new(CoreConfig::from_files(file, &robot)?),
+            estimator: Estimator::new(&EstimatorConfig::of(&file.estimator, robot.robot()?, 1)?),
+            controller: Controller::new(ControllerConfig::of(file, &robot, 2)?),
+            planner: Planner::new(PlannerConfig::of(file, robot.robot()?)),
+        })
+    }
+}
+
 /// The chain and the plant.
 pub struct Lockstep {
     scenario: Scenario,
     plant: Plant,
     core: Core,
-    estimator: Estimator,
-    controller: Controller,
+    slots: Slots,
     planner: Planner,
     cycle: u64,
     requests: Vec<(u8, [f64; 8])>,
     authority: Option<MotorAuthority>,
     estimate: Option<NodeEstimate>,
-    command: Option<MotorCommand>,
     motion: PlanMotion,
     plan: PlanStatus,
 }
@@ -205,23 +255,32 @@ pub struct Lockstep {
 impl Lockstep {
     /// Sets everything up, the node hanging at the plant's start, disarmed, position unknown.
     pub fn new(scenario: Scenario) -> Result<Self> {
+        let chain = Chain::new(&scenario)?;
+        Self::with(scenario, chain)
+    }
+
+    /// The same with a chain that may be made otherwise; of the scenario the plant and the period count.
+    pub fn with(scenario: Scenario, chain: Chain) -> Result<Self> {
         let plant = Plant::new(scenario.plant.clone())?;
-        let Chain { core, estimator, controller, planner } = Chain::new(&scenario)?;
+        let Chain { core, estimator, controller, planner } = chain;
         Ok(Self {
             scenario,
             plant,
             core,
-            estimator,
-            controller,
+            slots: Slots::new(estimator, controller),
             planner,
             cycle: 0,
             requests: Vec::new(),
             authority: None,
             estimate: None,
-            command: None,
             motion: PlanMotion::default(),
             plan: PlanStatus::default(),
         })
+    }
+
+    /// The plant.
+    pub fn plant(&self) -> &Plant {
+        &self.plant
     }
 
     /// The plant, to break something on purpose.
@@ -229,9 +288,32 @@ impl Lockstep {
         &mut self.plant
     }
 
-    /// The controller, to hear what it has to say.
-    pub fn controller_mut(&mut self) -> &mut Controller {
-        &mut self.controller
+    /// What a controller has to say since the last call.
+    pub fn notice(&mut self) -> Option<Notice> {
+        self.slots.controllers.iter_mut().flatten().find_map(Controller::notice)
+    }
+
+    /// Controllers and estimators.
+    pub fn slots(&self) -> &Slots {
+        &self.slots
+    }
+
+    /// Controllers and estimators, to start and to kill.
+    pub fn slots_mut(&mut self) -> &mut Slots {
+        &mut self.slots
+    }
+
+    /// The whole of it once more, to try something from here; `None` with a law of one's own.
+    pub fn fork(&self) -> Option<Self> {
+        Some(Self {
+            scenario: self.scenario.clone(),
+            plant: self.plant.clone(),
+            core: self.core.clone(),
+            slots: self.slots.fork()?,
+            planner: self.planner.clone(),
+            requests: self.requests.clone(),
+            ..*self
+        })
     }
 
     /// Asks motor-io for something in the next cycle (at most four requests per cycle).
@@ -289,15 +371,7 @@ impl Lockstep {
         input.motion_start_s = current.start_s;
         input.motion_end_s = self.motion.end_s;
         input.motion_known_s = last.start_s + last.duration_s;
-        if let Some(command) = self.command {
-            input.command[0] = command;
-            input.command_arrived[0] = 1;
-        }
-        if let Some(estimate) = &self.estimate {
-            input.estimate_cycle[0] = estimate.header.cycle;
-            input.estimate_valid[0] = estimate.valid;
-            input.estimate_tension_n[..8].copy_from_slice(&estimate.tension_n);
-        }
+        self.slots.arrive(&mut input);
         input
     }
 
@@ -331,12 +405,12 @@ impl Lockstep {
             }
         }
         input.end_ns = self.plant.time_ns();
-        let truth_m = self.plant.position_m();
+        let (truth_m, truth_m_s) = (self.plant.position_m(), self.plant.velocity_m_s());
         let truth_n = CableVec::from_slice(&self.plant.tensions_n())?;
         let observed = self.core.observe(&input);
-        let (state, authority) = (observed.state, observed.authority);
-        let estimate = self.estimator.step(&state, Some(&authority));
-        self.estimate = Some(estimate);
+        let (state, authority, energy) = (observed.state, observed.authority, observed.energy);
+        self.slots.estimate(&state, &authority);
+        self.estimate = self.slots.blended(&authority);
         self.authority = Some(authority);
         if cycle.is_multiple_of(PLANNER_CYCLES) {
             let seen = planner::Seen {
@@ -346,28 +420,44 @@ impl Lockstep {
             };
             (self.motion, self.plan) = self.planner.step(&seen);
         }
-        let (command, control) = self.controller.step(&controller::Seen {
-            estimates: [Some(&estimate), None],
-            motion: Some(&self.motion),
-            authority: Some(&authority),
-            state: Some(&state),
-        });
-        self.command = Some(command);
+        let (command, control) = self.slots.command(&state, &authority, &self.motion);
+        let estimate = self.estimate.unwrap_or_default();
         let rest_ns = tick_ns + period_ns - self.plant.time_ns();
         self.plant.step(rest_ns as f64 * 1e-9, &inputs[..n])?;
         let (motion, plan) = (self.motion, self.plan);
-        Ok(Cycle { input, state, authority, estimate, command, control, motion, plan, truth_m, truth_n })
+        Ok(Cycle {
+            input,
+            state,
+            authority,
+            slots: observed.slots,
+            energy,
+            estimate,
+            command,
+            control,
+            sent_m_s: sent.speed_m_s,
+            motion,
+            plan,
+            truth_m,
+            truth_m_s,
+            truth_n,
+        })
     }
 }
 
 /// Flies the whole scenario.
 pub fn fly(scenario: Scenario) -> Result<Flight> {
+    fly_with(scenario, Controller::new)
+}
+
+/// Flies the whole scenario with a controller made from what the scenario's would be.
+pub fn fly_with(scenario: Scenario, controller: impl FnOnce(ControllerConfig) -> Controller) -> Result<Flight> {
     let mission = scenario.mission.clone();
     let longest = (scenario.longest_s / scenario.period_s) as u64;
     let mut lockstep = Lockstep::new(scenario)?;
+    lockstep.slots.controllers[0] = lockstep.slots.controllers[0].take().map(|made| controller(*made.config()));
     lockstep.zero_and_arm()?;
     lockstep.run(&mission).context("the planner refused the mission")?;
-    let [mut estimate, mut truth, mut between, mut tension] = [Sum::default(); 4];
+    let [mut estimate, mut truth, mut between, mut velocity, mut tension] = [Sum::default(); 5];
     let (mut share, mut low, mut high, mut slack, mut saturation) = (0.0f64, f64::INFINITY, 0.0f64, 0, 0.0f64);
     let mut last = None;
     for cycles in 1..=longest {
@@ -386,6 +476,7 @@ pub fn fly(scenario: Scenario) -> Result<Flight> {
             estimate.add((seems - setpoint.position).norm());
             truth.add((is - setpoint.position).norm());
             between.add((is - seems).norm());
+            velocity.add((Vector3::from(cycle.truth_m_s) - Vector3::from(cycle.estimate.velocity_m_s)).norm());
             saturation = saturation.max(cycle.control.saturation);
             for (actual, chosen) in cycle.truth_n.iter().zip(&cycle.control.tension_n) {
                 let error = actual - chosen;
@@ -405,6 +496,7 @@ pub fn fly(scenario: Scenario) -> Result<Flight> {
                 estimate: estimate.deviation(),
                 truth: truth.deviation(),
                 between: between.deviation(),
+                velocity_rms_m_s: velocity.rms(),
                 tension_max_n: tension.max,
                 tension_rms_n: tension.rms(),
                 tension_share: share,

@@ -1,10 +1,11 @@
 //! Mathematics without a running robot: `ik`, `fk`, `tension`.
 
-use crate::cli::{Method, Numbers, Point, Tension};
+use crate::cli::{Numbers, Tension};
 use crate::failure::{Answer, Failure};
-use cable_robot::{Distribution, Robot, Vector3, kinematics, tension};
+use crate::{plan, points};
+use cable_robot::{Robot, Vector3, kinematics, tension};
 use serde_json::{Value, json};
-use service::config::RobotFile;
+use service::config::{Point, RobotFile};
 use std::path::Path;
 
 fn robot(path: &Path) -> Answer<Robot> {
@@ -14,10 +15,10 @@ fn robot(path: &Path) -> Answer<Robot> {
 /// `nims ik`: straight lengths from the anchors, (6).
 ///
 /// # Errors
-/// A robot file that cannot be used.
-pub fn ik(config: &Path, at: Point) -> Answer<Value> {
+/// A robot file or a point that cannot be used.
+pub fn ik(config: &Path, at: &Point) -> Answer<Value> {
     let robot = robot(config)?;
-    let lengths = kinematics::inverse_kinematics(robot.anchors(), &Vector3::from(at.0));
+    let lengths = kinematics::inverse_kinematics(robot.anchors(), &points::position(&robot, at)?.into());
     Ok(json!({ "lengths_m": lengths.to_vec() }))
 }
 
@@ -28,7 +29,7 @@ pub fn ik(config: &Path, at: Point) -> Answer<Value> {
 pub fn fk(config: &Path, lengths: &Numbers) -> Answer<Value> {
     let robot = robot(config)?;
     let found = kinematics::forward_kinematics(robot.anchors(), &lengths.0, None).map_err(Failure::bad)?;
-    let position: [f64; 3] = found.position.into();
+    let position = points::written(&robot, &found.position);
     Ok(json!({ "position_m": position, "residual_m": found.residual_rms_m }))
 }
 
@@ -38,18 +39,12 @@ pub fn fk(config: &Path, lengths: &Numbers) -> Answer<Value> {
 /// A robot file, pose or method that cannot be used.
 pub fn tensions(asked: &Tension) -> Answer<Value> {
     let robot = robot(&asked.config)?;
-    let method = match (asked.method, robot.cable_count()) {
-        (None, 3) => Method::Unique,
-        (None, _) => Method::LeastNorm,
-        (Some(method), _) => method,
+    let distribution = plan::distribution(asked.method, &robot);
+    let at = Vector3::from(points::position(&robot, &asked.at)?);
+    let acceleration = match &asked.accel {
+        Some(acceleration) => points::position(&robot, acceleration)?.into(),
+        None => Vector3::zeros(),
     };
-    let distribution = match method {
-        Method::Unique => Distribution::Unique,
-        Method::LeastNorm => Distribution::LeastNorm,
-        Method::MinSum => Distribution::MinSum,
-        Method::Safest => Distribution::Safest,
-    };
-    let (at, acceleration) = (Vector3::from(asked.at.0), Vector3::from(asked.accel.0));
     match tension::at(&robot, &at, &acceleration, distribution) {
         Ok(found) => Ok(json!({
             "feasible": true,

@@ -1,11 +1,12 @@
 //! Requests to the running robot: each is answered by one sentence.
 
-use crate::cli::{Goto, PathKind, Point, Run, Zero};
+use crate::cli::{Goto, PathKind, Run, Zero};
 use crate::failure::{Answer, Failure};
 use crate::live::{self, Running};
+use crate::points;
 use bus::Bus;
-use cable_robot::{Distribution, Profile, Robot, Segment, Vector3, kinematics};
-use messages::{NodeEstimate, OperatorRequest, put_text};
+use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
+use messages::{OperatorRequest, put_text};
 use serde_json::{Value, json};
 use service::config::BoxFile;
 use std::path::{Path, PathBuf};
@@ -66,8 +67,9 @@ pub fn zero(bus: &Bus, asked: &Zero) -> Answer<String> {
     let robot = robot_of(bus)?;
     let request = match (&asked.at, &asked.lengths) {
         (Some(at), _) => {
-            standing(&robot, at)?;
-            with_args(OperatorRequest::VERB_ZERO_AT, &at.0)?
+            let at = points::position(&robot, at)?;
+            standing(&robot, &at)?;
+            with_args(OperatorRequest::VERB_ZERO_AT, &at)?
         }
         (None, Some(lengths)) => {
             kinematics::forward_kinematics(robot.anchors(), &lengths.0, None).map_err(Failure::bad)?;
@@ -110,7 +112,8 @@ pub fn speed(bus: &Bus, percent: f64) -> Answer<String> {
 pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
     path_of(asked)?;
     let robot = robot_of(bus)?;
-    standing(&robot, &asked.to)?;
+    let to = points::position(&robot, &asked.to)?;
+    standing(&robot, &to)?;
     let speed = asked.speed.unwrap_or(0.0);
     if asked.speed.is_some() && !(speed > 0.0 && speed <= robot.speed_limit_m_s()) {
         let limit = robot.speed_limit_m_s();
@@ -119,7 +122,7 @@ pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
         )));
     }
     let (path, mu) = path_of(asked)?;
-    let [x, y, z] = asked.to.0;
+    let [x, y, z] = to;
     send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path, mu])?)
 }
 
@@ -133,7 +136,8 @@ fn path_of(asked: &Goto) -> Answer<(f64, f64)> {
         }
         // The planner then takes what loses least in the motors.
         (PathKind::Parabola, None) => Ok((1.0, 0.0)),
-        (PathKind::Line, Some(_)) => {
+        (PathKind::Lateral, None) => Ok((2.0, 0.0)),
+        (PathKind::Line | PathKind::Lateral, Some(_)) => {
             Err(Failure::BadInput("--mu is for a parabola; add --path parabola, or leave it out".to_owned()))
         }
     }
@@ -184,8 +188,12 @@ pub fn dry_run(domain: Option<&str>, asked: &Run) -> Answer<(Value, String)> {
         }
     };
     let from = match (asked.from, here, &file.motor_box) {
-        (Some(Point(from)), _, _) | (None, Some(from), _) => from,
-        (None, None, Some(virtual_box)) => virtual_box.start_m,
+        (Some(from), ..) => {
+            let robot = file.robot_file().map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
+            points::position(&robot, &from)?
+        }
+        (None, Some(from), _) => from,
+        (None, None, Some(virtual_box)) => virtual_box.start_m.position_m,
         (None, None, None) => {
             return Err(Failure::BadInput("say where the mission begins with --from X,Y,Z".to_owned()));
         }
@@ -245,17 +253,17 @@ fn robot_of(bus: &Bus) -> Answer<Robot> {
 
 /// Where the node is, if it is known.
 fn present(bus: &Bus) -> Answer<Option<[f64; 3]>> {
-    let estimate = live::newest::<NodeEstimate>(bus, "node/estimate/a", Duration::from_millis(500))?;
+    let estimate = live::estimate(bus, Duration::from_millis(500))?;
     Ok(estimate.filter(|estimate| estimate.valid == 1).map(|estimate| estimate.position_m))
 }
 
 /// Whether the node can hang at rest at this point; whether it can also get there is for the planner to say.
-fn standing(robot: &Robot, at: &Point) -> Answer {
+fn standing(robot: &Robot, at: &[f64; 3]) -> Answer {
     let cannot = |why: String| Failure::BadInput(format!("the node cannot hang there: {why}"));
-    let path = cable_robot::Path::Dwell(Vector3::from(at.0));
+    let path = cable_robot::Path::Dwell(Vector3::from(*at));
     let profile = Profile::dwell(1.0).map_err(|error| cannot(error.to_string()))?;
     let rest = Segment { id: 1, path, profile, start_s: 0.0 };
-    let distribution = Distribution::default_for(robot.cable_count());
+    let distribution = robot.default_distribution();
     rest.check(robot, distribution, 1.0).map(|_| ()).map_err(|refusal| cannot(refusal.to_string()))
 }
 
@@ -265,12 +273,15 @@ mod tests {
 
     #[test]
     fn a_parabola_is_asked_for_with_its_sag() {
-        let goto = |path, mu| path_of(&Goto { to: Point([1.0, 2.0, 3.0]), speed: None, path, mu });
+        let goto = |path, mu| path_of(&Goto { to: [1.0, 2.0, 3.0].into(), speed: None, path, mu });
         assert_eq!(goto(PathKind::Line, None), Ok((0.0, 0.0)));
         assert_eq!(goto(PathKind::Parabola, Some(0.1)), Ok((1.0, 0.1)));
         // Without a sag the planner takes the one that loses least; it is told so by 0.
         assert_eq!(goto(PathKind::Parabola, None), Ok((1.0, 0.0)));
-        for (path, mu) in [(PathKind::Line, Some(0.1)), (PathKind::Parabola, Some(-0.1))] {
+        assert_eq!(goto(PathKind::Lateral, None), Ok((2.0, 0.0)));
+        for (path, mu) in
+            [(PathKind::Line, Some(0.1)), (PathKind::Lateral, Some(0.1)), (PathKind::Parabola, Some(-0.1))]
+        {
             let failure = goto(path, mu).unwrap_err();
             assert!(failure.exit_code() == 2 && failure.to_string().contains("--mu"), "{failure}");
         }

@@ -2,9 +2,10 @@
 
 use crate::cli::{Method, PathKind, Plan};
 use crate::failure::{Answer, Failure};
+use crate::points;
 use cable_robot::energy::optimum::{Precision, best};
-use cable_robot::energy::{Best, Bounds, Cost, EnergyError, Hoist, parabola};
-use cable_robot::path::Parabola;
+use cable_robot::energy::{Best, Bounds, Cost, EnergyError, Hoist, flight, parabola};
+use cable_robot::path::{Lateral, Parabola};
 use cable_robot::profile::{Profile, ProfileLimits};
 use cable_robot::{Distribution, Path, Robot, Segment, Vector3};
 use serde_json::{Value, json};
@@ -19,7 +20,7 @@ const CHECK_M: [f64; 2] = [0.01, 0.1];
 /// How tensions are chosen, from what was asked for.
 pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
     match method {
-        None => Distribution::default_for(robot.cable_count()),
+        None => robot.default_distribution(),
         Some(Method::Unique) => Distribution::Unique,
         Some(Method::LeastNorm) => Distribution::LeastNorm,
         Some(Method::MinSum) => Distribution::MinSum,
@@ -40,21 +41,30 @@ pub fn plan(asked: &Plan) -> Answer<Value> {
             robot.speed_limit_m_s()
         )));
     }
+    if asked.path == Some(PathKind::Lateral) && asked.mu.is_some() {
+        return Err(Failure::BadInput("--mu is for a parabola; leave it out, or ask for --path parabola".to_owned()));
+    }
     let reckoning = Reckoning {
         hoist: Hoist {
             anchors: robot.anchors(),
-            planar: false,
+            planar: robot.is_planar(),
             wrench_n: robot.wrench_n(&Vector3::zeros()),
+            drag_n_s2_m2: robot.drag_n_s2_m2(),
             limits_n: robot.tension_limits_n(),
             method: distribution(asked.method, &robot),
-            current: robot.motor(),
+            current: robot.current(),
         },
         robot: &robot,
         speed_m_s,
         constant: asked.constant_speed,
     };
-    match reckoning.best(asked) {
-        Ok(best) => Ok(words(&best)),
+    let ends = [points::position(&robot, &asked.from)?, points::position(&robot, &asked.to)?].map(Vector3::from);
+    let found = match asked.path {
+        Some(PathKind::Lateral) => reckoning.best_lateral(asked, ends),
+        _ => reckoning.best(asked, ends).map(|best| words(&best)),
+    };
+    match found {
+        Ok(found) => Ok(found),
         Err(error @ EnergyError::BelowGround { .. }) => Ok(impossible(&error)),
         Err(error) if error.is_of_the_path() => Ok(impossible(&error)),
         Err(error) => Err(Failure::bad(error)),
@@ -92,8 +102,7 @@ struct Reckoning<'a> {
 }
 
 impl Reckoning<'_> {
-    fn best(&self, asked: &Plan) -> Result<Best, EnergyError> {
-        let (from, to) = (Vector3::from(asked.from.0), Vector3::from(asked.to.0));
+    fn best(&self, asked: &Plan, [from, to]: [Vector3<f64>; 2]) -> Result<Best, EnergyError> {
         let bounds = Bounds { ground_m: Some(self.robot.ground_m()), time_weight_w: asked.time_weight };
         let shape = |mu_per_m| Parabola { from, to, mu_per_m };
         match (asked.path, asked.mu) {
@@ -108,28 +117,57 @@ impl Reckoning<'_> {
         }
     }
 
+    /// The path that swings sideways too, found at constant speed as the planner finds it; the parabola where that costs less.
+    fn best_lateral(&self, asked: &Plan, [from, to]: [Vector3<f64>; 2]) -> Result<Value, EnergyError> {
+        let found = flight::best_lateral(self.robot, self.hoist.method, &from, &to, self.speed_m_s, asked.time_weight)?;
+        let shape = |mu_per_m| Parabola { from, to, mu_per_m };
+        let line = self.cost(&shape(0.0), Precision::Fine).ok();
+        let Some((bow, _)) = found.lateral else {
+            let mu_per_m = found.parabola.mu_per_m;
+            return Ok(words(&Best { mu_per_m, cost: self.cost(&shape(mu_per_m), Precision::Fine)?, line }));
+        };
+        let constant = || self.hoist.bow_at_constant_speed(&bow, self.speed_m_s, INTERVALS[0]);
+        let cost = self.along(&Path::Lateral(Lateral::new(bow)), Precision::Fine, constant)?;
+        let mut value = words(&Best { mu_per_m: 0.0, cost, line });
+        value["mu_per_m"] = Value::Null;
+        value["down_m"] = json!(bow.down_m);
+        value["side_m"] = json!(bow.side_m);
+        Ok(value)
+    }
+
     fn cost(&self, shape: &Parabola, precision: Precision) -> Result<Cost, EnergyError> {
         parabola::check(shape)?;
         let coarse = usize::from(precision == Precision::Coarse);
         let straight = parabola::is_vertical(shape) || shape.mu_per_m == 0.0;
         let path = if straight { Path::line(shape.from, shape.to) } else { Path::Parabola(*shape) };
+        self.along(&path, precision, || self.hoist.constant_speed(shape, self.speed_m_s, INTERVALS[coarse]))
+    }
+
+    /// Checks a path and reckons its cost: from rest to rest, or at `constant` speed.
+    fn along(
+        &self,
+        path: &Path,
+        precision: Precision,
+        constant: impl Fn() -> Result<Cost, EnergyError>,
+    ) -> Result<Cost, EnergyError> {
+        let coarse = usize::from(precision == Precision::Coarse);
         // A constant speed has no start and no end: it is checked as slowly as makes no accelerations.
         let limits = if self.constant {
             ProfileLimits::rest_to_rest(1e-3, 1e-3)
         } else {
             ProfileLimits::rest_to_rest(self.speed_m_s, self.robot.acceleration_limit_m_s2())
         };
-        let profile = Profile::plan(&path, &limits).map_err(|_| EnergyError::InvalidArgument {
+        let profile = Profile::plan(path, &limits).map_err(|_| EnergyError::InvalidArgument {
             what: "the speed of the move",
             value: self.speed_m_s,
             accepted: "a speed that the length and the acceleration limit allow",
         })?;
-        let segment = Segment { id: 0, path, profile, start_s: 0.0 };
+        let segment = Segment { id: 0, path: *path, profile, start_s: 0.0 };
         segment.check(self.robot, self.hoist.method, CHECK_M[coarse])?;
         if self.constant {
-            self.hoist.constant_speed(shape, self.speed_m_s, INTERVALS[coarse])
+            constant()
         } else {
-            self.hoist.along_profile(&path, &profile, self.robot.node_mass_kg(), INTERVALS[coarse])
+            self.hoist.along_profile(path, &profile, self.robot.node_mass_kg(), INTERVALS[coarse])
         }
     }
 }

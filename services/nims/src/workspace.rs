@@ -1,8 +1,10 @@
-//! `nims workspace`: where the lines can hold the node at rest, how much room that is, and how far it is from the limits.
+//! `nims workspace`: where the lines can hold the node at rest, how much room that is, and how far it is from the limits. The
+//! room of a planar robot is an area.
 
 use crate::cli::Workspace;
 use crate::failure::{Answer, Failure};
 use crate::picture::{Axis, BLACK, Chart, Legend, Look, Picture, Series, save_png};
+use crate::points;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::tension::{self, general};
 use cable_robot::{Distribution, Robot, Vector3, elastic};
@@ -25,8 +27,10 @@ struct Layer {
     held: Vec<([f64; 2], f64)>,
 }
 
-/// The cells of a box around the anchors, from the ground to the highest of them.
+/// The cells of a box around the anchors, from the ground to the highest of them; of a planar robot one layer of them, whose
+/// cells have no size across it.
 struct Grid {
+    planar: bool,
     low: Vector3<f64>,
     step: Vector3<f64>,
     counts: [usize; 3],
@@ -41,10 +45,10 @@ impl Grid {
         }
         low.z = robot.ground_m();
         let size = high - low;
-        if size.min() <= 0.0 {
-            return Err(Failure::BadInput(
-                "the anchors enclose no room above ground_m; give anchors that are not in one vertical plane, above the ground".to_owned(),
-            ));
+        let planar = robot.is_planar();
+        if !(size.x > 0.0 && size.z > 0.0 && (planar || size.y > 0.0)) {
+            let why = "the anchors enclose no room above ground_m; give anchors that are not in one vertical plane (or, for a planar robot, not above each other), above the ground";
+            return Err(Failure::BadInput(why.to_owned()));
         }
         let wanted = step_m.unwrap_or(size.max() / CELLS);
         let counts = size.map(|side| (side / wanted).ceil().max(1.0));
@@ -55,7 +59,12 @@ impl Grid {
             )));
         }
         let step = size.component_div(&counts);
-        Ok(Self { low, step, counts: [counts.x as usize, counts.y as usize, counts.z as usize] })
+        Ok(Self { planar, low, step, counts: [counts.x as usize, counts.y as usize, counts.z as usize] })
+    }
+
+    /// Room of a cell within its layer: m², or m in a plane.
+    fn cell(&self) -> f64 {
+        if self.planar { self.step.x } else { self.step.x * self.step.y }
     }
 
     fn centre(&self, i: usize, j: usize, k: usize) -> Vector3<f64> {
@@ -70,7 +79,7 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     }
     let weight = robot.wrench_n(&Vector3::zeros());
     let limits = robot.tension_limits_n();
-    let held = general::hold(robot.anchors(), false, at, &weight, limits, Distribution::Safest).ok()?;
+    let held = general::hold(robot.anchors(), robot.is_planar(), at, &weight, limits, Distribution::Safest).ok()?;
     if tension::worst_violation(&held.tensions_n, limits).is_some() {
         return None;
     }
@@ -101,12 +110,12 @@ pub fn workspace(asked: &Workspace) -> Answer<Value> {
     let robot = RobotFile::load(&asked.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
     let grid = Grid::new(&robot, asked.step)?;
     let layers = layers(&robot, &grid);
-    let area = grid.step.x * grid.step.y;
+    let cell = grid.cell();
     let mut margins: Vec<f64> = layers.iter().flat_map(|layer| layer.held.iter().map(|(_, m)| *m)).collect();
     margins.sort_by(f64::total_cmp);
     let best = layers
         .iter()
-        .flat_map(|layer| layer.held.iter().map(move |([x, y], m)| ([*x, *y, layer.z_m], *m)))
+        .flat_map(|layer| layer.held.iter().map(move |([x, y], m)| (Vector3::new(*x, *y, layer.z_m), *m)))
         .max_by(|a, b| a.1.total_cmp(&b.1));
     if let Some(path) = &asked.png {
         save_png(path, &picture(&robot, &grid, &layers))?;
@@ -118,19 +127,19 @@ pub fn workspace(asked: &Workspace) -> Answer<Value> {
             let best = layer.held.iter().map(|(_, m)| *m).fold(f64::NEG_INFINITY, f64::max);
             json!({
                 "z_m": layer.z_m,
-                "area_m2": layer.held.len() as f64 * area,
+                (if grid.planar { "width_m" } else { "area_m2" }): layer.held.len() as f64 * cell,
                 "best_margin_n": if layer.held.is_empty() { Value::Null } else { json!(best) },
             })
         })
         .collect();
     Ok(json!({
-        "feasible_volume_m3": margins.len() as f64 * area * grid.step.z,
-        "box_m": [<[f64; 3]>::from(grid.low), <[f64; 3]>::from(grid.low + size)],
-        "cell_m": <[f64; 3]>::from(grid.step),
+        (if grid.planar { "feasible_area_m2" } else { "feasible_volume_m3" }): margins.len() as f64 * cell * grid.step.z,
+        "box_m": [points::written(&robot, &grid.low), points::written(&robot, &(grid.low + size))],
+        "cell_m": points::written(&robot, &grid.step),
         "feasible_share": margins.len() as f64 / grid.counts.iter().product::<usize>() as f64,
         "median_margin_n": margins.get(margins.len() / 2),
         "best_margin_n": best.map(|(_, m)| m),
-        "safest_position_m": best.map(|(at, _)| at),
+        "safest_position_m": best.map(|(at, _)| points::written(&robot, &at)),
         "levels": levels,
     }))
 }
@@ -141,11 +150,13 @@ fn picture(robot: &Robot, grid: &Grid, layers: &[Layer]) -> Picture {
         .iter()
         .flat_map(|l| l.held.iter().map(|(_, m)| *m))
         .fold(0.0f64, |a, m| if m.is_finite() { a.max(m) } else { a });
+    if grid.planar {
+        return picture_of_plane(robot, grid, layers, most);
+    }
     let shown = SLICES.min(layers.len());
     let charts = (0..shown).map(|s| {
         let layer = &layers[(s * layers.len() + layers.len() / 2) / shown];
-        let values =
-            layer.held.iter().map(|(_, m)| if most > 0.0 { (m / most).clamp(0.0, 1.0) } else { 0.0 }).collect();
+        let values = layer.held.iter().map(|(_, m)| share(*m, most)).collect();
         let points = layer.held.iter().map(|(at, _)| *at).collect();
         let anchors = robot.anchors().iter().map(|a| [a.x, a.y]).collect();
         let cells = Look::Cells([grid.step.x, grid.step.y], values);
@@ -166,5 +177,36 @@ fn picture(robot: &Robot, grid: &Grid, layers: &[Layer]) -> Picture {
         size: (1260, 860),
         columns: 3,
         charts: charts.collect(),
+    }
+}
+
+/// A margin as a share of the best one.
+fn share(margin_n: f64, most_n: f64) -> f64 {
+    if most_n > 0.0 { (margin_n / most_n).clamp(0.0, 1.0) } else { 0.0 }
+}
+
+/// The plane of a planar robot, coloured by margin.
+fn picture_of_plane(robot: &Robot, grid: &Grid, layers: &[Layer], most_n: f64) -> Picture {
+    let held = || layers.iter().flat_map(|layer| layer.held.iter().map(|([x, _], m)| ([*x, layer.z_m], *m)));
+    let values: Vec<f64> = held().map(|(_, margin)| share(margin, most_n)).collect();
+    let area_m2 = values.len() as f64 * grid.step.x * grid.step.z;
+    let cells = Look::Cells([grid.step.x, grid.step.z], values);
+    let anchors = robot.anchors().iter().map(|a| [a.x, a.z]).collect();
+    let chart = Chart {
+        caption: format!("{area_m2:.1} m2"),
+        x: Axis::of("x, m"),
+        y: Axis::of("z, m"),
+        series: vec![
+            Series::line("", 0, held().map(|(at, _)| at).collect()).looking(cells),
+            Series::line("", BLACK, anchors).looking(Look::Discs(4)),
+        ],
+        equal_scale: true,
+        legend: Legend::UpperRight,
+    };
+    Picture {
+        title: format!("Where the lines can hold the node; colour: margin to a tension limit, 0 to {most_n:.1} N"),
+        size: (1000, 700),
+        columns: 1,
+        charts: vec![chart],
     }
 }

@@ -54,6 +54,7 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
             plan_rate: 1.0,
             period_s: 0.01,
             mode: MotorAuthority::MODE_FOLLOWING,
+            motion: 1,
             missed: 1,
             late: 2,
             skipped: 3,

@@ -34,8 +34,8 @@ fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         for (newest, estimates) in newest.iter_mut().zip(&mut estimates) {
             *newest = estimates.latest()?.or(*newest);
         }
-        let active = authority.map_or(0, |authority| usize::from(authority.active_estimator).min(1));
-        let seen = Seen { now_ns: now_ns(), authority: authority.as_ref(), estimate: newest[active].as_ref() };
+        let estimate = messages::blended_estimate(authority.as_ref(), [newest[0].as_ref(), newest[1].as_ref()]);
+        let seen = Seen { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref() };
         let mut asked = false;
         while let Some(call) = server.try_next()? {
             let (accepted, sentence) = requests::answer(&mut planner, &call.request, &file.planner.missions, &seen);

@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use serde::Deserialize;
+use service::config::Point;
 use thiserror::Error;
 
 /// Most legs of a mission; more is a scan pattern that belongs into one polyline.
@@ -11,7 +12,7 @@ pub const MAX_LEGS: usize = 200;
 /// Most points of a polyline.
 pub const MAX_POINTS: usize = 1000;
 
-/// A mission file as written; lengths in metres, z up.
+/// A mission file as written; lengths in metres, z up. Points are `[x, y, z]`, or `[x, z]` for a planar robot.
 ///
 /// ```
 /// let mission = planner::mission::Mission::parse(r#"
@@ -36,7 +37,8 @@ pub struct Mission {
     pub speed_m_s: Option<f64>,
     /// Tangential acceleration, m/s²; default: the planner's.
     pub acceleration_m_s2: Option<f64>,
-    /// What `line` and `polyline` legs become: straight lines, or parabolas that lose least in the motors; default line.
+    /// What `line` and `polyline` legs become: straight lines, parabolas that lose least in the motors, or paths that also swing
+    /// sideways for it (`lateral`); default line.
     #[serde(default)]
     pub path: PathShape,
     /// What a second costs beside the losses in the motors when a sag is chosen, W; default 0.
@@ -58,6 +60,8 @@ pub enum PathShape {
     Line,
     /// Parabolas that lose least in the motors.
     Parabola,
+    /// Paths that sag and swing sideways so that they lose least in the motors; worth it with gears that lock themselves.
+    Lateral,
 }
 
 /// One `[[leg]]`: exactly one of these keys.
@@ -81,7 +85,7 @@ pub enum Leg {
 #[serde(deny_unknown_fields)]
 pub struct Line {
     /// Where to, m.
-    pub to_m: [f64; 3],
+    pub to_m: Point,
     /// Cruise speed, m/s.
     pub speed_m_s: Option<f64>,
 }
@@ -91,7 +95,7 @@ pub struct Line {
 #[serde(deny_unknown_fields)]
 pub struct Polyline {
     /// The points one after the other, m.
-    pub points_m: Vec<[f64; 3]>,
+    pub points_m: Vec<Point>,
     /// Cruise speed, m/s.
     pub speed_m_s: Option<f64>,
 }
@@ -101,7 +105,7 @@ pub struct Polyline {
 #[serde(deny_unknown_fields)]
 pub struct Parabola {
     /// Where to, m.
-    pub to_m: [f64; 3],
+    pub to_m: Point,
     /// How much it sags below the straight line: µ of (25), 1/m; default: what loses least in the motors.
     pub mu_per_m: Option<f64>,
     /// Cruise speed, m/s.
@@ -268,8 +272,9 @@ impl Mission {
         if (low..=high).contains(&value) { Ok(()) } else { Err(self.wrong(leg, key, value.to_string(), accepted)) }
     }
 
-    fn point(&self, leg: String, key: &'static str, point: &[f64; 3]) -> Result<(), MissionError> {
+    fn point(&self, leg: String, key: &'static str, point: &Point) -> Result<(), MissionError> {
         let accepted = "[x, y, z] in metres, each within 10 km";
+        let point = point.position_m;
         if point.iter().all(|x| x.abs() <= 1e4) {
             return Ok(());
         }
@@ -324,7 +329,7 @@ dwell = { duration_s = 2.0 }
                 &["leg 5", "duration_s", "NaN", "accepted"],
             ),
             ("duration_s = 2.0", "duration_ms = 2.0", &["line 13", "duration_ms", "duration_s"]),
-            ("[1.0, 2.0, 3.0]", "[1.0, 2.0]", &["line 5"]),
+            ("[1.0, 2.0, 3.0]", "[1.0]", &["line 5", "x, y and z"]),
             ("[1.0, 2.0, 3.0]", "[1.0, inf, 3.0]", &["leg 1", "to_m", "inf", "metres"]),
             ("[1.0, 2.0, 3.0]", "[1.0, \"2\", 3.0]", &["line 5", "string"]),
             ("speed_m_s = 0.1", "speed_m_s = -0.1", &["leg 1", "speed_m_s", "-0.1"]),

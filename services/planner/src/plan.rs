@@ -5,7 +5,7 @@ use cable_robot::motion::{Refusal, Report};
 use cable_robot::path::{self, PathError};
 use cable_robot::profile::{Knot, MAX_KNOTS, ProfileError, ProfileLimits};
 use cable_robot::{Distribution, Path, Profile, Robot, Segment, Vector3};
-use service::config::BoxFile;
+use service::config::{BoxFile, Point};
 use thiserror::Error;
 
 use crate::mission::{Leg, Mission, PathShape};
@@ -16,7 +16,7 @@ pub const MAX_SEGMENTS: usize = 2000;
 /// A leg that ends closer than this to where it starts is already flown, m: the repeatability of the robot.
 const THERE_M: f64 = 0.001;
 
-/// Shares of the sag that loses least, tried in this order: it is found for a constant speed, and the accelerations at both
+/// Shares of the sag or swing that loses least, tried in this order: it is found for a constant speed, and the accelerations at both
 /// ends may ask for less.
 const SAG_SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
 
@@ -44,7 +44,7 @@ impl PlannerConfig {
     pub fn of(file: &BoxFile, robot: Robot) -> Self {
         Self {
             robot,
-            distribution: file.controller.distribution_for(robot.cable_count()),
+            distribution: file.controller.distribution_for(&robot),
             speed_m_s: file.planner.speed_m_s,
             acceleration_m_s2: file.planner.acceleration_m_s2,
             check_step_m: file.planner.check_step_m,
@@ -101,9 +101,17 @@ pub enum PlanError {
         /// What is wrong.
         error: ProfileError,
     },
-    /// No parabola can be flown.
-    #[error("leg {leg}: no parabola can be flown: {error}")]
-    Parabola {
+    /// A point of a plane on a robot in space, or one beside the plane.
+    #[error("leg {leg}: {why}")]
+    Point {
+        /// The leg, from 1.
+        leg: usize,
+        /// What is wrong.
+        why: String,
+    },
+    /// No path that saves energy can be flown.
+    #[error("leg {leg}: no path that saves energy can be flown: {error}")]
+    NoPath {
         /// The leg, from 1.
         leg: usize,
         /// Why not.
@@ -223,12 +231,13 @@ struct Builder<'a> {
 impl Builder<'_> {
     fn leg(&mut self, number: usize, leg: &Leg, origin: Vector3<f64>) -> Result<(), PlanError> {
         match leg {
-            Leg::Line(l) => self.line(number, origin + Vector3::from(l.to_m), l.speed_m_s),
-            Leg::Polyline(l) => {
-                l.points_m.iter().try_for_each(|p| self.line(number, origin + Vector3::from(*p), l.speed_m_s))
-            }
+            Leg::Line(l) => self.line(number, origin + self.point(number, &l.to_m)?, l.speed_m_s),
+            Leg::Polyline(l) => l.points_m.iter().try_for_each(|p| {
+                let to = origin + self.point(number, p)?;
+                self.line(number, to, l.speed_m_s)
+            }),
             Leg::Parabola(l) => {
-                let to = origin + Vector3::from(l.to_m);
+                let to = origin + self.point(number, &l.to_m)?;
                 if (to - self.at).norm() < THERE_M {
                     return Ok(());
                 }
@@ -257,6 +266,12 @@ impl Builder<'_> {
         }
     }
 
+    /// A point as this robot has it.
+    fn point(&self, leg: usize, point: &Point) -> Result<Vector3<f64>, PlanError> {
+        let planar = self.config.robot.is_planar();
+        point.on(planar).map(Vector3::from).map_err(|why| PlanError::Point { leg, why })
+    }
+
     fn line(&mut self, number: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
         if (to - self.at).norm() < THERE_M {
             return Ok(());
@@ -264,7 +279,27 @@ impl Builder<'_> {
         match self.shape {
             PathShape::Line => self.path(number, Path::line(self.at, to), speed_m_s),
             PathShape::Parabola => self.best_parabola(number, to, speed_m_s),
+            PathShape::Lateral => self.best_lateral(number, to, speed_m_s),
         }
+    }
+
+    /// The path that sags and swings so that it loses least in the motors, or as much of it as can be flown; a parabola where
+    /// swinging saves nothing.
+    fn best_lateral(&mut self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
+        let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
+        let (robot, method) = (&self.config.robot, self.config.distribution);
+        let best = flight::best_lateral(robot, method, &self.at, &to, cruise_m_s, self.time_weight_w)
+            .map_err(|error| PlanError::NoPath { leg, error })?;
+        let Some((bow, _)) = best.lateral else {
+            return self.parabola_or_less(leg, to, best.parabola.mu_per_m, speed_m_s);
+        };
+        for share in SAG_SHARES {
+            match self.path(leg, Path::Lateral(path::Lateral::new(bow.scaled(share))), speed_m_s) {
+                Err(PlanError::Refused { .. }) => {}
+                result => return result,
+            }
+        }
+        self.parabola_or_less(leg, to, best.parabola.mu_per_m, speed_m_s)
     }
 
     /// The parabola that loses least in the motors, or as much of its sag as can be flown; straight up and down a line.
@@ -272,10 +307,20 @@ impl Builder<'_> {
         let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
         let (robot, method) = (&self.config.robot, self.config.distribution);
         let best = flight::best_parabola(robot, method, &self.at, &to, cruise_m_s, self.time_weight_w)
-            .map_err(|error| PlanError::Parabola { leg, error })?;
+            .map_err(|error| PlanError::NoPath { leg, error })?;
+        self.parabola_or_less(leg, to, best.mu_per_m, speed_m_s)
+    }
+
+    fn parabola_or_less(
+        &mut self,
+        leg: usize,
+        to: Vector3<f64>,
+        mu_per_m: f64,
+        speed_m_s: Option<f64>,
+    ) -> Result<(), PlanError> {
         let mut refused = None;
         for share in SAG_SHARES {
-            match self.path(leg, parabola(self.at, to, share * best.mu_per_m), speed_m_s) {
+            match self.path(leg, parabola(self.at, to, share * mu_per_m), speed_m_s) {
                 Err(error @ PlanError::Refused { .. }) => refused = refused.or(Some(error)),
                 result => return result,
             }

@@ -7,7 +7,7 @@ use messages::{
 use service::motion::segment_message;
 use thiserror::Error;
 
-use crate::mission::{self, Leg, Mission};
+use crate::mission::{self, Leg, Mission, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig};
 
 /// An estimate this many cycles behind motor-io is no longer where the node is.
@@ -26,7 +26,7 @@ pub struct Seen<'a> {
     pub now_ns: u64,
     /// Newest motor/authority.
     pub authority: Option<&'a MotorAuthority>,
-    /// Newest node/estimate of the active estimator.
+    /// Newest node/estimate: [`messages::blended_estimate`].
     pub estimate: Option<&'a NodeEstimate>,
 }
 
@@ -71,8 +71,8 @@ impl Planner {
         Self { config, flight: None, next_id: 1, motions: 0, beat: 0, refused: 0, status: PlanStatus::default() }
     }
 
-    /// Flies straight, or on a parabola with this µ (1/m; 0: what loses least in the motors), to a point, m; speed 0 is the
-    /// default.
+    /// Flies to a point, m, straight or on a path of another shape; a parabola may have a µ of its own (1/m; 0: what loses
+    /// least in the motors). Speed 0 is the default.
     ///
     /// # Errors
     /// One sentence: why not, and what to do.
@@ -80,23 +80,23 @@ impl Planner {
         &mut self,
         to_m: [f64; 3],
         speed_m_s: f64,
-        mu_per_m: Option<f64>,
+        shape: PathShape,
+        mu_per_m: f64,
         seen: &Seen<'_>,
     ) -> Result<String, Refusal> {
         let speed_m_s = if speed_m_s == 0.0 { None } else { Some(speed_m_s) };
-        let leg = match mu_per_m {
-            None => Leg::Line(mission::Line { to_m, speed_m_s }),
-            Some(mu) => {
-                let mu_per_m = (mu != 0.0).then_some(mu);
-                Leg::Parabola(mission::Parabola { to_m, mu_per_m, speed_m_s })
-            }
+        let to = to_m.into();
+        let leg = if shape == PathShape::Parabola && mu_per_m != 0.0 {
+            Leg::Parabola(mission::Parabola { to_m: to, mu_per_m: Some(mu_per_m), speed_m_s })
+        } else {
+            Leg::Line(mission::Line { to_m: to, speed_m_s })
         };
         let name = format!("goto {} {} {}", to_m[0], to_m[1], to_m[2]);
         let mission = Mission {
             name,
             speed_m_s: None,
             acceleration_m_s2: None,
-            path: mission::PathShape::Line,
+            path: shape,
             time_weight_w: 0.0,
             relative: false,
             leg: vec![leg],

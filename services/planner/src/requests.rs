@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use messages::{OperatorRequest, text_of};
 
-use crate::mission::Mission;
+use crate::mission::{Mission, PathShape};
 use crate::planner::{Planner, Seen};
 
 /// Carries out one request: whether it is accepted, and the sentence that answers it. Reads the mission file.
@@ -12,13 +12,19 @@ pub fn answer(planner: &mut Planner, request: &OperatorRequest, missions: &Path,
     let result = match request.verb {
         OperatorRequest::VERB_GOTO => {
             let [x, y, z, speed_m_s, path, mu_per_m, ..] = request.args;
-            let mu = match path {
-                0.0 => None,
-                1.0 if mu_per_m.is_finite() => Some(mu_per_m),
+            let shape = match path {
+                0.0 => PathShape::Line,
+                1.0 if mu_per_m.is_finite() => PathShape::Parabola,
                 1.0 => return (false, format!("the sag is {mu_per_m}; give mu in 1/m, or 0 for what loses least")),
-                _ => return (false, format!("there is no path {path}; accepted: 0 (line) and 1 (parabola)")),
+                2.0 => PathShape::Lateral,
+                _ => {
+                    return (
+                        false,
+                        format!("there is no path {path}; accepted: 0 (line), 1 (parabola) and 2 (lateral)"),
+                    );
+                }
             };
-            planner.goto([x, y, z], speed_m_s, mu, seen).map_err(|refusal| refusal.to_string())
+            planner.goto([x, y, z], speed_m_s, shape, mu_per_m, seen).map_err(|refusal| refusal.to_string())
         }
         OperatorRequest::VERB_RUN => Mission::read(&mission_file(&text_of(&request.text), missions))
             .map_err(|error| error.to_string())

@@ -2,7 +2,7 @@
 
 use bus::{Bus, BusError, ChannelInfo, ChannelWatch, Raw, Tap};
 use messages::{
-    ControlStatus, Energy, Message, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate,
+    ControlStatus, Energy, Message, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
     OperatorRequest, PlanMotion, PlanStatus, ProcessState, TruthNode,
 };
 use runlog::ChannelSpec;
@@ -46,7 +46,7 @@ impl Listening {
             if known || self.excluded(&info.name) {
                 continue;
             }
-            match bus.tap(&info.name) {
+            match bus.tap_with_history(&info.name) {
                 Ok(tap) => {
                     let row = session.declare(spec_of(tap.info()));
                     self.taps.push((tap, row));
@@ -133,6 +133,7 @@ pub fn listen_to_known(bus: &Bus, listening: &mut Listening, session: &mut Sessi
     let _held = (
         (hold::<MotorState>(bus, &["motor/state"]), hold::<MotorAuthority>(bus, &["motor/authority"])),
         (hold::<MotorInput>(bus, &["motor/input"]), hold::<Energy>(bus, &["energy"])),
+        hold::<MotorSlots>(bus, &["motor/slots"]),
         hold::<MotorCommand>(bus, &["motor/command/a", "motor/command/b"]),
         hold::<NodeEstimate>(bus, &["node/estimate/a", "node/estimate/b"]),
         hold::<ControlStatus>(bus, &["control/status/a", "control/status/b"]),

@@ -41,6 +41,8 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         folder: args.run.clone(),
         min_free_bytes: section.min_free_bytes,
         flush_ns: (section.flush_s * 1e9) as u64,
+        segment_bytes: section.segment_bytes,
+        segment_ns: (section.segment_s * 1e9) as u64,
         about: about(chassis, &args.run),
         attachments: configuration(&args.run),
     };
@@ -67,6 +69,8 @@ fn about(chassis: &Chassis, folder: &Path) -> BTreeMap<String, String> {
         ("nims_version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
         ("host".to_owned(), system("hostname").trim().to_owned()),
         ("kernel".to_owned(), system("osrelease").trim().to_owned()),
+        ("build".to_owned(), if cfg!(debug_assertions) { "debug" } else { "release" }.to_owned()),
+        ("recorder_pid".to_owned(), std::process::id().to_string()),
         ("domain".to_owned(), chassis.bus().domain().name().to_owned()),
     ]);
     if let Ok(file) = chassis.box_file() {

@@ -50,7 +50,9 @@ impl Recorder {
     pub fn open(bus: &Bus, settings: Settings, exclude: Vec<String>) -> Result<Self, RecorderError> {
         let now = now_ns();
         let free = free_bytes(&settings.folder)?;
-        let mut session = Session::open(settings, RunClock::now(), now, free)?;
+        // a recorder that was started again goes on in the time of the first
+        let clock = RunClock::of_run(&settings.folder);
+        let mut session = Session::open(settings, clock, now, free)?;
         let mut listening = Listening::new(exclude);
         listen_to_known(bus, &mut listening, &mut session)?;
         let status = bus.publisher::<RecorderStatus>("recorder/status")?;
@@ -80,7 +82,15 @@ impl Recorder {
         self.take();
         let now = now_ns();
         let free = self.session.wants_free_bytes(now).then(|| free_bytes(self.session.folder()).unwrap_or(0));
+        let recorded = self.session.is_recording();
         self.session.tick(now, free);
+        // a recording that stops, or goes on, is no news for the next second
+        if recorded != self.session.is_recording() {
+            self.next_status_ns = now;
+        }
+        if self.session.wants_recovery() {
+            recover_leftovers(self.session.folder(), self.session.file());
+        }
         if now >= self.next_status_ns {
             self.next_status_ns = now + SECOND_NS;
             for mut row in self.session.status(now) {

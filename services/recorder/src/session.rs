@@ -1,21 +1,27 @@
-//! The files of one run: opened, fed, flushed, given up and begun anew.
+//! The files of one run: opened, fed, flushed, split, given up and begun anew.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
+use std::thread::JoinHandle;
 
-use messages::schema::Schema;
-use messages::{RecorderStatus, put_text};
+use messages::{Message, RecorderGap, RecorderStatus, put_text};
 use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunError, RunWriter, next_file};
 
 use crate::batch::{Batch, Heard};
+use crate::row::Row;
 
 const SECOND_NS: u64 = 1_000_000_000;
 /// How often the free space is looked at.
-const WATCH_NS: u64 = SECOND_NS;
+const WATCH_NS: u64 = SECOND_NS / 2;
 /// How long after a failure another file is tried.
 const RETRY_NS: u64 = 5 * SECOND_NS;
 /// Recording goes on when there is a tenth more room than it stopped at, so that it does not begin a file every second.
 const ROOM_FACTOR: f64 = 1.1;
+/// A channel that has been silent for this long when a file ends is static: its last sample begins the next file, so that this can be
+/// understood alone. Everything that says its state regularly does so once a second.
+const STATIC_NS: u64 = 2 * SECOND_NS;
+/// Where the gaps stand in the file.
+const GAPS: &str = "recorder/gap";
 
 /// What a recording needs to know.
 #[derive(Debug, Clone)]
@@ -26,54 +32,25 @@ pub struct Settings {
     pub min_free_bytes: u64,
     /// Longest time before samples are handed to the disk, ns.
     pub flush_ns: u64,
+    /// Another file is begun when one has this size, bytes.
+    pub segment_bytes: u64,
+    /// And when it is this old, ns.
+    pub segment_ns: u64,
     /// Who, what, with which versions.
     pub about: BTreeMap<String, String>,
     /// Files to be kept inside every run file.
     pub attachments: Vec<Attachment>,
 }
 
-/// A channel of the session.
-#[derive(Debug)]
-pub struct Row {
-    spec: ChannelSpec,
-    /// Number and time of a sample can be read.
-    has_header: bool,
-    id: Option<ChannelId>,
-    messages: u64,
-    bytes: u64,
-    lost: u64,
-    gaps: u64,
-    worst_lag_ns: u64,
-}
-
-impl Row {
-    /// The channel.
-    #[must_use]
-    pub fn spec(&self) -> &ChannelSpec {
-        &self.spec
-    }
-
-    /// Whether a sample begins with the header that all of this project's samples have.
-    #[must_use]
-    pub fn has_header(&self) -> bool {
-        self.has_header
-    }
-
-    /// Samples written.
-    #[must_use]
-    pub fn messages(&self) -> u64 {
-        self.messages
-    }
-
-    /// Samples that are not in the file.
-    #[must_use]
-    pub fn lost(&self) -> u64 {
-        self.lost
-    }
+struct Recording {
+    writer: RunWriter,
+    gaps: Option<ChannelId>,
+    begun_ns: u64,
+    split_ns: u64,
 }
 
 enum State {
-    Recording(Box<RunWriter>),
+    Recording(Box<Recording>),
     DiskFull,
     Failed { retry_ns: u64 },
 }
@@ -84,12 +61,20 @@ pub struct Session {
     clock: RunClock,
     state: State,
     rows: Vec<Row>,
+    /// Files that are being finished, each in a thread of its own: the last step waits for the disk.
+    finishing: Vec<JoinHandle<Result<PathBuf, RunError>>>,
     free_bytes: u64,
     next_flush_ns: u64,
     next_watch_ns: u64,
     total_messages: u64,
     total_bytes: u64,
+    gaps: u64,
+    /// Why the samples that went to no file did not.
+    cause: u8,
+    files: u64,
     file: String,
+    /// A file of this session could not be finished.
+    unfinished: bool,
 }
 
 impl Session {
@@ -103,31 +88,68 @@ impl Session {
             clock,
             state: State::DiskFull,
             rows: Vec::new(),
+            finishing: Vec::new(),
             free_bytes,
             next_flush_ns: now_ns,
             next_watch_ns: now_ns,
             total_messages: 0,
             total_bytes: 0,
+            gaps: 0,
+            cause: RecorderGap::CAUSE_DISK_FULL,
+            files: 0,
             file: String::new(),
+            unfinished: false,
         };
         if free_bytes < session.settings.min_free_bytes {
             session.say_full();
         } else {
-            session.begin()?;
+            session.begin(now_ns)?;
         }
         Ok(session)
     }
 
-    fn begin(&mut self) -> Result<(), RunError> {
+    /// Begins a file with every channel that has been written, and the last sample of those that rarely speak. The file before, if one is
+    /// being written, is finished behind.
+    fn begin(&mut self, now_ns: u64) -> Result<(), RunError> {
         let path = next_file(&self.settings.folder);
-        let writer = RunWriter::create(&path, self.clock, &self.settings.about, &self.settings.attachments)?;
+        let mut about = self.settings.about.clone();
+        about.insert("segment".to_owned(), (self.files + 1).to_string());
+        let mut writer = RunWriter::create(&path, self.clock, &about, &self.settings.attachments)?;
+        let ids = match self.repeat(&mut writer, now_ns) {
+            Ok(ids) => ids,
+            Err(error) => {
+                // nothing is in it that does not stand elsewhere
+                writer.abandon();
+                return Err(error);
+            }
+        };
         tracing::info!("recording to {}", path.display());
         self.file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
-        for row in &mut self.rows {
-            row.id = None;
+        self.files += 1;
+        for (row, id) in self.rows.iter_mut().zip(ids) {
+            row.id = id;
         }
-        self.state = State::Recording(Box::new(writer));
+        let split_ns = now_ns.saturating_add(self.settings.segment_ns);
+        let recording = Recording { writer, gaps: None, begun_ns: now_ns, split_ns };
+        let before = std::mem::replace(&mut self.state, State::Recording(Box::new(recording)));
+        if let State::Recording(before) = before {
+            let summary = self.summary("the next file was begun");
+            self.finishing.push(std::thread::spawn(move || before.writer.finish(&summary)));
+        }
         Ok(())
+    }
+
+    /// Writes what of the run so far a new file has to know.
+    fn repeat(&self, writer: &mut RunWriter, now_ns: u64) -> Result<Vec<Option<ChannelId>>, RunError> {
+        let mut ids = vec![None; self.rows.len()];
+        for (row, id) in self.rows.iter().zip(&mut ids).filter(|(row, _)| row.messages() > 0) {
+            let known = *id.insert(writer.add_channel(&row.spec)?);
+            if let Some((last, sample)) = row.silent_since(now_ns.saturating_sub(STATIC_NS)) {
+                writer.write(known, last.seq, now_ns, last.stamp_ns, sample)?;
+            }
+        }
+        writer.flush()?;
+        Ok(ids)
     }
 
     /// Adds a channel; it appears in the file with its first sample. The same channel twice is one.
@@ -135,9 +157,7 @@ impl Session {
         if let Some(known) = self.rows.iter().position(|row| row.spec == spec) {
             return known;
         }
-        let has_header = Schema::parse(&spec.schema).is_ok_and(|schema| schema.has_header());
-        let (messages, bytes, lost, gaps, worst_lag_ns) = (0, 0, 0, 0, 0);
-        self.rows.push(Row { spec, has_header, id: None, messages, bytes, lost, gaps, worst_lag_ns });
+        self.rows.push(Row::new(spec));
         self.rows.len() - 1
     }
 
@@ -151,32 +171,27 @@ impl Session {
     pub fn write(&mut self, batch: &Batch, heard_ns: u64, now_ns: u64) {
         for (heard, sample) in batch.iter() {
             let written = self.write_one(heard, sample);
-            if let Err(error) = &written
-                && !matches!(error, RunError::Size { .. })
-            {
-                tracing::error!("{error}; trying another file in {} s", RETRY_NS / SECOND_NS);
-                self.state = State::Failed { retry_ns: now_ns + RETRY_NS };
-            }
-            let written = matches!(written, Ok(true));
             let Some(row) = self.rows.get_mut(heard.row) else { continue };
-            // a publisher of another build may number as it likes
-            row.lost = row.lost.saturating_add(heard.missing);
-            row.gaps += u64::from(heard.missing > 0);
-            row.worst_lag_ns = row.worst_lag_ns.max(now_ns.saturating_sub(heard_ns));
-            if written {
-                row.messages += 1;
-                row.bytes += sample.len() as u64;
-                self.total_messages += 1;
-                self.total_bytes += sample.len() as u64;
-            } else {
-                row.lost = row.lost.saturating_add(1);
+            row.lagged(now_ns.saturating_sub(heard_ns));
+            match written {
+                Ok(true) => {
+                    row.written(heard, sample);
+                    self.total_messages += 1;
+                    self.total_bytes += sample.len() as u64;
+                }
+                Ok(false) | Err(RunError::Size { .. }) => row.not_written(heard),
+                Err(error) => {
+                    row.not_written(heard);
+                    self.fail(&error, now_ns);
+                }
             }
         }
     }
 
     /// False if nothing is being recorded.
     fn write_one(&mut self, heard: &Heard, sample: &[u8]) -> Result<bool, RunError> {
-        let State::Recording(writer) = &mut self.state else { return Ok(false) };
+        let State::Recording(recording) = &mut self.state else { return Ok(false) };
+        let Recording { writer, gaps, .. } = &mut **recording;
         let Some(row) = self.rows.get_mut(heard.row) else { return Ok(false) };
         let id = match row.id {
             Some(id) => id,
@@ -188,6 +203,16 @@ impl Session {
                 *row.id.insert(id)
             }
         };
+        if let Some(mut gap) = row.gap(heard, self.cause) {
+            self.gaps += 1;
+            gap.header.seq = self.gaps;
+            (gap.header.stamp_ns, gap.header.oldest_input_ns) = (heard.logged_ns, heard.logged_ns);
+            let id = match *gaps {
+                Some(id) => id,
+                None => *gaps.insert(writer.add_channel(&ChannelSpec::of::<RecorderGap>(GAPS))?),
+            };
+            writer.write(id, self.gaps, heard.logged_ns, heard.logged_ns, bytemuck::bytes_of(&gap))?;
+        }
         writer.write(id, heard.seq, heard.logged_ns, heard.stamp_ns, sample)?;
         Ok(true)
     }
@@ -198,11 +223,13 @@ impl Session {
         now_ns >= self.next_watch_ns
     }
 
-    /// Flushes when it is time, stops when the disk is too full, goes on when there is room. Call it after every batch.
+    /// Flushes when it is time, begins the next file when one is large or old enough, stops when the disk is too full, goes on when there is
+    /// room. Call it after every batch.
     pub fn tick(&mut self, now_ns: u64, free_bytes: Option<u64>) {
         if let Some(free_bytes) = free_bytes {
             self.free_bytes = free_bytes;
             self.next_watch_ns = now_ns + WATCH_NS;
+            self.look_at_finished();
         }
         let room = self.free_bytes as f64 >= self.settings.min_free_bytes as f64 * ROOM_FACTOR;
         match &mut self.state {
@@ -210,14 +237,25 @@ impl Session {
                 self.say_full();
                 if let Err(error) = self.end("the disk was full") {
                     tracing::error!("{error}");
+                    self.unfinished = true;
                 }
-                self.state = State::DiskFull;
+                self.cause = RecorderGap::CAUSE_DISK_FULL;
             }
-            State::Recording(writer) if now_ns >= self.next_flush_ns => {
+            State::Recording(recording)
+                if now_ns >= recording.split_ns
+                    || (recording.writer.bytes() >= self.settings.segment_bytes && now_ns > recording.begun_ns) =>
+            {
+                // where the next file cannot be begun, this one goes on
+                recording.split_ns = now_ns + RETRY_NS;
+                recording.begun_ns = recording.split_ns;
+                if let Err(error) = self.begin(now_ns) {
+                    tracing::error!("{error}; the file before goes on, trying again in {} s", RETRY_NS / SECOND_NS);
+                }
+            }
+            State::Recording(recording) if now_ns >= self.next_flush_ns => {
                 self.next_flush_ns = now_ns + self.settings.flush_ns;
-                if let Err(error) = writer.flush() {
-                    tracing::error!("{error}; trying another file in {} s", RETRY_NS / SECOND_NS);
-                    self.state = State::Failed { retry_ns: now_ns + RETRY_NS };
+                if let Err(error) = recording.writer.flush() {
+                    self.fail(&error, now_ns);
                 }
             }
             State::Recording(_) => {}
@@ -228,10 +266,16 @@ impl Session {
     }
 
     fn begin_again(&mut self, now_ns: u64) {
-        if let Err(error) = self.begin() {
-            tracing::error!("{error}; trying again in {} s", RETRY_NS / SECOND_NS);
-            self.state = State::Failed { retry_ns: now_ns + RETRY_NS };
+        if let Err(error) = self.begin(now_ns) {
+            self.fail(&error, now_ns);
         }
+    }
+
+    fn fail(&mut self, error: &RunError, now_ns: u64) {
+        tracing::error!("NOTHING IS BEING RECORDED: {error}; trying another file in {} s", RETRY_NS / SECOND_NS);
+        self.state = State::Failed { retry_ns: now_ns + RETRY_NS };
+        self.unfinished = true;
+        self.cause = RecorderGap::CAUSE_FAILED;
     }
 
     fn say_full(&self) {
@@ -242,44 +286,60 @@ impl Session {
         );
     }
 
-    fn end(&mut self, reason: &str) -> Result<Option<PathBuf>, RunError> {
-        let State::Recording(writer) = std::mem::replace(&mut self.state, State::DiskFull) else { return Ok(None) };
+    fn look_at_finished(&mut self) {
+        while let Some(at) = self.finishing.iter().position(JoinHandle::is_finished) {
+            if let Err(error) = joined(self.finishing.swap_remove(at)) {
+                tracing::error!("{error}");
+                self.unfinished = true;
+            }
+        }
+    }
+
+    /// What the end of a file says of the run so far.
+    fn summary(&self, reason: &str) -> BTreeMap<String, String> {
+        let lost = self.rows.iter().fold(0_u64, |sum, row| sum.saturating_add(row.lost()));
         let mut summary = BTreeMap::from([
             ("reason".to_owned(), reason.to_owned()),
             ("messages".to_owned(), self.total_messages.to_string()),
-            ("lost".to_owned(), self.rows.iter().fold(0_u64, |sum, row| sum.saturating_add(row.lost)).to_string()),
+            ("lost".to_owned(), lost.to_string()),
+            ("gaps".to_owned(), self.rows.iter().map(Row::gaps).sum::<u64>().to_string()),
         ]);
-        for row in self.rows.iter().filter(|row| row.lost > 0) {
-            summary.insert(format!("lost {}", row.spec.name), format!("{} in {} gaps", row.lost, row.gaps));
+        for row in self.rows.iter().filter(|row| row.lost() > 0) {
+            summary.insert(format!("lost {}", row.spec.name), format!("{} in {} gaps", row.lost(), row.gaps()));
         }
-        writer.finish(&summary).map(Some)
+        for row in self.rows.iter().filter(|row| row.messages() > 0) {
+            summary.insert(format!("messages {}", row.spec.name), row.messages().to_string());
+        }
+        summary
+    }
+
+    fn end(&mut self, reason: &str) -> Result<Option<PathBuf>, RunError> {
+        let State::Recording(recording) = std::mem::replace(&mut self.state, State::DiskFull) else { return Ok(None) };
+        recording.writer.finish(&self.summary(reason)).map(Some)
     }
 
     /// One sample of `recorder/status` per channel.
     pub fn status(&self, now_ns: u64) -> impl Iterator<Item = RecorderStatus> {
         self.rows.iter().map(move |row| {
-            let mut status = RecorderStatus {
-                messages: row.messages,
-                bytes: row.bytes,
-                lost: row.lost,
-                gaps: row.gaps,
-                total_messages: self.total_messages,
-                total_bytes: self.total_bytes,
-                disk_free_bytes: self.free_bytes,
-                worst_lag_ns: row.worst_lag_ns,
-                state: match self.state {
-                    State::Recording(_) => RecorderStatus::STATE_RECORDING,
-                    State::DiskFull => RecorderStatus::STATE_DISK_FULL,
-                    State::Failed { .. } => RecorderStatus::STATE_FAILED,
-                },
-                ..RecorderStatus::default()
+            let mut status = row.status();
+            status.total_messages = self.total_messages;
+            status.total_bytes = self.total_bytes;
+            status.disk_free_bytes = self.free_bytes;
+            status.state = match self.state {
+                State::Recording(_) => RecorderStatus::STATE_RECORDING,
+                State::DiskFull => RecorderStatus::STATE_DISK_FULL,
+                State::Failed { .. } => RecorderStatus::STATE_FAILED,
             };
-            status.header.stamp_ns = now_ns;
-            status.header.oldest_input_ns = now_ns;
-            put_text(&mut status.channel, &row.spec.name);
+            status.header_mut().stamp_ns = now_ns;
+            status.header_mut().oldest_input_ns = now_ns;
             put_text(&mut status.file, &self.file);
             status
         })
+    }
+
+    /// Whether a file of this session waits to be recovered, now that there is room again; true once.
+    pub fn wants_recovery(&mut self) -> bool {
+        self.is_recording() && std::mem::take(&mut self.unfinished)
     }
 
     /// The folder of the run.
@@ -300,11 +360,22 @@ impl Session {
         matches!(self.state, State::Recording(_))
     }
 
-    /// Finishes the file; `None` if nothing was being recorded.
+    /// Finishes the file, and those that are still being finished; `None` if nothing was being recorded.
     ///
     /// # Errors
-    /// The file could not be finished; it can be recovered.
+    /// A file could not be finished; it can be recovered.
     pub fn close(mut self, reason: &str) -> Result<Option<PathBuf>, RunError> {
-        self.end(reason)
+        let last = self.end(reason);
+        for thread in self.finishing.drain(..) {
+            joined(thread)?;
+        }
+        last
+    }
+}
+
+fn joined(thread: JoinHandle<Result<PathBuf, RunError>>) -> Result<(), RunError> {
+    match thread.join() {
+        Ok(finished) => finished.map(|_| ()),
+        Err(panic) => std::panic::resume_unwind(panic),
     }
 }

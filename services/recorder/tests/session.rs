@@ -6,9 +6,9 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use messages::{Message, RecorderStatus, TruthNode, text_of};
+use messages::{Message, RecorderGap, RecorderStatus, TruthNode, text_of};
 use recorder::{Batch, Heard, Session, Settings};
-use runlog::{ChannelSpec, RunClock, info, read_channel, segments};
+use runlog::{ChannelSpec, RunClock, RunReader, info, read_channel, segments};
 
 const SECOND: u64 = 1_000_000_000;
 const MIN_FREE: u64 = 1_000;
@@ -18,6 +18,8 @@ fn settings(folder: &Path) -> Settings {
         folder: folder.to_owned(),
         min_free_bytes: MIN_FREE,
         flush_ns: SECOND / 2,
+        segment_bytes: u64::MAX,
+        segment_ns: u64::MAX,
         about: BTreeMap::new(),
         attachments: Vec::new(),
     }
@@ -125,8 +127,9 @@ fn what_is_missing_is_counted_and_stands_at_the_end_of_the_file() {
     assert_eq!(session.status(0).count(), 2);
     session.close("stopped").unwrap().unwrap();
     let report = info(folder.path()).unwrap();
-    assert_eq!(report.channels.len(), 1, "a channel without samples is not in the file");
-    assert_eq!(report.channels[0].lost, 3);
+    let names: Vec<_> = report.channels.iter().map(|channel| channel.name.as_str()).collect();
+    assert_eq!(names, ["recorder/gap", "truth/node"], "a channel without samples is not in the file");
+    assert_eq!(report.channels[1].lost, 3);
     let sample = truth(1, 10);
     assert_eq!(read_channel::<TruthNode>(folder.path(), "truth/node").unwrap()[0].1.header(), sample.header());
 }
@@ -143,4 +146,127 @@ fn losses_without_sense_do_not_overflow_their_count() {
     }
     assert_eq!(status(&session).lost, u64::MAX);
     session.close("the test is over").unwrap();
+}
+
+/// Numbers of the samples of a channel in one file or in a run.
+fn numbers(path: &Path, channel: &str) -> Vec<u64> {
+    read_channel::<TruthNode>(path, channel).unwrap().iter().map(|(_, sample)| sample.header.seq).collect()
+}
+
+#[test]
+fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut wanted = settings(folder.path());
+    wanted.segment_ns = 10 * SECOND;
+    wanted.attachments =
+        vec![runlog::Attachment { name: "box.toml".into(), media_type: "application/toml".into(), data: vec![b'x'] }];
+    let mut session = Session::open(wanted, RunClock::now(), 0, 10_000).unwrap();
+    let [busy, still, silent] =
+        ["truth/busy", "truth/still", "truth/silent"].map(|name| session.declare(ChannelSpec::of::<TruthNode>(name)));
+    let _ = silent;
+    hear(&mut session, still, 1, SECOND / 4, 0);
+    for seq in 1..=60 {
+        let now = seq * SECOND / 2;
+        hear(&mut session, busy, seq, now, 0);
+        session.tick(now, None);
+    }
+    hear(&mut session, still, 2, 31 * SECOND, 0);
+    session.close("stopped").unwrap().unwrap();
+
+    let files = segments(folder.path()).unwrap();
+    let names: Vec<_> = files.iter().map(|file| file.file_name().unwrap().to_str().unwrap()).collect();
+    assert_eq!(names, ["run.mcap", "run-0002.mcap", "run-0003.mcap", "run-0004.mcap"], "every ten seconds of thirty");
+    assert_eq!(numbers(folder.path(), "truth/busy"), (1..=60).collect::<Vec<_>>(), "none missing, none twice");
+    assert_eq!(numbers(folder.path(), "truth/still"), [1, 2]);
+    for (at, file) in files.iter().enumerate() {
+        assert_eq!(numbers(file, "truth/still")[0], 1, "{names:?} {at}: what rarely speaks stands in every file");
+        let mut reader = RunReader::open(file).unwrap();
+        while reader.next_sample().unwrap().is_some() {}
+        assert_eq!(reader.attachments().len(), 1);
+        assert_eq!(reader.about()["segment"], (at + 1).to_string());
+        assert_eq!(reader.channels().len(), 2, "a channel that never spoke is in none");
+    }
+    let mut reader = RunReader::open(folder.path()).unwrap();
+    let mut last = 0;
+    while let Some(recorded) = reader.next_sample().unwrap() {
+        assert!(recorded.log_time_ns >= last);
+        last = recorded.log_time_ns;
+    }
+    assert_eq!(reader.repeated(), 3);
+    let report = info(folder.path()).unwrap();
+    assert!(report.healthy, "{:?}", report.verdict);
+    assert_eq!((report.files.len(), report.messages), (4, 62));
+    assert_eq!(report.ended.as_deref(), Some("stopped"));
+}
+
+#[test]
+fn a_file_that_is_large_enough_is_followed_by_the_next() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut wanted = settings(folder.path());
+    wanted.segment_bytes = 100_000;
+    let mut session = Session::open(wanted, RunClock::now(), 0, 1 << 40).unwrap();
+    let spec = ChannelSpec {
+        name: "sensor/noise".into(),
+        type_name: "x/Noise/1".into(),
+        schema: "uint8[4096] data\n".into(),
+        size: 4096,
+    };
+    let row = session.declare(spec);
+    let mut random = 1_u64;
+    for seq in 1..=200_u64 {
+        let now = seq * SECOND / 10;
+        let mut sample = [0_u8; 4096];
+        for byte in &mut sample {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+            *byte = (random >> 56) as u8;
+        }
+        let mut batch = Batch::default();
+        batch.push(Heard { row, logged_ns: now, stamp_ns: now, seq, missing: 0 }, &sample);
+        session.write(&batch, now, now);
+        session.tick(now, None);
+    }
+    session.close("stopped").unwrap().unwrap();
+    let files = segments(folder.path()).unwrap();
+    assert!((5..=9).contains(&files.len()), "800 kB of noise in {} files", files.len());
+    for file in &files[..files.len() - 1] {
+        let bytes = fs::metadata(file).unwrap().len();
+        assert!((100_000..200_000).contains(&bytes), "{bytes}: the limit, and what half a second more brings");
+    }
+    assert_eq!(info(folder.path()).unwrap().messages, 200);
+}
+
+#[test]
+fn every_gap_stands_in_the_file_where_samples_are_missing() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
+    let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
+    hear(&mut session, row, 1, SECOND, 0);
+    hear(&mut session, row, 5, 2 * SECOND, 3);
+    session.tick(3 * SECOND, Some(0));
+    for seq in 6..=8 {
+        hear(&mut session, row, seq, 3 * SECOND + seq, 0);
+    }
+    hear(&mut session, row, 11, 4 * SECOND, 2);
+    session.tick(5 * SECOND, Some(10_000));
+    hear(&mut session, row, 12, 6 * SECOND, 0);
+    hear(&mut session, row, 13, 7 * SECOND, 0);
+    assert_eq!((status(&session).lost, status(&session).gaps), (9, 2));
+    session.close("stopped").unwrap().unwrap();
+
+    let gaps: Vec<_> = read_channel::<RecorderGap>(folder.path(), "recorder/gap").unwrap();
+    let seen: Vec<_> = gaps
+        .iter()
+        .map(|(_, gap)| (gap.missing, gap.last_seq, gap.next_seq, gap.last_ns, gap.next_ns, gap.cause))
+        .collect();
+    let (not_heard, full) = (RecorderGap::CAUSE_NOT_HEARD, RecorderGap::CAUSE_DISK_FULL);
+    assert_eq!(seen, [(3, 1, 5, SECOND, 2 * SECOND, not_heard), (6, 5, 12, 2 * SECOND, 6 * SECOND, full)]);
+    assert_eq!(text_of(&gaps[0].1.channel), "truth/node");
+    let report = info(folder.path()).unwrap();
+    assert_eq!(report.gaps.len(), 2);
+    assert!((report.gaps[1].lasted_s - 4.0).abs() < 1e-9 && report.gaps[1].cause == "the disk was full");
+    let said = report.to_string();
+    assert!(
+        said.contains("truth/node: 6 samples are missing, 4.000 s from") && said.contains("the disk was full"),
+        "{said}"
+    );
 }

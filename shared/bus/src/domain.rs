@@ -254,6 +254,12 @@ impl Domain {
         self.nodes().0
     }
 
+    /// How many processes have died in it without being removed.
+    #[must_use]
+    pub fn dead(&self) -> usize {
+        self.nodes().1
+    }
+
     /// The living, and how many have died without being removed.
     pub(crate) fn nodes(&self) -> (Vec<NodeInfo>, usize) {
         let (mut alive, mut dead) = (Vec::new(), 0);

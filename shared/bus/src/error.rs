@@ -57,10 +57,7 @@ pub enum BusError {
         domain: String,
     },
     /// Two builds disagree about a sample.
-    #[error(
-        "channel `{channel}` carries `{found}`, and this process speaks `{wanted}`: they come from different builds; stop {holders} and start \
-         everything from one build, or give the new type a new channel name"
-    )]
+    #[error("channel `{channel}` carries `{found}`, and this process speaks `{wanted}`: {}", way_out(channel, holders))]
     TypeMismatch {
         /// The channel.
         channel: String,
@@ -137,6 +134,18 @@ pub enum BusError {
         /// One clause.
         why: String,
     },
+}
+
+/// What helps where two types meet on one channel: a changed sensor gets a new name, everything else comes from one build.
+fn way_out(channel: &str, holders: &str) -> String {
+    match channel.strip_prefix("sensor/") {
+        Some(name) => format!(
+            "a changed type needs a new name, because the old channel is still held (by {holders}): plug it in as e.g. `{name}-2`"
+        ),
+        None => format!(
+            "they come from different builds; stop {holders} and start everything from one build, or give the new type a new channel name"
+        ),
+    }
 }
 
 impl BusError {

@@ -8,6 +8,7 @@
 //! * Publish, then notify: whoever is woken finds the sample.
 //! * Ports stay in the thread that made them. After creation, receiving and waiting do not allocate; sending takes and returns one counter of
 //!   fixed size, inside iceoryx2.
+//! * What a domain consists of is its user's alone: no other user reads it or speaks in it.
 //! * Connecting to a new peer happens inside the next `send` or `receive`; it costs about 0.1 ms there, once.
 //!
 //! ```
@@ -30,11 +31,13 @@
 //! ```
 
 pub mod clock;
+mod definition;
 mod domain;
 mod error;
 mod losses;
 mod node;
 mod port;
+mod privacy;
 mod request;
 mod sweep;
 mod tap;
@@ -45,6 +48,7 @@ pub use domain::{Claim, Domain, NodeInfo, TestDomain};
 pub use error::BusError;
 pub use node::Bus;
 pub use port::{Publisher, Subscriber};
+pub use privacy::make_private;
 pub use request::{Call, Client, Server, request_event};
 pub use sweep::Swept;
 pub use tap::{ChannelInfo, ChannelWatch, Raw, Tap};

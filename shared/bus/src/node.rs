@@ -1,32 +1,29 @@
 //! A process's place on the bus, and how it opens channels.
 
-use std::cell::OnceCell;
+use std::cell::{OnceCell, RefCell};
+use std::collections::HashMap;
 use std::time::Duration;
 
 use iceoryx2::node::Node;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{
-    AttributeSpecifier, EventId, LogLevel, MessagingPattern, NodeBuilder, NodeName, NodeState, PortName, Service,
-    ServiceName, SignalHandlingMode, ipc, set_log_level,
+    EventId, LogLevel, MessagingPattern, NodeBuilder, NodeName, NodeState, PortName, Service, ServiceName,
+    SignalHandlingMode, ipc, set_log_level,
 };
 use iceoryx2::service::builder::event::EventOpenOrCreateError;
 use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeCreateError, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
-use messages::{Message, Quality, hash_of, quality_of};
+use messages::ros::Payload;
+use messages::{Quality, quality_of};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
+use crate::definition::{self, Sheet};
 use crate::domain::info_of;
 use crate::wire::Wire;
 use crate::{BusError, CHANNELS_EVENT, Domain};
 
-/// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).
-pub(crate) const ATTRIBUTE_BYTES: usize = 256;
-const ATTRIBUTES: usize = 8;
-/// Key of the schema hash; the text lies in `schema.0`, `schema.1`, ...
-pub(crate) const SCHEMA_HASH: &str = "schema.hash";
-pub(crate) const SCHEMA_PART: &str = "schema.";
 /// A channel half made by another process: longer than a virtual machine's longest stall, and than what makes it count as abandoned.
 const OPENING_PATIENCE_NS: u64 = 4 * SECOND_NS;
 /// Every process on `system/channels`; and one notifier more than publishers elsewhere, so that a successor can be there already.
@@ -48,6 +45,8 @@ pub struct Bus {
     process: String,
     pub(crate) port_name: PortName,
     announcer: OnceCell<Notifier<ipc::Service>>,
+    /// What long definitions need beside their channels, by type name, held open as long as this process is there.
+    sheets: RefCell<HashMap<&'static str, Vec<Sheet>>>,
 }
 
 impl Bus {
@@ -72,7 +71,9 @@ impl Bus {
             .map_err(|error| {
                 failed(format!("shared memory cannot be set up in {} ({error:?})", domain.root().display()))
             })?;
-        Ok(Self { node, domain: domain.clone(), process: process.to_owned(), port_name, announcer: OnceCell::new() })
+        domain.shut();
+        let (announcer, sheets) = (OnceCell::new(), RefCell::default());
+        Ok(Self { node, domain: domain.clone(), process: process.to_owned(), port_name, announcer, sheets })
     }
 
     /// The domain joined.
@@ -88,10 +89,14 @@ impl Bus {
     }
 
     /// Opens or makes the channel with the table's quality of service; the schema text becomes part of it.
-    pub(crate) fn open_typed<T: Message>(&self, channel: &str) -> Result<PubSub<Wire<T>>, BusError> {
+    pub(crate) fn open_typed<T: Payload>(&self, channel: &str) -> Result<PubSub<Wire<T>>, BusError> {
         let name = service_name(channel)?;
         let quality = quality_of(channel);
-        let attributes = schema_attributes(T::type_name(), T::schema())?;
+        let attributes = definition::attributes(T::type_name(), T::schema())?;
+        if !self.sheets.borrow().contains_key(T::type_name()) {
+            let sheets = definition::sheets(&self.node, &self.domain, T::schema())?;
+            self.sheets.borrow_mut().insert(T::type_name(), sheets);
+        }
         let builder = || {
             self.node
                 .service_builder(&name)
@@ -281,35 +286,6 @@ pub(crate) fn service_name(channel: &str) -> Result<ServiceName, BusError> {
         return Err(bad());
     }
     ServiceName::new(channel).map_err(|_| bad())
-}
-
-fn schema_attributes(type_name: &str, text: &str) -> Result<AttributeSpecifier, BusError> {
-    let unfit = |why: &str| BusError::Schema { type_name: type_name.to_owned(), why: why.to_owned() };
-    if !text.is_ascii() {
-        return Err(unfit("it has a character that is not ASCII"));
-    }
-    let parts = text.len().div_ceil(ATTRIBUTE_BYTES);
-    if parts + 1 > ATTRIBUTES {
-        return Err(unfit(&format!(
-            "it has {} bytes, and there is room for {}",
-            text.len(),
-            (ATTRIBUTES - 1) * ATTRIBUTE_BYTES
-        )));
-    }
-    let hash = format!("{:08x}", hash_of(text));
-    let mut attributes = AttributeSpecifier::new();
-    let mut define = |key: &str, value: &str| -> Option<()> {
-        attributes = attributes.clone().define(&key.try_into().ok()?, &value.try_into().ok()?).ok()?;
-        Some(())
-    };
-    define(SCHEMA_HASH, &hash).ok_or_else(|| unfit("its hash is refused"))?;
-    let mut rest = text;
-    for part in 0..parts {
-        let (now, later) = rest.split_at(rest.len().min(ATTRIBUTE_BYTES));
-        define(&format!("{SCHEMA_PART}{part}"), now).ok_or_else(|| unfit(&format!("part {part} is refused")))?;
-        rest = later;
-    }
-    Ok(attributes)
 }
 
 /// Each port takes about five descriptors; many systems begin with a limit of 1024.

@@ -6,7 +6,8 @@ use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
 use iceoryx2::prelude::ipc;
-use messages::{Message, quality_of};
+use messages::quality_of;
+use messages::ros::Payload;
 
 use crate::BusError;
 use crate::losses::Losses;
@@ -15,7 +16,7 @@ use crate::wire::Wire;
 
 /// Sends samples of one type on one channel.
 #[derive(Debug)]
-pub struct Publisher<T: Message> {
+pub struct Publisher<T: Payload> {
     port: iceoryx2::port::publisher::Publisher<ipc::Service, Wire<T>, ()>,
     notifier: Notifier<ipc::Service>,
     channel: String,
@@ -24,7 +25,7 @@ pub struct Publisher<T: Message> {
 
 /// Receives samples of one type from one channel.
 #[derive(Debug)]
-pub struct Subscriber<T: Message> {
+pub struct Subscriber<T: Payload> {
     port: iceoryx2::port::subscriber::Subscriber<ipc::Service, Wire<T>, ()>,
     channel: String,
     losses: Losses,
@@ -37,7 +38,7 @@ impl Bus {
     ///
     /// # Errors
     /// [`BusError::Full`] if the channel has its publishers already, [`BusError::TypeMismatch`] if it carries another type, and others.
-    pub fn publisher<T: Message>(&self, channel: &str) -> Result<Publisher<T>, BusError> {
+    pub fn publisher<T: Payload>(&self, channel: &str) -> Result<Publisher<T>, BusError> {
         let service: PubSub<Wire<T>> = self.open_typed(channel)?;
         let make = || service.publisher_builder().max_loaned_samples(LOANS).name(&self.port_name).create();
         let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
@@ -54,18 +55,18 @@ impl Bus {
         Ok(publisher)
     }
 
-    /// A subscriber with the channel's whole buffer and history; makes the channel if nobody has, so it may come first.
+    /// A subscriber with the channel's whole buffer and the history that a late one gets; makes the channel if nobody has, so it may come first.
     ///
     /// # Errors
     /// [`BusError::Full`] if the channel has its subscribers already, [`BusError::TypeMismatch`] if it carries another type, and others.
-    pub fn subscriber<T: Message>(&self, channel: &str) -> Result<Subscriber<T>, BusError> {
+    pub fn subscriber<T: Payload>(&self, channel: &str) -> Result<Subscriber<T>, BusError> {
         let service: PubSub<Wire<T>> = self.open_typed(channel)?;
         let quality = quality_of(channel);
         let make = || {
             service
                 .subscriber_builder()
                 .buffer_size(quality.buffer)
-                .history_request(quality.history)
+                .history_request(quality.late)
                 .name(&self.port_name)
                 .create()
         };
@@ -82,14 +83,14 @@ impl Bus {
     }
 }
 
-impl<T: Message> Publisher<T> {
+impl<T: Payload> Publisher<T> {
     /// Numbers the sample, publishes it and wakes who waits for it; returns how many subscribers it went to.
     ///
     /// # Errors
     /// [`BusError::Failed`] if shared memory has no room, which the channel's settings exclude.
     pub fn send(&mut self, sample: &mut T) -> Result<usize, BusError> {
         self.seq += 1;
-        sample.header_mut().seq = self.seq;
+        sample.number(self.seq);
         let recipients = self.publish(*sample)?;
         // A failure here means that the time between two notifications was long, or that a listener has just died; the sample is out.
         let _ = self.notifier.notify();
@@ -122,7 +123,7 @@ impl<T: Message> Publisher<T> {
     }
 }
 
-impl<T: Message> Subscriber<T> {
+impl<T: Payload> Subscriber<T> {
     /// The oldest sample not yet received, if there is one.
     ///
     /// Samples of a publisher that has gone come before those of its successor: decide by epoch, incarnation and cycle, never by arrival.
@@ -141,7 +142,7 @@ impl<T: Message> Subscriber<T> {
         .map_err(|error| failed(&self.channel, "receive", &error))?;
         Ok(sample.map(|sample| {
             let Wire(value) = *sample.payload();
-            self.losses.note(sample.header().publisher_id().value(), value.header().seq);
+            self.losses.note(sample.header().publisher_id().value(), value.seq());
             self.received += 1;
             value
         }))

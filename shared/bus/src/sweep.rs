@@ -80,28 +80,33 @@ impl Domain {
     }
 
     /// To be called before iceoryx2 cleans up. Root can open what is half made in shared memory, and then waits for ever for the rest of it:
-    /// so root waits here until it is finished or is certainly abandoned.
+    /// so root waits here until it is finished or is certainly abandoned; not where nobody has died, and not for what the living begin
+    /// meanwhile: at a start there is always something in the making.
     pub(crate) fn before_cleaning(&self) {
+        self.remove_half_made();
+        if !geteuid().is_root() || self.dead() == 0 {
+            return;
+        }
         let give_up = now_ns() + 2 * HALF_MADE.as_nanos() as u64;
-        loop {
+        let (_, mut waited_for) = self.half_made();
+        while !waited_for.is_empty() && now_ns() < give_up {
+            sleep_until(now_ns() + 5_000_000);
             self.remove_half_made();
             let (old, young) = self.half_made();
-            if !geteuid().is_root() || old.is_empty() && young == 0 || now_ns() > give_up {
-                return;
-            }
-            sleep_until(now_ns() + 5_000_000);
+            waited_for.retain(|path| old.contains(path) || young.contains(path));
         }
     }
 
-    /// What is half made: the abandoned, and how many that may still be in the making.
-    fn half_made(&self) -> (Vec<PathBuf>, usize) {
+    /// What is half made: the abandoned, and what may still be in the making.
+    fn half_made(&self) -> (Vec<PathBuf>, Vec<PathBuf>) {
         let entries = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
-        let (mut old, mut young) = (Vec::new(), 0);
+        let (mut old, mut young) = (Vec::new(), Vec::new());
         let mut note = |entry: &fs::DirEntry, unfinished: u32| {
             let Ok(found) = entry.metadata() else { return };
             if found.is_file() && found.mode() & 0o777 == unfinished {
                 let age = found.modified().ok().and_then(|at| SystemTime::now().duration_since(at).ok());
-                if age.is_some_and(|age| age > HALF_MADE) { old.push(entry.path()) } else { young += 1 }
+                let abandoned = age.is_some_and(|age| age > HALF_MADE);
+                if abandoned { &mut old } else { &mut young }.push(entry.path());
             }
         };
         // shared memory is write-only until its content is complete

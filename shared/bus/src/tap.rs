@@ -5,18 +5,15 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 
 use iceoryx2::port::ReceiveError;
-use iceoryx2::prelude::{
-    CallbackProgression, MessagingPattern, NodeState, SemanticString, Service, ServiceDetails, ServiceName, ipc,
-};
-use iceoryx2::service::attribute::AttributeSet;
+use iceoryx2::prelude::{CallbackProgression, MessagingPattern, NodeState, Service, ServiceDetails, ServiceName, ipc};
 use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
 use messages::Header;
 
 use crate::domain::info_of;
 use crate::losses::Losses;
-use crate::node::{SCHEMA_HASH, SCHEMA_PART, failed, service_name};
-use crate::{Bus, BusError, NodeInfo};
+use crate::node::{failed, service_name};
+use crate::{Bus, BusError, Domain, NodeInfo, definition};
 
 /// A channel as it stands in shared memory.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -71,7 +68,7 @@ impl Bus {
     pub fn channels(&self) -> Result<Vec<ChannelInfo>, BusError> {
         let mut channels = Vec::new();
         ipc::Service::list(self.domain().config(), |details| {
-            channels.extend(describe(&details));
+            channels.extend(describe(self.domain(), &details));
             CallbackProgression::Continue
         })
         .map_err(|error| failed("*", "be listed", &error))?;
@@ -87,7 +84,7 @@ impl Bus {
         let details =
             ipc::Service::details(&service_name(name)?, self.domain().config(), MessagingPattern::PublishSubscribe)
                 .map_err(|error| failed(name, "be looked up", &error))?;
-        Ok(details.and_then(|details| describe(&details)))
+        Ok(details.and_then(|details| describe(self.domain(), &details)))
     }
 
     /// How many publishers and subscribers a channel has, the dead that nobody has removed yet included.
@@ -101,18 +98,30 @@ impl Bus {
         Ok((dynamic.number_of_publishers(), dynamic.number_of_subscribers()))
     }
 
-    /// Listens to a channel that exists, whatever it carries, with its whole buffer and history.
+    /// Listens to a channel that exists, whatever it carries, with its whole buffer, and as much of its history as any late subscriber gets.
     ///
     /// # Errors
     /// [`BusError::NoChannel`] if nobody has opened it, [`BusError::Full`] if it has its subscribers already, and others.
     pub fn tap(&self, name: &str) -> Result<Tap, BusError> {
+        self.tap_since(name, messages::quality_of(name).late)
+    }
+
+    /// The same with all that the channel has kept: for whoever must not miss what was said before it came.
+    ///
+    /// # Errors
+    /// As [`Bus::tap`].
+    pub fn tap_with_history(&self, name: &str) -> Result<Tap, BusError> {
+        self.tap_since(name, usize::MAX)
+    }
+
+    fn tap_since(&self, name: &str, samples: usize) -> Result<Tap, BusError> {
         use iceoryx2::port::subscriber::SubscriberCreateError as E;
         let (service, info) = self.open_raw(name)?;
         let make = || {
             service
                 .subscriber_builder()
                 .buffer_size(info.buffer)
-                .history_request(info.history)
+                .history_request(info.history.min(samples))
                 .name(&self.port_name)
                 .create()
         };
@@ -148,7 +157,7 @@ impl Bus {
         let details = ipc::Service::details(&service, self.domain().config(), MessagingPattern::PublishSubscribe)
             .map_err(|error| failed(name, "be looked up", &error))?
             .ok_or_else(absent)?;
-        let info = describe(&details).ok_or_else(absent)?;
+        let info = describe(self.domain(), &details).ok_or_else(absent)?;
         let types = details.static_details.publish_subscribe().message_type_details();
         // SAFETY: the type details are those that the channel itself states, and `Tap` reads samples as bytes only, as many as it says.
         #[allow(unsafe_code)]
@@ -261,11 +270,11 @@ impl ChannelWatch {
     }
 }
 
-fn describe(details: &ServiceDetails<ipc::Service>) -> Option<ChannelInfo> {
+fn describe(domain: &Domain, details: &ServiceDetails<ipc::Service>) -> Option<ChannelInfo> {
     let statics = &details.static_details;
     let Pattern::PublishSubscribe(settings) = statics.messaging_pattern() else { return None };
     let payload = &settings.message_type_details().payload;
-    let (schema, schema_hash) = schema_of(statics.attributes());
+    let (schema, schema_hash) = definition::read(domain, statics.attributes());
     let alive = |state: &NodeState<ipc::Service>| match state {
         NodeState::Alive(node) => Some(info_of(node)),
         _ => None,
@@ -280,19 +289,4 @@ fn describe(details: &ServiceDetails<ipc::Service>) -> Option<ChannelInfo> {
         history: settings.history_size(),
         holders: details.dynamic_details.iter().flat_map(|dynamic| &dynamic.nodes).filter_map(alive).collect(),
     })
-}
-
-/// The text from its parts, and the hash; the text only if it has that hash.
-fn schema_of(attributes: &AttributeSet) -> (Option<String>, Option<String>) {
-    let value = |wanted: &str| {
-        attributes
-            .iter()
-            .find(|attribute| attribute.key().as_bytes() == wanted.as_bytes())
-            .map(|attribute| String::from_utf8_lossy(attribute.value().as_bytes()).into_owned())
-    };
-    let hash = value(SCHEMA_HASH);
-    let text: String = (0..).map_while(|part| value(&format!("{SCHEMA_PART}{part}"))).collect();
-    let whole =
-        !text.is_empty() && hash.as_ref().is_none_or(|hash| *hash == format!("{:08x}", messages::hash_of(&text)));
-    (whole.then_some(text), hash)
 }

@@ -7,7 +7,9 @@ use std::time::Duration;
 
 use bus::clock::now_ns;
 use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain};
-use messages::{Heartbeat, Message, MotorState, NodeEstimate, OperatorRequest, PlanMotion, put_text, text_of};
+use messages::{
+    Field, Header, Heartbeat, Message, MotorState, NodeEstimate, OperatorRequest, PlanMotion, put_text, text_of,
+};
 
 /// Counts allocations of the thread that asks for it.
 struct Counting;
@@ -80,7 +82,7 @@ fn who_comes_late_gets_the_history_and_counts_no_loss() {
     }
     let mut subscriber = bus.subscriber::<PlanMotion>("plan/motion").unwrap();
     publisher.update_connections();
-    let history = messages::quality_of("plan/motion").history as u64;
+    let history = messages::quality_of("plan/motion").late as u64;
     for k in 10 - history + 1..=10 {
         assert_eq!(subscriber.receive().unwrap().unwrap().header.seq, k);
     }
@@ -133,6 +135,10 @@ fn builds_that_disagree_refuse_each_other_in_one_sentence() {
     let BusError::TypeMismatch { found, wanted, .. } = &error else { panic!("{error}") };
     assert_eq!((found.as_str(), wanted.as_str()), (MotorState::type_name(), NodeEstimate::type_name()));
     assert_eq!(error.to_string().lines().count(), 1);
+    // A sensor that was changed gets another name, and is told so.
+    let _sensor = bus.publisher::<messages::Reading>("sensor/soil").unwrap();
+    let error = bus.publisher::<Heartbeat>("sensor/soil").unwrap_err().to_string();
+    assert!(error.contains("a changed type needs a new name") && error.contains("`soil-2`"), "{error}");
 }
 
 #[test]
@@ -309,4 +315,81 @@ fn a_removed_test_domain_leaves_nothing() {
         .flatten()
         .filter(|entry| entry.file_name().to_string_lossy().starts_with(&prefix));
     assert_eq!(left.count(), 0);
+}
+
+/// A type whose definition is far longer than what fits beside a channel.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
+struct Long {
+    header: Header,
+    numbers: [f32; 300],
+}
+
+impl Field for Long {
+    type Element = Self;
+    const ROS: &'static str = "my_lab/Long";
+}
+
+impl Message for Long {
+    const NAME: &'static str = "Long";
+    fn schema() -> &'static str {
+        static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+        TEXT.get_or_init(|| {
+            let fields: String = (0..300).map(|at| format!("float32 concentration_{at:03}\n")).collect();
+            let head: String =
+                ["cycle", "seq", "stamp_ns", "oldest_input_ns"].map(|name| format!("uint64 {name}\n")).concat();
+            format!("nims_msgs/Header header\n{fields}{}\nMSG: nims_msgs/Header\n{head}", "=".repeat(80))
+        })
+    }
+    fn type_name() -> &'static str {
+        "my_lab/Long/00000001"
+    }
+    fn header(&self) -> &Header {
+        &self.header
+    }
+    fn header_mut(&mut self) -> &mut Header {
+        &mut self.header
+    }
+}
+
+#[test]
+fn a_long_definition_travels_whole_as_long_as_somebody_holds_the_channel() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    assert!(Long::schema().len() > 7_000);
+    let whole = |name: &str| bus.channel(name).unwrap().and_then(|info| info.schema).as_deref() == Some(Long::schema());
+    let sensor = Bus::join(&domain, "sensor").unwrap();
+    let _publisher = sensor.publisher::<Long>("sensor/gas").unwrap();
+    assert!(whole("sensor/gas"), "found by a stranger");
+    assert_eq!(bus.tap("sensor/gas").unwrap().info().schema.as_deref(), Some(Long::schema()));
+    let logger = Bus::join(&domain, "logger").unwrap();
+    let subscriber = logger.subscriber::<Long>("sensor/gas").unwrap();
+    drop((_publisher, sensor));
+    assert!(whole("sensor/gas"), "who made it has gone");
+    let tap = bus.tap("sensor/gas").unwrap();
+    drop((subscriber, logger));
+    let again = Bus::join(&domain, "sensor").unwrap();
+    let _publisher = again.publisher::<Long>("sensor/gas").unwrap();
+    assert!(whole("sensor/gas"), "only a stranger held it, and it is taken up again");
+    drop(tap);
+}
+
+#[test]
+fn a_recorder_gets_all_that_was_kept() {
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut publisher = bus.publisher::<MotorState>("motor/state").unwrap();
+    let history = messages::quality_of("motor/state").history as u64;
+    for _ in 0..history + 10 {
+        publisher.send(&mut MotorState::default()).unwrap();
+    }
+    let (mut few, mut all) = (bus.tap("motor/state").unwrap(), bus.tap_with_history("motor/state").unwrap());
+    publisher.update_connections();
+    let mut numbers = Vec::new();
+    while let Some(seq) = all.receive(|raw| raw.header.seq).unwrap() {
+        numbers.push(seq);
+    }
+    assert_eq!(numbers, (11..=history + 10).collect::<Vec<_>>());
+    assert_eq!(few.receive(|raw| raw.header.seq).unwrap(), Some(history + 10));
+    assert_eq!((all.lost(), few.lost()), (0, 0));
 }

@@ -1,4 +1,6 @@
 //! One number per cable, without allocation.
+//!
+//! A [`CableVec`] has 0 to [`MAX_CABLES`] entries; what its numbers are says whoever carries it. Too many entries are the one error.
 
 use std::ops::{Deref, DerefMut};
 

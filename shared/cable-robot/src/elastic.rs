@@ -1,5 +1,8 @@
 //! Lines that stretch. The measured length l is unstretched line paid out beyond the routed part Lx; with the stiffness
 //! EA, straight-line length L and tension T belong together by (L + Lx) = (l + Lx)(1 + T / EA). Rigid lines: l = L.
+//!
+//! Lengths and positions in m, tensions and EA in N; one entry per cable. Accelerations enter with (15)-(16), the choice of tensions
+//! with (27)-(37). A pose that nothing holds is a [`crate::tension::TensionError`], lengths that no equilibrium has an [`ElasticError`].
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -10,7 +13,7 @@ use crate::kinematics::{
 use crate::tension::{self, TensionError};
 use crate::{CableVec, Distribution, MAX_CABLES, Robot, linalg};
 
-/// Coordinates (m) and accelerations (m/s²) beyond this are a wrong unit or an error.
+/// Coordinates (m) and forces (N) beyond this are a wrong unit or an error.
 const LARGEST: f64 = 1e6;
 
 /// Bound of the equilibrium iteration; from the last cycle's position it needs two or three.
@@ -67,7 +70,17 @@ pub fn realise(
     acceleration_m_s2: &Vector3<f64>,
     distribution: Distribution,
 ) -> Result<Realisation, TensionError> {
-    let tensions_n = tension::at(robot, position, acceleration_m_s2, distribution)?.tensions_n;
+    realise_under(robot, position, &robot.wrench_n(acceleration_m_s2), distribution)
+}
+
+/// The same under any force that the lines have to provide together, N: with the drag of a node that moves, say.
+pub fn realise_under(
+    robot: &Robot,
+    position: &Vector3<f64>,
+    wrench_n: &Vector3<f64>,
+    distribution: Distribution,
+) -> Result<Realisation, TensionError> {
+    let tensions_n = tension::under(robot, position, wrench_n, distribution)?.tensions_n;
     let lengths_m = inverse_kinematics(robot.anchors(), position);
     Ok(Realisation { unstretched_m: unstretched(robot, &lengths_m, &tensions_n), lengths_m, tensions_n })
 }
@@ -86,7 +99,7 @@ pub enum ElasticError {
         /// The measured length, m.
         length_m: f64,
     },
-    /// The guess or acceleration is not a number, or no acceleration or position on Earth.
+    /// The guess or the force on the node is not a number, or no force or position on Earth.
     #[error("{what} is not finite or beyond 1e6; give numbers in SI units")]
     NotFinite {
         /// Which.
@@ -127,6 +140,23 @@ impl Equilibrium {
         self.sensitivity.covariance(sigma_length_m)
     }
 
+    /// Covariance of the position, m², that the anchors' own covariance brings with it: Σ B_i B_j' (e_i' C_ij e_j) with the
+    /// lines' unit vectors e. The same in every cycle, so that no averaging removes it; None if the robot's calibration states
+    /// none. That elastic lines turn with their anchors is neglected: a few percent of the deviation, a sixth close below the
+    /// anchors. Where the position was told (and the lengths reckoned from it) the true error is smaller.
+    pub fn covariance_by_anchors(&self, robot: &Robot) -> Option<Matrix3<f64>> {
+        let anchors = robot.anchors();
+        let mut sum = Matrix3::zeros();
+        for (i, column_i) in self.sensitivity.iter().enumerate() {
+            for (j, column_j) in self.sensitivity.iter().enumerate() {
+                let between = robot.anchor_covariance_m2(i, j)?;
+                let unit = |k: usize| (self.position - anchors[k]).normalize();
+                sum += linalg::outer(column_i, column_j) * unit(i).dot(&(between * unit(j)));
+            }
+        }
+        Some(sum)
+    }
+
     /// True if any line is slack.
     pub fn any_slack(&self) -> bool {
         self.slack.iter().any(|s| *s)
@@ -136,33 +166,48 @@ impl Equilibrium {
 /// The elastic equilibrium: the position at which Σ T_i (-u_i) = m (g + a), T_i = max(0, EA ((L_i + Lx)/(l_i + Lx) - 1)).
 ///
 /// It is the minimum of a convex potential (a stretched line's energy grows convexly with the position, and lines cannot
-/// push), so it is unique and damped Newton finds it from anywhere; `guess` (the last cycle's position) saves steps. For
-/// rigid lines it is forward kinematics near the guess, with the unique or the least-norm tensions.
+/// push), so it is unique wherever lines are taut in every direction, and damped Newton finds it from anywhere; `guess` (the
+/// last cycle's position) saves steps. For rigid lines it is forward kinematics near the guess, with the unique or the
+/// least-norm tensions.
 pub fn equilibrium(
     robot: &Robot,
     unstretched_m: &[f64],
     acceleration_m_s2: &Vector3<f64>,
     guess: Option<&Vector3<f64>>,
 ) -> Result<Equilibrium, ElasticError> {
+    equilibrium_under(robot, unstretched_m, &robot.wrench_n(acceleration_m_s2), guess)
+}
+
+/// The same under any force that the lines provide together, N: with the drag of a node that moves, say.
+pub fn equilibrium_under(
+    robot: &Robot,
+    unstretched_m: &[f64],
+    wrench_n: &Vector3<f64>,
+    guess: Option<&Vector3<f64>>,
+) -> Result<Equilibrium, ElasticError> {
     let n = robot.cable_count();
     if unstretched_m.len() != n {
         return Err(KinematicsError::WrongCount { given: unstretched_m.len(), cables: n }.into());
     }
-    if !acceleration_m_s2.iter().all(|v| v.abs() <= LARGEST) {
-        return Err(ElasticError::NotFinite { what: "the acceleration" });
+    if !wrench_n.iter().all(|v| v.abs() <= LARGEST) {
+        return Err(ElasticError::NotFinite { what: "the force on the node" });
     }
     if guess.is_some_and(|g| !g.iter().all(|v| v.abs() <= LARGEST)) {
         return Err(ElasticError::NotFinite { what: "the guess of the position" });
     }
     let Some(stiffness) = robot.stiffness_n() else {
-        return rigid(robot, unstretched_m, acceleration_m_s2, guess);
+        return rigid(robot, unstretched_m, wrench_n, guess);
     };
     for (cable, (l, routed)) in unstretched_m.iter().zip(robot.routed_length_m().iter()).enumerate() {
         if !(*l > 0.0 && *l <= LONGEST_M && l + routed > 1e-3) {
             return Err(ElasticError::NoLine { cable, length_m: *l });
         }
     }
-    let lines = Lines { robot, unstretched_m, stiffness, wrench: robot.wrench_n(acceleration_m_s2) };
+    let mut wrench = *wrench_n;
+    if robot.is_planar() {
+        wrench.y = 0.0;
+    }
+    let lines = Lines { robot, unstretched_m, stiffness, wrench };
     let found = lines.balance(lines.start(guess));
     // A guess far away from very stiff lines can cost more steps than there are; the lengths themselves know better.
     if found.is_err() && guess.is_some() { lines.balance(lines.start(None)) } else { found }
@@ -186,7 +231,8 @@ impl Lines<'_> {
     /// From a guess, or from where the rigid lines would meet, or below the middle of the anchors.
     fn start(&self, guess: Option<&Vector3<f64>>) -> Vector3<f64> {
         if let Some(guess) = guess {
-            return *guess;
+            let y = if self.robot.is_planar() { 0.0 } else { guess.y };
+            return Vector3::new(guess.x, y, guess.z);
         }
         let anchors = self.robot.anchors();
         if let Ok(found) = forward_kinematics(anchors, self.unstretched_m, None) {
@@ -236,7 +282,7 @@ impl Lines<'_> {
         let mut iterations = 0;
         while now.gradient.norm() > tolerance && iterations < MAX_ITERATIONS {
             iterations += 1;
-            // A node that hangs on fewer than three taut lines has soft directions: damped, it falls until one is taut.
+            // A node that hangs on fewer taut lines than there are directions has soft directions: damped, it falls until one is taut.
             let floor = if damping > 0.0 { damping } else { 1e-12 * softest };
             let Some(mut step) = linalg::solve_spd(&(now.hessian + Matrix3::identity() * floor), &now.gradient) else {
                 damping = (10.0 * damping).max(1e-6 * softest);
@@ -300,7 +346,7 @@ impl Lines<'_> {
             slack,
             residual: balance.gradient.norm(),
             iterations,
-            sensitivity: NodeJacobian { columns, len: n },
+            sensitivity: NodeJacobian { columns, len: n, planar: self.robot.is_planar() },
         }
     }
 }
@@ -308,7 +354,7 @@ impl Lines<'_> {
 fn rigid(
     robot: &Robot,
     lengths_m: &[f64],
-    acceleration_m_s2: &Vector3<f64>,
+    wrench_n: &Vector3<f64>,
     guess: Option<&Vector3<f64>>,
 ) -> Result<Equilibrium, ElasticError> {
     let anchors = robot.anchors();
@@ -316,10 +362,9 @@ fn rigid(
     let jacobian = Jacobian::at(anchors, &found.position)?;
     let sensitivity = jacobian.node_jacobian().ok_or_else(|| KinematicsError::singular(&found.position))?;
     let structure: StructureMatrix = jacobian.structure_matrix();
-    let wrench = robot.wrench_n(acceleration_m_s2);
-    let free = || tension::least_norm_unbounded(&structure, &wrench);
+    let free = || tension::least_norm_unbounded(&structure, wrench_n);
     let tensions_n =
-        if anchors.len() == 3 { free() } else { tension::least_norm(&structure, &wrench, [0.0, f64::INFINITY]) }
+        if robot.redundancy() == 0 { free() } else { tension::least_norm(&structure, wrench_n, [0.0, f64::INFINITY]) }
             .or_else(|_| free())
             .unwrap_or_else(|_| CableVec::zeros(anchors.len()));
     let mut slack = [false; MAX_CABLES];

@@ -1,11 +1,16 @@
 //! Lengths, positions and velocities: (6)-(14).
+//!
+//! Lengths are N straight-line distances in m, positions 3-vectors in m. J of (14) is N x 3 with unit vectors from the anchors to
+//! the node as rows, so that cable velocities are J times the node's; B = J⁻¹, or the pseudo-inverse for more than three cables; the
+//! structure matrix Λ = -Jᵀ is 3 x N. What has no answer (unreachable lengths, two of them, a singular pose, anchors on one line) is a
+//! [`KinematicsError`].
 
 use std::ops::Deref;
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
-use crate::{Anchors, CableVec, MAX_CABLES, linalg};
+use crate::{Anchors, CableVec, MAX_CABLES, linalg, planar};
 
 /// Lengths may miss each other by this share of the squared length and still count as touching spheres: rounding of
 /// lengths measured with the node in the plane of the anchors.
@@ -104,7 +109,8 @@ pub struct Forward {
     pub residual_rms_m: f64,
 }
 
-/// The position with these straight-line lengths: closed form for three cables, least squares in length for more.
+/// The position with these straight-line lengths: closed form for as many cables as directions, least squares in length
+/// for more.
 ///
 /// Of two mirror solutions it is the nearer to `near` if given, otherwise the lower one; of more than three cables, whose
 /// mirror solutions do not fit equally well, the lower one unless the upper one fits clearly better.
@@ -122,6 +128,9 @@ pub fn forward_kinematics(
     lengths_m: &[f64],
     near: Option<&Vector3<f64>>,
 ) -> Result<Forward, KinematicsError> {
+    if anchors.is_planar() {
+        return planar::forward_kinematics(anchors, lengths_m, near);
+    }
     if lengths_m.len() != anchors.len() {
         return Err(KinematicsError::WrongCount { given: lengths_m.len(), cables: anchors.len() });
     }
@@ -267,11 +276,13 @@ fn descend(anchors: &Anchors, lengths: &[f64], start: Vector3<f64>) -> Vector3<f
     x
 }
 
-/// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector from an anchor to the node. dL/dt = J dX/dt.
+/// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector from an anchor to the node. dL/dt = J dX/dt. In the
+/// plane y = 0 it is N x 2: the middle column is 0 and does not count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Jacobian {
     rows: [Vector3<f64>; MAX_CABLES],
     len: usize,
+    planar: bool,
 }
 
 impl Jacobian {
@@ -279,7 +290,10 @@ impl Jacobian {
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         let mut rows = [Vector3::zeros(); MAX_CABLES];
         for (row, anchor) in rows.iter_mut().zip(anchors.iter()) {
-            let d = position - anchor;
+            let mut d = position - anchor;
+            if anchors.is_planar() {
+                d.y = 0.0;
+            }
             let length = d.norm();
             // Also false for NaN.
             if !(length >= 1e-9 && length.is_finite()) {
@@ -287,7 +301,7 @@ impl Jacobian {
             }
             *row = d / length;
         }
-        Ok(Self { rows, len: anchors.len() })
+        Ok(Self { rows, len: anchors.len(), planar: anchors.is_planar() })
     }
 
     /// Cable velocities dL/dt of a node velocity, m/s.
@@ -295,9 +309,11 @@ impl Jacobian {
         CableVec::from_fn(self.len, |i| self.rows[i].dot(node_velocity_m_s))
     }
 
-    /// B, the inverse for three cables and the pseudo-inverse for more; None where the rank is below three.
+    /// B, the inverse for as many cables as directions and the pseudo-inverse for more; None where the rank is below the
+    /// number of directions.
     pub fn node_jacobian(&self) -> Option<NodeJacobian> {
-        linalg::pseudo_inverse(self).map(|columns| NodeJacobian { columns, len: self.len })
+        let Self { len, planar, .. } = *self;
+        linalg::pseudo_inverse(self, planar).map(|columns| NodeJacobian { columns, len, planar })
     }
 
     /// The structure matrix Λ = -Jᵀ of (15).
@@ -306,7 +322,7 @@ impl Jacobian {
         for c in &mut columns {
             *c = -*c;
         }
-        StructureMatrix { columns, len: self.len }
+        StructureMatrix { columns, len: self.len, planar: self.planar }
     }
 }
 
@@ -318,29 +334,35 @@ impl Deref for Jacobian {
     }
 }
 
-/// The node Jacobian B = J⁻¹ of section IV-B, or the pseudo-inverse: 3 x N. Also any other matrix that takes small
-/// changes of the lengths to small changes of the position.
+/// The node Jacobian B = J⁻¹ of section IV-B, or the pseudo-inverse: 3 x N, with a row of zeros for y in the plane. Also any
+/// other matrix that takes small changes of the lengths to small changes of the position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeJacobian {
     pub(crate) columns: [Vector3<f64>; MAX_CABLES],
     pub(crate) len: usize,
+    pub(crate) planar: bool,
 }
 
 impl NodeJacobian {
-    /// B at a position. Fails in the plane of three anchors and at an anchor.
+    /// B at a position. Fails in the plane of three anchors, on the line of the anchors of a planar robot, and at an anchor.
     pub fn at(anchors: &Anchors, position: &Vector3<f64>) -> Result<Self, KinematicsError> {
         Jacobian::at(anchors, position)?.node_jacobian().ok_or_else(|| KinematicsError::singular(position))
     }
 
-    /// From its columns, one per cable, at most [`MAX_CABLES`]; further ones are dropped.
+    /// Of a robot in space from its columns, one per cable, at most [`MAX_CABLES`]; further ones are dropped.
     pub fn from_columns(given: &[Vector3<f64>]) -> Self {
         let len = given.len().min(MAX_CABLES);
         let mut columns = [Vector3::zeros(); MAX_CABLES];
         columns[..len].copy_from_slice(&given[..len]);
-        Self { columns, len }
+        Self { columns, len, planar: false }
     }
 
-    /// Node velocity of cable velocities dL/dt, m/s. For more than three cables: of their least-squares fit.
+    /// True if the node moves in the plane y = 0 only.
+    pub fn is_planar(&self) -> bool {
+        self.planar
+    }
+
+    /// Node velocity of cable velocities dL/dt, m/s. For more cables than directions: of their least-squares fit.
     pub fn node_velocity(&self, cable_velocity_m_s: &[f64]) -> Vector3<f64> {
         self.iter().zip(cable_velocity_m_s).fold(Vector3::zeros(), |sum, (c, v)| sum + c * *v)
     }
@@ -359,18 +381,30 @@ impl Deref for NodeJacobian {
     }
 }
 
-/// The structure matrix Λ of (15): 3 x N, takes tensions to the force on the node.
+/// The structure matrix Λ of (15): 3 x N, takes tensions to the force on the node; 2 x N in the plane y = 0, where the
+/// middle row is 0 and does not count.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct StructureMatrix {
     columns: [Vector3<f64>; MAX_CABLES],
     len: usize,
+    planar: bool,
 }
 
 impl StructureMatrix {
-    /// From its columns, one per cable, at most [`MAX_CABLES`]; further ones are dropped.
+    /// Of a robot in space from its columns, one per cable, at most [`MAX_CABLES`]; further ones are dropped.
     pub fn from_columns(given: &[Vector3<f64>]) -> Self {
-        let NodeJacobian { columns, len } = NodeJacobian::from_columns(given);
-        Self { columns, len }
+        let NodeJacobian { columns, len, planar } = NodeJacobian::from_columns(given);
+        Self { columns, len, planar }
+    }
+
+    /// In how many directions forces add up: 3, or 2 in the plane y = 0.
+    pub fn dimensions(&self) -> usize {
+        if self.planar { 2 } else { 3 }
+    }
+
+    /// True if forces add up in the plane y = 0 only.
+    pub fn is_planar(&self) -> bool {
+        self.planar
     }
 
     /// Λ at a position.

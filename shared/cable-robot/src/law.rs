@@ -4,7 +4,12 @@
 //! Σ eᵀQe + uᵀRu over Δ cycles with e = 0 at their end. Its cost-to-go is infinite at the end, so the recursion runs on
 //! its inverse W, which is 0 there: M = (W + S)⁻¹, S = Ts² B R⁻¹ Bᵀ; P = Q + M; W = P⁻¹; u = Ts R⁻¹ Bᵀ M e.
 //!
-//! With Q = 0 and three cables it is u = J e / (Δ Ts), whatever R is.
+//! With Q = 0 and as many cables as directions it is u = J e / (Δ Ts), whatever R is.
+//!
+//! Errors in m, velocities in m/s, the period in s; B is 3 x N, Q 3 x 3, R N x N or a number, the gain K N x 3. Weights that are none, a
+//! horizon of 0 and a B without rank are a [`LawError`].
+//!
+//! Beside it [`PFeedforward`], the plain law to compare with: each line for itself.
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
@@ -55,7 +60,7 @@ pub enum InputWeight {
     Full([[f64; MAX_CABLES]; MAX_CABLES]),
 }
 
-/// The feedback gain K, N x 3: u = K e.
+/// The feedback gain K, N x 3: u = K e. Of a planar robot, N x 2: the middle column is 0.
 ///
 /// ```
 /// use cable_robot::{Anchors, Matrix3, NodeJacobian, Vector3, kinematics::Jacobian, law::{InputWeight, LqGain}};
@@ -100,8 +105,17 @@ impl LqGain {
         }
         // G = R⁻¹ Bᵀ, N x 3.
         let rows = weigh(node_jacobian, input_weight)?;
-        let s = node_jacobian.iter().zip(&rows).fold(Matrix3::zeros(), |s, (b, g)| s + linalg::outer(b, g))
+        let mut s = node_jacobian.iter().zip(&rows).fold(Matrix3::zeros(), |s, (b, g)| s + linalg::outer(b, g))
             * (period_s * period_s);
+        let mut state_weight = *state_weight;
+        if node_jacobian.is_planar() {
+            // A direction that no cable moves would make S singular. One that nothing else depends on takes its place; the
+            // y of every row of G is 0, so that nothing of it comes back.
+            s[(1, 1)] = 0.5 * (s[(0, 0)] + s[(2, 2)]);
+            for k in [0, 2] {
+                (state_weight[(1, k)], state_weight[(k, 1)]) = (0.0, 0.0);
+            }
+        }
         let mut w = Matrix3::zeros();
         let mut m = Matrix3::zeros();
         for k in 0..horizon {
@@ -126,6 +140,51 @@ impl LqGain {
     /// The rows of K, one per cable, 1/s.
     pub fn rows(&self) -> &[Vector3<f64>] {
         &self.rows[..self.len]
+    }
+}
+
+/// Highest gain of [`PFeedforward`], 1/s. Drives without any delay follow it at 10 Hz and more; what real ones bear is less.
+pub const MAX_LENGTH_GAIN: f64 = 50.0;
+
+/// Proportional feedback on lengths with the desired velocity fed forward: u = dl*/dt + g (l* - l), each cable for itself.
+///
+/// Drives with a delay D and a lag τ are stable below g₀ = w √(1 + τ²w²), where w solves wD + atan(τw) = π/2, and follow
+/// without overshoot up to about 1 / (3 (D + τ)).
+///
+/// ```
+/// use cable_robot::{CableVec, law::PFeedforward};
+/// let law = PFeedforward::new(2.0)?;
+/// let [speed, desired, actual] = [[0.1, -0.2, 0.0], [5.0, 6.0, 7.0], [4.99, 6.0, 7.01]];
+/// let u = law.velocity(&speed, &desired, &actual);
+/// assert!((u[0] - 0.12).abs() < 1e-12 && (u[1] + 0.2).abs() < 1e-12 && (u[2] + 0.02).abs() < 1e-12);
+/// # Ok::<(), cable_robot::law::LawError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PFeedforward {
+    gain_per_s: f64,
+}
+
+impl PFeedforward {
+    /// With the gain g, 1/s.
+    ///
+    /// # Errors
+    /// A gain that is not finite, not above 0 or above [`MAX_LENGTH_GAIN`].
+    pub fn new(gain_per_s: f64) -> Result<Self, LawError> {
+        if !(gain_per_s > 0.0 && gain_per_s <= MAX_LENGTH_GAIN) {
+            return invalid("the gain", gain_per_s, "above 0, at most 50 per second");
+        }
+        Ok(Self { gain_per_s })
+    }
+
+    /// g, 1/s.
+    pub fn gain_per_s(&self) -> f64 {
+        self.gain_per_s
+    }
+
+    /// Cable velocities, m/s, from the desired ones, m/s, and the desired and actual lengths, m; as many as the shortest has.
+    pub fn velocity(&self, desired_m_s: &[f64], desired_m: &[f64], actual_m: &[f64]) -> CableVec {
+        let n = desired_m_s.len().min(desired_m.len()).min(actual_m.len());
+        CableVec::from_fn(n, |i| desired_m_s[i] + self.gain_per_s * (desired_m[i] - actual_m[i]))
     }
 }
 
@@ -357,6 +416,50 @@ mod tests {
                 e -= b.node_velocity(&gain.velocity(&e)) * 0.1;
             }
             prop_assert!(e.norm() < 1e-10, "{e:?}");
+        }
+    }
+
+    /// One line whose drive has the delay and the lag of the slowest that is flown with, stepped in milliseconds, the law every ten:
+    /// the largest overshoot after a step of a length, and what is left after four seconds, as shares of the step.
+    fn step_response(gain_per_s: f64, delay_ms: usize, lag_s: f64) -> (f64, f64) {
+        let law = PFeedforward::new(gain_per_s).unwrap();
+        let (mut length, mut speed, mut sent) = (0.0, 0.0, vec![0.0; delay_ms + 1]);
+        let (mut command, mut overshoot) = (0.0, 0.0f64);
+        for ms in 0..4000 {
+            if ms % 10 == 0 {
+                command = law.velocity(&[0.0], &[1.0], &[length])[0];
+            }
+            sent.rotate_right(1);
+            sent[0] = command;
+            speed += 0.001 * (sent[delay_ms] - speed) / lag_s;
+            length += 0.001 * speed;
+            overshoot = overshoot.max(length - 1.0);
+        }
+        (overshoot, (1.0 - length).abs())
+    }
+
+    #[test]
+    fn the_plain_law_is_stable_with_slow_drives_and_its_bound_is_where_it_is_said_to_be() {
+        let (overshoot, left) = step_response(2.0, 60, 0.100);
+        assert!(overshoot < 0.01 && left < 0.01, "{overshoot} {left}");
+        let (overshoot, left) = step_response(3.0, 60, 0.100);
+        assert!(overshoot < 0.05 && left < 0.01, "{overshoot} {left}");
+        // w D + atan(τ w) = π/2 with half a cycle of holding on top of the delay.
+        let (delay, lag) = (0.065, 0.100);
+        let (mut low, mut high) = (0.0f64, 1000.0f64);
+        for _ in 0..60 {
+            let w = 0.5 * (low + high);
+            if w * delay + libm::atan(lag * w) < std::f64::consts::FRAC_PI_2 { low = w } else { high = w }
+        }
+        let bound = low * (1.0 + lag * lag * low * low).sqrt();
+        assert!(step_response(0.8 * bound, 60, lag).1 < 0.5, "{bound}");
+        assert!(step_response(1.2 * bound, 60, lag).1 > 1.0, "{bound}");
+    }
+
+    #[test]
+    fn gains_out_of_range_are_refused() {
+        for gain in [0.0, -1.0, 51.0, f64::NAN, f64::INFINITY] {
+            assert_eq!(PFeedforward::new(gain).unwrap_err().kind(), "invalid_argument");
         }
     }
 

@@ -1,14 +1,15 @@
 //! The mathematics of a cable-suspended robot: a node hanging from three to eight lines that run over pulleys (the
-//! *anchors*) to winches.
+//! *anchors*) to winches. A planar robot moves in the x-z plane (y = 0) on two to eight lines; everything that takes
+//! [`Anchors`] or a [`Robot`] counts directions accordingly.
 //!
 //! Everything a control loop needs stands here, useful on its own: kinematics, tension distribution, elastic statics,
-//! motor models, the control law, paths, speed profiles and the check of a whole motion before it starts. Equation
+//! motor models, length filter, control laws, paths, speed profiles and the check of a whole motion before it starts. Equation
 //! numbers in parentheses, like (14), are those of Borgstrom et al., "Design and Implementation of NIMS3D, a 3-D Cabled
 //! Robot for Actuated Sensing Applications", IEEE Transactions on Robotics 25 (2), 2009.
 //!
 //! # Invariants
-//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except [`calibration`],
-//!   which is offline work, where a [`Robot`] is built from its parts and where an error is turned into text.
+//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except [`calibration`]
+//!   and [`energy::fit`], which are offline work, where a [`Robot`] is built from its parts and where an error is turned into text.
 //! * SI units, z up. Cable velocity is dL/dt: positive pays line out. Only [`motor`] speaks of reel-in speed.
 //! * Trigonometric and hyperbolic functions come from `libm`, and matrices have fixed sizes, so that the same input gives
 //!   the same bits on every processor.
@@ -39,6 +40,7 @@
 #![allow(clippy::neg_cmp_op_on_partial_ord, reason = "`!(a <= b)` also refuses NaN, which `a > b` would let pass")]
 #![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
+pub mod anchors;
 pub mod cables;
 pub mod calibration;
 pub mod drive_lag;
@@ -46,6 +48,7 @@ pub mod elastic;
 pub mod energy;
 pub mod kinematics;
 pub mod law;
+pub mod length_filter;
 pub mod limits;
 mod linalg;
 pub mod motion;
@@ -58,13 +61,14 @@ pub mod profile;
 pub mod robot;
 pub mod tension;
 
+pub use anchors::Anchors;
 pub use cables::{CableVec, MAX_CABLES};
 pub use kinematics::{Jacobian, KinematicsError, NodeJacobian, StructureMatrix};
 pub use motion::{Motion, Segment, Setpoint};
 pub use nalgebra::{Matrix3, Vector3};
 pub use path::Path;
 pub use profile::Profile;
-pub use robot::{Anchors, KeepOut, Robot, RobotError, RobotParts};
+pub use robot::{KeepOut, Robot, RobotError, RobotParts};
 pub use tension::Distribution;
 
 /// Standard acceleration of gravity, m/s² (CODATA, exact by convention).

@@ -1,4 +1,6 @@
 //! Keeping a command inside its limits without bending the path.
+//!
+//! N cable velocities and N limits in m/s. There are no errors: what is not a number stands still.
 
 use crate::CableVec;
 

@@ -7,17 +7,25 @@ use crate::MAX_CABLES;
 /// Below this the diagonal of R counts as zero: rows are unit vectors, so it is a sine of an angle.
 const RANK_TOLERANCE: f64 = 1e-9;
 
-/// Columns of the 3 x n (pseudo-)inverse of the n x 3 matrix with these rows, or None where the rank is below three.
+/// The axes of space.
+const SPACE: [usize; 3] = [0, 1, 2];
+
+/// Those of the plane y = 0.
+const PLANE: [usize; 2] = [0, 2];
+
+/// Columns of the 3 x n (pseudo-)inverse of the n x 3 matrix with these rows, or None where the rank is below three. In
+/// the plane the y of the rows is left out, the rank is two and the y of the columns 0.
 ///
 /// QR by Gram-Schmidt carried out twice: unlike the normal equations it does not square the condition number.
-pub(crate) fn pseudo_inverse(rows: &[Vector3<f64>]) -> Option<[Vector3<f64>; MAX_CABLES]> {
+pub(crate) fn pseudo_inverse(rows: &[Vector3<f64>], planar: bool) -> Option<[Vector3<f64>; MAX_CABLES]> {
+    let axes = if planar { &PLANE[..] } else { &SPACE };
     let n = rows.len();
     let mut q = [[0.0; MAX_CABLES]; 3];
     let mut r = [[0.0; 3]; 3];
-    for j in 0..3 {
+    for (j, axis) in axes.iter().enumerate() {
         let mut v = [0.0; MAX_CABLES];
         for (vi, row) in v.iter_mut().zip(rows) {
-            *vi = row[j];
+            *vi = row[*axis];
         }
         for _ in 0..2 {
             for i in 0..j {
@@ -39,10 +47,13 @@ pub(crate) fn pseudo_inverse(rows: &[Vector3<f64>]) -> Option<[Vector3<f64>; MAX
     }
     let mut columns = [Vector3::zeros(); MAX_CABLES];
     for (i, column) in columns.iter_mut().enumerate().take(n) {
-        let z = q[2][i] / r[2][2];
-        let y = (q[1][i] - r[1][2] * z) / r[1][1];
-        let x = (q[0][i] - r[0][1] * y - r[0][2] * z) / r[0][0];
-        *column = Vector3::new(x, y, z);
+        for (j, axis) in axes.iter().enumerate().rev() {
+            let mut rest = q[j][i];
+            for (later, other) in axes.iter().enumerate().skip(j + 1) {
+                rest -= r[j][later] * column[*other];
+            }
+            column[*axis] = rest / r[j][j];
+        }
     }
     Some(columns)
 }

@@ -1,5 +1,8 @@
 //! A motion: path and speed profile, placed on the plan clock; setpoints at any time; and the check of a whole segment
 //! before it starts.
+//!
+//! Positions in m, velocities in m/s, accelerations in m/s², plan time in s. A check answers with a report or with a [`Refusal`]: where
+//! on the path, and which limit, tensions after (15)-(16) included.
 
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -66,10 +69,10 @@ impl Segment {
     }
 
     /// Checks the whole segment against the robot's limits before it starts: tensions with the acceleration of the
-    /// profile and at rest (16), cable speeds, lengths, ground, keep-out boxes, speed and acceleration of the node. Samples
+    /// profile and the drag, and at rest (16), cable speeds, lengths, ground, keep-out boxes, speed and acceleration of the node. Samples
     /// lie at most `step_m` apart along the path, at every knot with the accelerations of both its sides.
     ///
-    /// At a plan rate r the acceleration is r² times the profile's, and the forces that tensions within limits can give
+    /// At a plan rate r acceleration and drag are r² times the profile's, and the forces that tensions within limits can give
     /// form a convex set: what holds at full rate and at rest holds at every rate between, so the node may be slowed
     /// down and stopped anywhere.
     ///
@@ -249,6 +252,12 @@ pub enum Cause {
         /// Longest allowed, m.
         max_m: f64,
     },
+    /// Beside the plane of a planar robot.
+    #[error("the node would be {y_m:.3} m beside the plane y = 0 that this robot moves in")]
+    OutOfPlane {
+        /// How far, m.
+        y_m: f64,
+    },
     /// Below the ground.
     #[error("the node would be {below_m:.3} m below the ground limit of {ground_m:.3} m")]
     Ground {
@@ -304,6 +313,10 @@ fn check_pose(
     if !(below_m <= 1e-9) {
         return Err(Cause::Ground { below_m, ground_m: robot.ground_m() });
     }
+    // Rounding of paths is far below this.
+    if robot.is_planar() && !(position.y.abs() <= 1e-9) {
+        return Err(Cause::OutOfPlane { y_m: position.y });
+    }
     if let Some(number) = robot.keep_out().iter().position(|b| b.touches(previous, position)) {
         return Err(Cause::KeepOut { number });
     }
@@ -319,16 +332,18 @@ fn check_pose(
     }
     let jacobian = Jacobian::at(robot.anchors(), position).map_err(|e| Cause::NoTension(e.into()))?;
     let structure = jacobian.structure_matrix();
-    let tensions_under = |acceleration: &Vector3<f64>| {
-        tension::distribute(&structure, &robot.wrench_n(acceleration), robot.tension_limits_n(), distribution)
+    let tensions_under = |wrench_n: &Vector3<f64>| {
+        tension::distribute(&structure, wrench_n, robot.tension_limits_n(), distribution)
             .map(|found| found.tensions_n)
             .map_err(|error| match error {
                 TensionError::Infeasible(violation) => Cause::Tension(violation),
                 other => Cause::NoTension(other),
             })
     };
-    let resting = tensions_under(&Vector3::zeros())?;
-    let tensions = if acceleration_m_s2 > 0.0 { tensions_under(&acceleration)? } else { resting };
+    let rest_n = robot.wrench_n(&Vector3::zeros());
+    let moving_n = robot.moving_wrench_n(&velocity, &acceleration);
+    let resting = tensions_under(&rest_n)?;
+    let tensions = if moving_n != rest_n { tensions_under(&moving_n)? } else { resting };
     let speeds = jacobian.cable_velocity(&velocity);
     let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), position), &tensions);
     for (cable, (speed, length_m)) in speeds.iter().zip(lengths.iter()).enumerate() {

@@ -4,6 +4,9 @@
 //! A window says nothing about φ when the robot rests or runs at a constant speed; then the last φ is held. Encoder
 //! steps make plain least squares worse than no model at all, so the fit leans on a prior (a ridge), and what it returns
 //! is clamped to what a speed-controlled winch can be.
+//!
+//! Velocities in m/s, φ without a unit, the ridge in (m/s)². Data that determine nothing are a [`FitError`]; in flight the last φ is held
+//! instead.
 
 use thiserror::Error;
 

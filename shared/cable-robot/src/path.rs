@@ -1,4 +1,11 @@
 //! The geometry of a move, parametrised by arc length: where, in which direction, how curved. No time in here.
+//!
+//! Arc length in m, positions in m, tangents as unit vectors, curvature in 1/m; µ of (25)-(26) in 1/m. A path that is none is a
+//! [`PathError`], before it is used.
+
+mod lateral;
+
+pub use lateral::{Bow, BowPoint, HARMONICS, Lateral};
 
 use nalgebra::Vector3;
 use thiserror::Error;
@@ -26,9 +33,9 @@ pub enum PathError {
         /// Its length, m.
         length_m: f64,
     },
-    /// A parabola without horizontal extent.
+    /// A parabola or a lateral path without horizontal extent.
     #[error(
-        "a parabola needs start and end {SHORTEST_M} m or more apart horizontally; use a line to go straight up or down"
+        "a path that sags or swings needs start and end {SHORTEST_M} m or more apart horizontally; use a line to go straight up or down"
     )]
     Vertical,
     /// A radius below zero, or no turn.
@@ -114,6 +121,8 @@ pub enum Path {
     Parabola(Parabola),
     /// A spiral about a vertical axis.
     Spiral(Spiral),
+    /// A line that bows down and sideways.
+    Lateral(Lateral),
     /// Staying at a point.
     Dwell(Vector3<f64>),
 }
@@ -156,6 +165,14 @@ impl Path {
                 }
                 long_enough(self)
             }
+            Self::Lateral(l) => {
+                let bow = l.bow();
+                finite("start", &bow.from)?;
+                finite("end", &bow.to)?;
+                bow.down_m.iter().try_for_each(|m| number("down_m", *m))?;
+                bow.side_m.iter().try_for_each(|m| number("side_m", *m))?;
+                if bow.extent() < SHORTEST_M { Err(PathError::Vertical) } else { long_enough(self) }
+            }
         }
     }
 
@@ -165,6 +182,7 @@ impl Path {
             Self::Line(l) => (l.to - l.from).norm(),
             Self::Parabola(p) => p.arc_length(p.extent()),
             Self::Spiral(s) => s.arc_length(s.angle()),
+            Self::Lateral(l) => l.length_m(),
             Self::Dwell(_) => 0.0,
         }
     }
@@ -175,6 +193,7 @@ impl Path {
             Self::Line(l) => l.at(s_m),
             Self::Parabola(p) => p.at(s_m),
             Self::Spiral(s) => s.at(s_m),
+            Self::Lateral(l) => l.at(s_m),
             Self::Dwell(p) => PathPoint { position: *p, tangent: Vector3::zeros(), curvature: Vector3::zeros() },
         }
     }
@@ -199,6 +218,7 @@ impl Path {
         match self {
             Self::Line(Line { from, .. }) | Self::Parabola(Parabola { from, .. }) => *from,
             Self::Spiral(_) => self.point(0.0),
+            Self::Lateral(l) => l.bow().from,
             Self::Dwell(p) => *p,
         }
     }
@@ -208,6 +228,7 @@ impl Path {
         match self {
             Self::Line(Line { to, .. }) | Self::Parabola(Parabola { to, .. }) => *to,
             Self::Spiral(s) => s.geometry(s.angle()).position,
+            Self::Lateral(l) => l.bow().to,
             Self::Dwell(p) => *p,
         }
     }
@@ -229,6 +250,7 @@ impl Path {
             Self::Line(_) | Self::Dwell(_) => true,
             Self::Parabola(p) => p.mu_per_m == 0.0,
             Self::Spiral(_) => false,
+            Self::Lateral(l) => l.is_straight(),
         }
     }
 }
@@ -436,6 +458,9 @@ mod tests {
                     let end_radius_m = if r1.is_nan() { r0 } else { r1 };
                     Path::Spiral(Spiral { centre, start_radius_m: r0, end_radius_m, turns, rise_m, start_angle_rad })
                 }),
+            (point(), point(), [-0.5..0.5f64, -0.2..0.2f64, -0.1..0.1f64], [-1.5..1.5f64, -0.3..0.3f64, -0.1..0.1f64])
+                .prop_filter("apart", |(a, b, ..)| (b - a).xy().norm() > 0.5)
+                .prop_map(|(from, to, down_m, side_m)| Path::Lateral(Lateral::new(Bow { from, to, down_m, side_m }))),
         ]
         .prop_filter("a path", |p| p.check().is_ok() && p.length() > 1e-2)
     }
@@ -505,6 +530,36 @@ mod tests {
     }
 
     #[test]
+    fn a_bow_is_as_long_as_a_fine_sum_says_and_deviates_at_right_angles() {
+        let bow = Bow {
+            from: Vector3::new(1.0, 1.0, 2.0),
+            to: Vector3::new(4.0, 5.0, 2.5),
+            down_m: [0.6, -0.1, 0.05],
+            side_m: [-0.9, 0.2, 0.03],
+        };
+        let expected = simpson(
+            |u| {
+                let h = 1e-6;
+                (bow.at_fraction(u + h).position - bow.at_fraction(u - h).position).norm() / (2.0 * h)
+            },
+            1.0,
+        );
+        assert!((Lateral::new(bow).length_m() - expected).abs() < 1e-7 * expected);
+        assert!((bow.length_m() - Lateral::new(bow).length_m()).abs() < 1e-12);
+        let chord = bow.to - bow.from;
+        for i in 1..20 {
+            let u = f64::from(i) / 20.0;
+            let off = bow.at_fraction(u).position - (bow.from + chord * u);
+            // Along the way, seen from above, it neither hurries nor lags.
+            assert!((off.x * chord.x + off.y * chord.y).abs() < 1e-12);
+            assert!((bow.scaled(0.5).at_fraction(u).position - (bow.from + chord * u) - off * 0.5).norm() < 1e-12);
+            // Between two points it hangs below their middle by no more than it says.
+            let (a, b) = (bow.at_fraction(u - 0.05).position, bow.at_fraction(u + 0.05).position);
+            assert!((0.5 * (a.z + b.z) - bow.at_fraction(u).position.z).abs() <= bow.sagitta_m(0.1));
+        }
+    }
+
+    #[test]
     fn the_papers_spiral_rises_and_widens() {
         let path = Path::Spiral(spiral());
         path.check().unwrap();
@@ -532,6 +587,8 @@ mod tests {
             Path::Parabola(Parabola { from: p, to: p * 2.0, mu_per_m: f64::INFINITY }),
             Path::Spiral(Spiral { start_radius_m: -0.1, ..spiral() }),
             Path::Spiral(Spiral { turns: 0.0, ..spiral() }),
+            Path::Lateral(Lateral::new(Bow { from: p, to: p + Vector3::z(), down_m: [0.0; 3], side_m: [0.1; 3] })),
+            Path::Lateral(Lateral::new(Bow { from: p, to: p * 2.0, down_m: [f64::NAN; 3], side_m: [0.1; 3] })),
             Path::Dwell(Vector3::new(0.0, f64::NAN, 0.0)),
         ];
         for path in bad {

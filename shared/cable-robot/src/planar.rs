@@ -1,6 +1,8 @@
 //! A robot in the x-z plane: two directions, two to eight cables. Points have y = 0.
 //!
 //! Tensions are those of [`crate::tension::general`], the cost of moves that of [`crate::energy`] with `planar` set.
+//!
+//! N lengths in m give x and z in m (6)-(12); what has no answer is a [`KinematicsError`].
 
 use nalgebra::{Vector2, Vector3};
 

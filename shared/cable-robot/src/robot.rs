@@ -1,11 +1,10 @@
 //! The robot as every process sees it: geometry, mass, limits, lines and motors, checked once.
 
-use std::ops::Deref;
-
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
-use crate::{CableVec, MAX_CABLES, STANDARD_GRAVITY, motor::Motor};
+use crate::energy::{Current, CurrentTable, MotorTable};
+use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY, motor::Motor};
 
 /// Most keep-out boxes of a robot.
 pub const MAX_KEEP_OUT: usize = 8;
@@ -13,11 +12,8 @@ pub const MAX_KEEP_OUT: usize = 8;
 /// Length limits where the robot file gives none, m: a hand's width, and longer than any winch holds.
 pub const DEFAULT_LENGTH_LIMITS_M: [f64; 2] = [0.05, 1e3];
 
-/// Anchors closer than this count as one point, m: no pulley is smaller.
-const COINCIDENT_M: f64 = 1e-3;
-
 /// Magnitudes above this are a wrong unit, m.
-const FARTHEST_M: f64 = 1e5;
+pub(crate) const FARTHEST_M: f64 = 1e5;
 
 /// A key of a robot's description and what is wrong with it, in one sentence.
 #[derive(Debug, Clone, PartialEq, Error)]
@@ -31,53 +27,12 @@ pub struct RobotError {
     pub accepted: &'static str,
 }
 
-fn refuse<T>(key: &'static str, problem: impl Into<String>, accepted: &'static str) -> Result<T, RobotError> {
+pub(crate) fn refuse<T>(
+    key: &'static str,
+    problem: impl Into<String>,
+    accepted: &'static str,
+) -> Result<T, RobotError> {
     Err(RobotError { key, problem: problem.into(), accepted })
-}
-
-/// The points the lines leave from: at least three, at most eight, finite and distinct.
-///
-/// ```
-/// use cable_robot::Anchors;
-/// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]])?;
-/// assert_eq!(anchors.len(), 3);
-/// # Ok::<(), cable_robot::RobotError>(())
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Anchors {
-    points: [Vector3<f64>; MAX_CABLES],
-    len: usize,
-}
-
-impl Anchors {
-    /// Checks and copies anchor positions, m.
-    pub fn new(points: &[[f64; 3]]) -> Result<Self, RobotError> {
-        const KEY: &str = "anchors_m";
-        if !(3..=MAX_CABLES).contains(&points.len()) {
-            return refuse(KEY, format!("has {} points", points.len()), "3 to 8 points [x, y, z] in metres");
-        }
-        let mut result = Self { points: [Vector3::zeros(); MAX_CABLES], len: points.len() };
-        for (i, p) in points.iter().enumerate() {
-            if !p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST_M) {
-                let problem = format!("number {} is [{}, {}, {}]", i + 1, p[0], p[1], p[2]);
-                return refuse(KEY, problem, "finite coordinates in metres, at most 1e5");
-            }
-            let point = Vector3::from(*p);
-            if let Some(j) = result.points[..i].iter().position(|q| (q - point).norm() < COINCIDENT_M) {
-                let problem = format!("numbers {} and {} coincide", j + 1, i + 1);
-                return refuse(KEY, problem, "points at least 1 mm apart");
-            }
-            result.points[i] = point;
-        }
-        Ok(result)
-    }
-}
-
-impl Deref for Anchors {
-    type Target = [Vector3<f64>];
-    fn deref(&self) -> &[Vector3<f64>] {
-        &self.points[..self.len]
-    }
 }
 
 /// An axis-aligned box the node may not enter, m.
@@ -115,10 +70,14 @@ impl KeepOut {
 pub struct RobotParts {
     /// Anchor positions, m, z up.
     pub anchors_m: Vec<[f64; 3]>,
-    /// Mass of the node, kg.
+    /// The node moves in the plane y = 0 only, in which all anchors lie.
+    pub planar: bool,
+    /// Mass of the node, kg; in water with the water that moves along.
     pub node_mass_kg: f64,
     /// Weight less buoyancy, N; default mass x standard gravity.
     pub net_weight_n: Option<f64>,
+    /// Drag per square of speed, N s²/m²; default 0.
+    pub drag_n_s2_m2: f64,
     /// Lowest and highest tension of a line, N.
     pub tension_limits_n: [f64; 2],
     /// Highest speed of the node and of every cable, m/s.
@@ -137,14 +96,20 @@ pub struct RobotParts {
     pub length_limits_m: Option<Vec<[f64; 2]>>,
     /// The winch motors, seen from the line.
     pub motor: Motor,
+    /// What they draw as it was measured; None for the model. At most 24 speeds and 16 tensions.
+    pub motor_table: Option<CurrentTable>,
+    /// Covariance of x1, y1, z1, x2, .. of the anchors, a row per coordinate, m²; None if it is not known.
+    pub anchor_covariance_m2: Option<Vec<Vec<f64>>>,
 }
 
 impl Default for RobotParts {
     fn default() -> Self {
         Self {
             anchors_m: Vec::new(),
+            planar: false,
             node_mass_kg: 0.0,
             net_weight_n: None,
+            drag_n_s2_m2: 0.0,
             tension_limits_n: [0.0, 0.0],
             speed_limit_m_s: 0.0,
             acceleration_limit_m_s2: 0.0,
@@ -154,6 +119,8 @@ impl Default for RobotParts {
             routed_length_m: None,
             length_limits_m: None,
             motor: Motor::default(),
+            motor_table: None,
+            anchor_covariance_m2: None,
         }
     }
 }
@@ -164,6 +131,7 @@ pub struct Robot {
     anchors: Anchors,
     node_mass_kg: f64,
     net_weight_n: f64,
+    drag_n_s2_m2: f64,
     tension_limits_n: [f64; 2],
     speed_limit_m_s: f64,
     acceleration_limit_m_s2: f64,
@@ -174,18 +142,24 @@ pub struct Robot {
     routed_length_m: CableVec,
     length_limits_m: [[f64; 2]; MAX_CABLES],
     motor: Motor,
+    motor_table: Option<MotorTable>,
+    anchor_covariance: Option<AnchorBlocks>,
 }
+
+/// Covariance between any two anchors, m².
+type AnchorBlocks = [[Matrix3<f64>; MAX_CABLES]; MAX_CABLES];
 
 impl Robot {
     /// Checks a description. The error names the key and what is accepted.
     pub fn new(parts: RobotParts) -> Result<Self, RobotError> {
-        let anchors = Anchors::new(&parts.anchors_m)?;
+        let anchors = if parts.planar { Anchors::in_plane(&parts.anchors_m)? } else { Anchors::new(&parts.anchors_m)? };
         let n = anchors.len();
         positive("node_mass_kg", parts.node_mass_kg, "a finite mass above 0, in kilograms")?;
         let net_weight_n = parts.net_weight_n.unwrap_or(parts.node_mass_kg * STANDARD_GRAVITY);
         if !(net_weight_n.is_finite() && net_weight_n >= 0.0) {
             return refuse("net_weight_n", format!("is {net_weight_n}"), "a finite force of 0 or more, in newtons");
         }
+        not_negative("drag_n_s2_m2", parts.drag_n_s2_m2, "a finite drag of 0 or more, in N s²/m²")?;
         let [low, high] = parts.tension_limits_n;
         if !(low.is_finite() && low >= 0.0 && high > low) {
             let problem = format!("is [{low}, {high}]");
@@ -229,10 +203,21 @@ impl Robot {
             }
         }
         parts.motor.check()?;
+        let motor_table = match &parts.motor_table {
+            None => None,
+            Some(table) => match MotorTable::new(table) {
+                Ok(table) => Some(table),
+                Err(error) => {
+                    return refuse("table", format!("does not fit: {error}"), "at most 24 speeds and 16 tensions");
+                }
+            },
+        };
+        let anchor_covariance = parts.anchor_covariance_m2.as_deref().map(|rows| anchor_blocks(rows, n)).transpose()?;
         Ok(Self {
             anchors,
             node_mass_kg: parts.node_mass_kg,
             net_weight_n,
+            drag_n_s2_m2: parts.drag_n_s2_m2,
             tension_limits_n: parts.tension_limits_n,
             speed_limit_m_s: parts.speed_limit_m_s,
             acceleration_limit_m_s2: parts.acceleration_limit_m_s2,
@@ -243,12 +228,34 @@ impl Robot {
             routed_length_m,
             length_limits_m,
             motor: parts.motor,
+            motor_table,
+            anchor_covariance,
         })
     }
 
     /// How many cables.
     pub fn cable_count(&self) -> usize {
         self.anchors.len()
+    }
+
+    /// In how many directions the node moves: 3, or 2 in the plane y = 0.
+    pub fn dimensions(&self) -> usize {
+        self.anchors.dimensions()
+    }
+
+    /// True if the node moves in the plane y = 0 only.
+    pub fn is_planar(&self) -> bool {
+        self.anchors.is_planar()
+    }
+
+    /// How many cables there are beyond what the directions need: in so many ways tensions can be chosen.
+    pub fn redundancy(&self) -> usize {
+        self.cable_count() - self.dimensions()
+    }
+
+    /// How tensions are shared out if nobody asks for another way: least norm, where there is a choice.
+    pub fn default_distribution(&self) -> Distribution {
+        if self.redundancy() == 0 { Distribution::Unique } else { Distribution::LeastNorm }
     }
 
     /// Where the lines leave their pulleys, m.
@@ -264,6 +271,11 @@ impl Robot {
     /// Weight less buoyancy, N.
     pub fn net_weight_n(&self) -> f64 {
         self.net_weight_n
+    }
+
+    /// Drag per square of speed, N s²/m².
+    pub fn drag_n_s2_m2(&self) -> f64 {
+        self.drag_n_s2_m2
     }
 
     /// Lowest and highest tension, N.
@@ -306,17 +318,39 @@ impl Robot {
         &self.length_limits_m[..self.cable_count()]
     }
 
-    /// The winch motors.
+    /// The winch motors' friction model.
     pub fn motor(&self) -> &Motor {
         &self.motor
     }
 
+    /// What the winch motors draw: as it was measured, or else by the friction model.
+    pub fn current(&self) -> &dyn Current {
+        match &self.motor_table {
+            Some(table) => table,
+            None => &self.motor,
+        }
+    }
+
+    /// What they draw as it was measured, if it was.
+    pub fn motor_table(&self) -> Option<&MotorTable> {
+        self.motor_table.as_ref()
+    }
+
+    /// Covariance between the positions of two anchors, counted from 0, m²; None if it is not known.
+    pub fn anchor_covariance_m2(&self, i: usize, j: usize) -> Option<&Matrix3<f64>> {
+        self.anchor_covariance.as_ref().and_then(|blocks| blocks.get(i)?.get(j))
+    }
+
     /// The same robot with other anchors, for a calibration tried out or an error injected on purpose. The number of
-    /// cables may not change.
+    /// cables and the directions it moves in may not change.
     pub fn with_anchors(&self, anchors: Anchors) -> Result<Self, RobotError> {
         if anchors.len() != self.anchors.len() {
             let problem = format!("has {} points for a robot of {} cables", anchors.len(), self.anchors.len());
             return refuse("anchors_m", problem, "as many points as the robot has cables");
+        }
+        if anchors.dimensions() != self.dimensions() {
+            let problem = format!("has {} coordinates for a robot of {}", anchors.dimensions(), self.dimensions());
+            return refuse("anchors_m", problem, "points with as many coordinates as the robot has");
         }
         Ok(Self { anchors, ..*self })
     }
@@ -330,6 +364,28 @@ impl Robot {
     pub fn wrench_n(&self, acceleration_m_s2: &Vector3<f64>) -> Vector3<f64> {
         acceleration_m_s2 * self.node_mass_kg + Vector3::new(0.0, 0.0, self.net_weight_n)
     }
+
+    /// The force the lines provide against the drag of a node that moves, c |v| v, N.
+    pub fn drag_n(&self, velocity_m_s: &Vector3<f64>) -> Vector3<f64> {
+        velocity_m_s * (self.drag_n_s2_m2 * velocity_m_s.norm())
+    }
+
+    /// The force the lines provide together for a node that moves and accelerates: [`Robot::wrench_n`] and the drag, N.
+    ///
+    /// ```
+    /// use cable_robot::*;
+    /// let floats = Robot::new(RobotParts {
+    ///     anchors_m: vec![[0.0, 0.0, 4.0], [6.0, 0.0, 4.0], [6.0, 0.0, 0.0], [0.0, 0.0, 0.0]], planar: true,
+    ///     node_mass_kg: 6.0, net_weight_n: Some(0.0), drag_n_s2_m2: 25.0, tension_limits_n: [8.0, 80.0],
+    ///     speed_limit_m_s: 0.4, acceleration_limit_m_s2: 0.3, ..RobotParts::default()
+    /// })?;
+    /// let force = floats.moving_wrench_n(&Vector3::new(-0.2, 0.0, 0.0), &Vector3::zeros());
+    /// assert!((force - Vector3::new(-1.0, 0.0, 0.0)).norm() < 1e-12);
+    /// # Ok::<(), RobotError>(())
+    /// ```
+    pub fn moving_wrench_n(&self, velocity_m_s: &Vector3<f64>, acceleration_m_s2: &Vector3<f64>) -> Vector3<f64> {
+        self.wrench_n(acceleration_m_s2) + self.drag_n(velocity_m_s)
+    }
 }
 
 pub(crate) fn positive(key: &'static str, value: f64, accepted: &'static str) -> Result<(), RobotError> {
@@ -338,6 +394,31 @@ pub(crate) fn positive(key: &'static str, value: f64, accepted: &'static str) ->
 
 pub(crate) fn not_negative(key: &'static str, value: f64, accepted: &'static str) -> Result<(), RobotError> {
     if value.is_finite() && value >= 0.0 { Ok(()) } else { refuse(key, format!("is {value}"), accepted) }
+}
+
+fn anchor_blocks(rows: &[Vec<f64>], anchors: usize) -> Result<AnchorBlocks, RobotError> {
+    const KEY: &str = "covariance_m2";
+    let size = 3 * anchors;
+    let accepted = "a symmetric matrix of x1, y1, z1, x2, .. in m²";
+    if rows.len() != size || rows.iter().any(|row| row.len() != size) {
+        return refuse(KEY, format!("is not {size} x {size} for {anchors} anchors"), accepted);
+    }
+    let sound = |i: usize, j: usize| {
+        let (value, largest) = (rows[i][j], (rows[i][i] * rows[j][j]).sqrt());
+        // Also false for NaN.
+        rows[i][i] >= 0.0 && value.abs() <= largest * (1.0 + 1e-6) && (value - rows[j][i]).abs() <= 1e-6 * largest
+    };
+    if let Some(at) = (0..size * size).find(|at| !sound(at / size, at % size)) {
+        let (i, j) = (at / size, at % size);
+        return refuse(KEY, format!("has {} in row {}, column {}", rows[i][j], i + 1, j + 1), accepted);
+    }
+    let mut blocks = [[Matrix3::zeros(); MAX_CABLES]; MAX_CABLES];
+    for (i, blocks) in blocks.iter_mut().enumerate().take(anchors) {
+        for (j, block) in blocks.iter_mut().enumerate().take(anchors) {
+            *block = Matrix3::from_fn(|row, column| rows[3 * i + row][3 * j + column]);
+        }
+    }
+    Ok(blocks)
 }
 
 fn keep_out_boxes(given: &[[[f64; 3]; 2]]) -> Result<([KeepOut; MAX_KEEP_OUT], usize), RobotError> {
@@ -380,6 +461,22 @@ mod tests {
         assert_eq!(robot.stiffness_n(), None);
     }
 
+    fn long_table() -> Option<CurrentTable> {
+        let speeds: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.01).collect();
+        CurrentTable::new(speeds, vec![0.0, 1.0], &vec![vec![0.0; 2]; 100], 1.0).ok()
+    }
+
+    #[test]
+    fn a_measured_table_takes_the_place_of_the_model() {
+        let table =
+            CurrentTable::new(vec![-1.0, 1.0], vec![0.0, 100.0], &[vec![0.0, 0.0], vec![2.0, 2.0]], 1.2).unwrap();
+        let robot = Robot::new(RobotParts { motor_table: Some(table), ..parts() }).unwrap();
+        assert_eq!(robot.current().current_a(50.0, 0.0), Ok(1.0));
+        assert!(robot.current().current_a(50.0, 1.1).is_err());
+        let modelled = Robot::new(parts()).unwrap();
+        assert_eq!(modelled.current().current_a(50.0, 1.1), Ok(modelled.motor().current_a(50.0, 1.1)));
+    }
+
     #[test]
     fn every_bad_value_is_named_with_what_is_accepted() {
         type Spoil = fn(&mut RobotParts);
@@ -390,7 +487,10 @@ mod tests {
             ("anchors_m", |p| p.anchors_m[1] = p.anchors_m[0]),
             ("node_mass_kg", |p| p.node_mass_kg = 0.0),
             ("node_mass_kg", |p| p.node_mass_kg = f64::INFINITY),
+            ("anchors_m", |p| p.planar = true),
             ("net_weight_n", |p| p.net_weight_n = Some(-1.0)),
+            ("drag_n_s2_m2", |p| p.drag_n_s2_m2 = -1.0),
+            ("drag_n_s2_m2", |p| p.drag_n_s2_m2 = f64::NAN),
             ("tension_limits_n", |p| p.tension_limits_n = [60.0, 2.0]),
             ("tension_limits_n", |p| p.tension_limits_n = [-1.0, 2.0]),
             ("tension_limits_n", |p| p.tension_limits_n = [1.0, f64::NAN]),
@@ -405,6 +505,11 @@ mod tests {
             ("length_limits_m", |p| p.length_limits_m = Some(vec![[0.1, 10.0]; 2])),
             ("length_limits_m", |p| p.length_limits_m = Some(vec![[0.1, 10.0], [5.0, 1.0], [0.1, 10.0]])),
             ("force_constant_n_a", |p| p.motor.force_constant_n_a = 0.0),
+            ("table", |p| p.motor_table = long_table()),
+            ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![0.0; 9]; 8])),
+            ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![1.0; 8]; 9])),
+            ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![f64::NAN; 9]; 9])),
+            ("covariance_m2", |p| p.anchor_covariance_m2 = Some(vec![vec![-1.0; 9]; 9])),
         ];
         for (key, spoil) in cases {
             let mut bad = parts();

@@ -1,9 +1,13 @@
 //! How lines share the force on the node: (15)-(16), (27)-(43).
 //!
-//! Three lines have one solution. Four have a line of solutions, T = Tp + λ N / |N|, with the null vector
+//! As many lines as directions have one solution. Four in space have a line of solutions, T = Tp + λ N / |N|, with the null vector
 //! N_k = (-1)^k det(Λ without column k) and Tp the least-norm solution; limits cut an interval out of it. This is the
 //! same as the paper's elimination of one cable, without its division by a determinant that may vanish. More lines are
-//! solved through the dual problem, which has three unknowns whatever their number.
+//! solved through the dual problem, which has one unknown per direction whatever their number; so is every planar robot
+//! with more than two.
+//!
+//! Λ is 3 x N, its columns unit vectors from the node to the anchors; the wrench b = m (a + g) of (15) and tensions are in N. What has no
+//! answer is a [`TensionError`], and says by which cable.
 
 pub mod general;
 
@@ -22,7 +26,7 @@ const STRONGEST_N: f64 = 1e9;
 /// Which of the feasible distributions is wanted.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Distribution {
-    /// The only one: three cables.
+    /// The only one: as many cables as directions.
     Unique,
     /// Least sum of squares (27), the least I²R loss of ideal motors. It moves continuously with the pose.
     LeastNorm,
@@ -30,13 +34,6 @@ pub enum Distribution {
     MinSum,
     /// Greatest distance to the nearest limit.
     Safest,
-}
-
-impl Distribution {
-    /// What a robot with this many cables does if nobody asks for another.
-    pub fn default_for(cable_count: usize) -> Self {
-        if cable_count <= 3 { Self::Unique } else { Self::LeastNorm }
-    }
 }
 
 impl std::fmt::Display for Distribution {
@@ -163,27 +160,37 @@ pub fn at(
     acceleration_m_s2: &Vector3<f64>,
     method: Distribution,
 ) -> Result<Tensions, TensionError> {
-    let structure = StructureMatrix::at(robot.anchors(), position)?;
-    distribute(&structure, &robot.wrench_n(acceleration_m_s2), robot.tension_limits_n(), method)
+    under(robot, position, &robot.wrench_n(acceleration_m_s2), method)
 }
 
-/// The acceleration of the node under these tensions (16), m/s².
+/// Tensions of a robot at a position under any force that the lines have to provide together, N, within the robot's limits.
+pub fn under(
+    robot: &Robot,
+    position: &Vector3<f64>,
+    wrench_n: &Vector3<f64>,
+    method: Distribution,
+) -> Result<Tensions, TensionError> {
+    let structure = StructureMatrix::at(robot.anchors(), position)?;
+    distribute(&structure, wrench_n, robot.tension_limits_n(), method)
+}
+
+/// The acceleration of the node under these tensions (16), m/s²; drag left aside.
 pub fn node_acceleration(robot: &Robot, structure: &StructureMatrix, tensions_n: &[f64]) -> Vector3<f64> {
     (structure.force(tensions_n) - robot.wrench_n(&Vector3::zeros())) / robot.node_mass_kg()
 }
 
-/// The unique tensions of three cables (15), N, whatever their limits.
+/// The unique tensions of as many cables as directions (15), N, whatever their limits.
 pub fn unique(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
-    if structure.len() != 3 {
-        let accepted = "three cables";
+    if structure.len() != structure.dimensions() {
+        let accepted = "three cables, or two in a plane";
         return Err(TensionError::Method { method: Distribution::Unique, cables: structure.len(), accepted });
     }
     least_norm_unbounded(structure, wrench_n)
 }
 
-/// Λᵀ(ΛΛᵀ)⁻¹b: the least norm without limits (38), N. For three cables the unique solution.
+/// Λᵀ(ΛΛᵀ)⁻¹b: the least norm without limits (38), N. For as many cables as directions the unique solution.
 pub fn least_norm_unbounded(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
-    let columns = linalg::pseudo_inverse(structure).ok_or(TensionError::Singular)?;
+    let columns = linalg::pseudo_inverse(structure, structure.is_planar()).ok_or(TensionError::Singular)?;
     // The rows given are Λ's columns, so this is the pseudo-inverse of Λᵀ, and its transpose is that of Λ.
     Ok(CableVec::from_fn(structure.len(), |i| columns[i].dot(wrench_n)))
 }
@@ -208,11 +215,11 @@ pub fn distribute(
     method: Distribution,
 ) -> Result<Tensions, TensionError> {
     check_arguments(wrench_n, limits_n)?;
-    let n = structure.len();
+    let (n, directions) = (structure.len(), structure.dimensions());
     let wrong = |accepted| Err(TensionError::Method { method, cables: n, accepted });
     let tensions_n = match (n, method) {
-        (0..=2, _) => return wrong("any with three to eight cables"),
-        (3, _) => {
+        _ if n < directions => return wrong("any with at least as many cables as directions, three or two in a plane"),
+        _ if n == directions => {
             let t = unique(structure, wrench_n)?;
             match worst_violation(&t, limits_n) {
                 Some(violation) => return Err(TensionError::Infeasible(violation)),
@@ -220,7 +227,7 @@ pub fn distribute(
             }
         }
         (_, Distribution::Unique) => return wrong("least-norm, min-sum or safest"),
-        (4, _) => {
+        (4, _) if !structure.is_planar() => {
             let line = FourCables::new(structure, wrench_n, limits_n)?;
             match method {
                 Distribution::MinSum => line.min_sum(),
@@ -228,7 +235,10 @@ pub fn distribute(
                 _ => line.least_norm(),
             }
         }
-        _ => general::distribute(&structure.into(), wrench_n.as_slice(), limits_n, method)?.tensions_n,
+        _ => {
+            let forces = general::forces(structure, wrench_n);
+            general::distribute(&structure.into(), &forces[..directions], limits_n, method)?.tensions_n
+        }
     };
     Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) })
 }
@@ -300,9 +310,9 @@ pub struct FourCables {
 impl FourCables {
     /// The line of solutions and the interval (34) the limits leave of it.
     pub fn new(structure: &StructureMatrix, wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<Self, TensionError> {
-        if structure.len() != 4 {
+        if structure.len() != 4 || structure.is_planar() {
             let method = Distribution::LeastNorm;
-            return Err(TensionError::Method { method, cables: structure.len(), accepted: "four cables" });
+            return Err(TensionError::Method { method, cables: structure.len(), accepted: "four cables in space" });
         }
         check_arguments(wrench_n, limits_n)?;
         let null = null_vector(structure);
@@ -438,13 +448,12 @@ fn null_vector(s: &StructureMatrix) -> CableVec {
     })
 }
 
-/// Least norm within limits for any number of cables (27). Also for planar robots: a structure matrix with a row of zeros
-/// and no force in it.
+/// Least norm within limits for any number of cables (27), of a planar robot too.
 pub fn least_norm(
     structure: &StructureMatrix,
     wrench_n: &Vector3<f64>,
     limits_n: [f64; 2],
 ) -> Result<CableVec, TensionError> {
     check_arguments(wrench_n, limits_n)?;
-    general::least_norm(&structure.into(), wrench_n.as_slice(), limits_n)
+    general::least_norm(&structure.into(), &general::forces(structure, wrench_n)[..structure.dimensions()], limits_n)
 }

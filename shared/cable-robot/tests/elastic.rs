@@ -43,10 +43,6 @@ fn acceleration() -> impl Strategy<Value = Vector3<f64>> {
     [-0.5..0.5f64, -0.5..0.5f64, -0.5..0.5f64].prop_map(Vector3::from)
 }
 
-fn default_for(robot: &Robot) -> Distribution {
-    Distribution::default_for(robot.cable_count())
-}
-
 /// Energy of stretched lines and weight, J.
 fn energy(robot: &Robot, l: &[f64], a: &Vector3<f64>, x: &Vector3<f64>) -> f64 {
     let ea = robot.stiffness_n().unwrap();
@@ -82,10 +78,41 @@ fn lowest(f: impl Fn(&Vector3<f64>) -> f64, start: Vector3<f64>) -> Vector3<f64>
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
+    /// Anchors that are off by a little of what they are uncertain by put the node elsewhere by what the covariance says.
+    #[test]
+    fn the_anchors_covariance_becomes_that_of_the_position(n in 3usize..=5, rigid in any::<bool>(), x in pose(), seed in proptest::array::uniform15(-1.0..1.0f64)) {
+        let mut given = parts(n);
+        if rigid {
+            given.stiffness_n = None;
+        }
+        // One direction of error for all anchors together: a covariance of rank one.
+        let error: Vec<f64> = seed[..3 * n].to_vec();
+        given.anchor_covariance_m2 = Some(error.iter().map(|a| error.iter().map(|b| a * b).collect()).collect());
+        let robot = Robot::new(given).unwrap();
+        // Near the plane of the anchors, lines that turn with their anchors count for a sixth.
+        prop_assume!(if rigid { n == 3 } else { x.z < 2.5 });
+        let held = realise(&robot, &x, &Vector3::zeros(), robot.default_distribution());
+        prop_assume!(held.is_ok());
+        let lengths = held.unwrap().unstretched_m;
+        let found = equilibrium(&robot, &lengths, &Vector3::zeros(), None).unwrap();
+        let moved = |step: f64| {
+            let anchors: Vec<[f64; 3]> = (0..n)
+                .map(|i| (robot.anchors()[i] + Vector3::new(error[3 * i], error[3 * i + 1], error[3 * i + 2]) * step).into())
+                .collect();
+            let other = robot.with_anchors(cable_robot::Anchors::new(&anchors).unwrap()).unwrap();
+            equilibrium(&other, &lengths, &Vector3::zeros(), Some(&found.position)).unwrap().position
+        };
+        let slope = (moved(1e-5) - moved(-1e-5)) / 2e-5;
+        let stated = found.covariance_by_anchors(&robot).unwrap();
+        // What the turning of elastic lines adds is neglected.
+        let tolerance = if rigid { 1e-4 } else { 0.1 };
+        prop_assert!((stated - slope * slope.transpose()).norm() < tolerance * (0.05 + slope.norm_squared()), "{stated} {slope}");
+    }
+
     #[test]
     fn equilibrium_undoes_realise(n in 3usize..=8, p in pose(), a in acceleration()) {
         let robot = robot(n);
-        let held = realise(&robot, &p, &a, default_for(&robot));
+        let held = realise(&robot, &p, &a, robot.default_distribution());
         prop_assume!(held.is_ok());
         let held = held.unwrap();
         let found = equilibrium(&robot, &held.unstretched_m, &a, None).unwrap();
@@ -110,7 +137,7 @@ proptest! {
     #[test]
     fn equilibrium_is_found_from_anywhere(n in 3usize..=6, p in pose(), guess in [-20.0..30.0f64, -20.0..30.0f64, -30.0..40.0f64]) {
         let robot = robot(n);
-        let held = realise(&robot, &p, &Vector3::zeros(), default_for(&robot));
+        let held = realise(&robot, &p, &Vector3::zeros(), robot.default_distribution());
         prop_assume!(held.is_ok());
         let held = held.unwrap();
         let found = equilibrium(&robot, &held.unstretched_m, &Vector3::zeros(), Some(&Vector3::from(guess))).unwrap();
@@ -120,7 +147,7 @@ proptest! {
     #[test]
     fn sensitivity_is_the_derivative(n in 3usize..=6, p in pose()) {
         let robot = robot(n);
-        let held = realise(&robot, &p, &Vector3::zeros(), default_for(&robot));
+        let held = realise(&robot, &p, &Vector3::zeros(), robot.default_distribution());
         prop_assume!(held.is_ok());
         let held = held.unwrap();
         let at = |l: &CableVec| equilibrium(&robot, l, &Vector3::zeros(), Some(&p)).unwrap();

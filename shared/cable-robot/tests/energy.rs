@@ -36,7 +36,7 @@ fn triangle() -> [Vector3<f64>; 3] {
 }
 
 fn hoist<'a>(anchors: &'a [Vector3<f64>], method: Distribution, current: &'a dyn Current) -> Hoist<'a> {
-    Hoist { anchors, planar: false, wrench_n: WEIGHT, limits_n: [1.0, 150.0], method, current }
+    Hoist { anchors, planar: false, wrench_n: WEIGHT, drag_n_s2_m2: 0.0, limits_n: [1.0, 150.0], method, current }
 }
 
 fn ratios(best: &Best) -> (f64, f64) {
@@ -236,6 +236,55 @@ fn several_minima_are_told_apart() {
     })
     .unwrap();
     assert!((best.mu_per_m - 0.55).abs() < 1e-3, "{best:?}");
+}
+
+/// Any landscape of valleys that are wider than the scan's points are apart, with forbidden stretches between: nothing that a fine
+/// scan finds is missed.
+fn landscape(valleys: &[(f64, f64, f64)], mu: f64) -> f64 {
+    valleys.iter().fold(10.0, |sum, (at, width, depth)| {
+        let off = (mu - at) / width;
+        sum - depth / (1.0 + off * off)
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn no_landscape_of_valleys_hides_the_deepest(
+        // The deepest sag that the ground allows here is 0.64 1/m.
+        valleys in proptest::collection::vec((0.0..0.64f64, 0.015..0.1f64, 0.2..2.0f64), 2..9),
+        forbidden in proptest::option::of((0.0..0.6f64, 0.02..0.3f64)),
+    ) {
+        let anchors = square();
+        let motor = ideal();
+        let base = hoist(&anchors, Distribution::LeastNorm, &motor)
+            .constant_speed(&Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.0 }, 0.2, 16)
+            .unwrap();
+        let deepest = cable_robot::energy::parabola::mu_limit(&corners()[0], &corners()[1], 0.0).unwrap().unwrap();
+        let barred = |mu: f64| forbidden.is_some_and(|(from, width)| mu > from && mu < from + width);
+        let best = cable_robot::energy::optimum::best(&corners()[0], &corners()[1], &GROUND, |path, _| {
+            if barred(path.mu_per_m) {
+                let why = cable_robot::tension::TensionError::Infeasible(cable_robot::tension::Violation {
+                    cable: 0, tension_n: 200.0, limit_n: 150.0,
+                });
+                return Err(EnergyError::Tension { x: 0.0, y: 0.0, z: 0.0, why });
+            }
+            Ok(Cost { energy_j: landscape(&valleys, path.mu_per_m), ..base })
+        });
+        let least = (0..=40_000)
+            .map(|i| deepest * f64::from(i) / 40_000.0)
+            .filter(|mu| !barred(*mu))
+            .map(|mu| landscape(&valleys, mu))
+            .fold(f64::INFINITY, f64::min);
+        match best {
+            Ok(best) => {
+                prop_assert!(!barred(best.mu_per_m));
+                prop_assert!(best.cost.energy_j <= least + 0.002 * (10.0 - least), "{} {least} {best:?}", best.cost.energy_j);
+            }
+            Err(error) => prop_assert!(!least.is_finite(), "{error}"),
+        }
+    }
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 use cable_robot::CableVec;
 use cable_robot::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
-use cable_robot::preview::{PreviewError, PreviewGain, Twin};
+use cable_robot::preview::{Lead, PreviewError, PreviewGain, Twin};
 use proptest::prelude::*;
 
 const PERIOD_S: f64 = 0.01;
@@ -164,6 +164,70 @@ fn a_model_that_is_a_third_off_still_follows_and_a_better_one_follows_better() {
     };
     let [exact, tenth, third] = [1.0, 1.1, 1.3].map(worst);
     assert!(exact < tenth && tenth < third && third < 0.03, "{exact} {tenth} {third}");
+}
+
+/// A trapezoid of speed, 0.3 m/s² up to 0.2 m/s and down again, from 6 m; at time t.
+fn trapezoid(t: f64) -> f64 {
+    let (ramp, a) = (2.0 / 3.0, 0.3);
+    let up = |t: f64| 0.5 * a * t * t;
+    let t = t.max(0.0);
+    6.0 + match t {
+        t if t < ramp => up(t),
+        t if t < 2.0 => up(ramp) + 0.2 * (t - ramp),
+        t if t < 2.0 + ramp => up(ramp) + 0.2 * (t - ramp) - up(t - 2.0),
+        _ => 0.4,
+    }
+}
+
+/// Worst distance of a winch as modelled, driven open loop by the lead alone, from a trapezoid, m.
+fn led(lag: &DriveLag) -> f64 {
+    let (mut lead, model) = (Lead::new(lag, PERIOD_S, 40).unwrap(), CycleModel::new(lag, PERIOD_S, 0.0).unwrap());
+    let mut sent = CommandHistory::new();
+    let (mut winch, mut worst) = (Winch { length_m: 6.0, velocity_m_s: 0.0 }, 0.0f64);
+    for k in 0..500u64 {
+        // The command of cycle k takes effect `whole` cycles later.
+        let first = k + lead_cycles(lag);
+        let ahead: Vec<CableVec> =
+            (1..=40).map(|j| CableVec::repeat(1, trapezoid((first + j) as f64 * PERIOD_S - 1.0))).collect();
+        let led = lead.step(k, &ahead);
+        assert_eq!(lead.step(k, &ahead), led, "asked twice in a cycle it does not go on");
+        sent.note(k, &led.command_m_s);
+        winch = model.step(winch, sent.ago(model.whole() + 1)[0], sent.ago(model.whole())[0]);
+        worst = worst.max((winch.length_m - trapezoid((k + 1) as f64 * PERIOD_S - 1.0)).abs());
+    }
+    worst
+}
+
+fn lead_cycles(lag: &DriveLag) -> u64 {
+    CycleModel::new(lag, PERIOD_S, 0.0).unwrap().whole() as u64
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn what_is_known_beforehand_is_followed_whatever_the_drives(delay_s in 0.0..0.12f64, lag_s in 0.0..0.2f64) {
+        // 0.3 m/s² that begins at once is cut by about 0.3 / 56², 0.1 mm; a command of old would be 0.2 (delay + lag) late.
+        let worst = led(&DriveLag::new(delay_s, lag_s).unwrap());
+        prop_assert!(worst < 1.5e-4, "{worst} m");
+    }
+}
+
+#[test]
+fn after_a_jump_or_a_gap_the_lead_begins_on_the_desired_lengths() {
+    let mut lead = Lead::new(&DriveLag::new(0.03, 0.04).unwrap(), PERIOD_S, 40).unwrap();
+    let still = |at: f64| vec![CableVec::repeat(2, at); 40];
+    lead.step(1, &still(6.0));
+    for (cycle, at) in [(2, 6.02), (9, 6.021), (10, f64::NAN), (11, 6.021)] {
+        let led = lead.step(cycle, &still(at));
+        if at.is_finite() {
+            assert!(
+                (led.winches[1].length_m - at).abs() < 1e-12 && led.command_m_s.max_abs() < 1e-9,
+                "{cycle} {led:?}"
+            );
+        }
+    }
+    assert_eq!(lead.step(12, &[]).command_m_s.len(), 0);
 }
 
 #[test]

@@ -1,9 +1,9 @@
 //! The channel table: every name, its type and its quality of service, once.
 
-use crate::message::Message;
+use crate::ros::{Log, MarkerArray, Path, Payload, PointCloud2, PoseStamped, TfMessage};
 use crate::{
-    ControlStatus, Energy, Heartbeat, LogEvent, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate,
-    OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading, RecorderStatus, Sample, TruthNode,
+    ControlStatus, Energy, Heartbeat, LogEvent, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
+    NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading, RecorderStatus, Sample, TruthNode,
 };
 
 /// Quality of service of a channel. Safe overflow is always on: the oldest sample makes room, a publisher never waits.
@@ -11,8 +11,10 @@ use crate::{
 pub struct Quality {
     /// Samples a subscriber can lag behind before it loses the oldest: at least 2.5 s at the channel's rate.
     pub buffer: usize,
-    /// Samples a late subscriber still gets.
+    /// Samples that are kept for a recorder that comes late, or again: over a second at the channel's rate, in which it is started again.
     pub history: usize,
+    /// Samples of these that any other late subscriber gets.
+    pub late: usize,
     /// Publishers at most; 1 is a lease on the channel.
     pub publishers: usize,
     /// Subscribers at most.
@@ -35,15 +37,23 @@ pub struct Channel {
 }
 
 /// 200 Hz x 2.5 s, rounded up: also holds 100 Hz through a stall of five seconds.
-const CYCLE: Quality = Quality { buffer: 512, history: 1, publishers: 1, subscribers: 12, nodes: 40 };
+const CYCLE: Quality = Quality { buffer: 512, history: 256, late: 1, publishers: 1, subscribers: 12, nodes: 40 };
 /// 10 Hz and below.
-const SLOW: Quality = Quality { buffer: 64, history: 4, publishers: 1, subscribers: 12, nodes: 40 };
+const SLOW: Quality = Quality { buffer: 64, history: 32, late: 4, publishers: 1, subscribers: 12, nodes: 40 };
 /// Bursts: every line of a log at start-up, every row of a table at once; several publishers.
-const BURST: Quality = Quality { buffer: 256, history: 32, publishers: 8, subscribers: 12, nodes: 40 };
+const BURST: Quality = Quality { buffer: 256, history: 128, late: 32, publishers: 8, subscribers: 12, nodes: 40 };
 /// Sensors up to 100 Hz; a replacement may overlap its predecessor.
-const SENSOR: Quality = Quality { buffer: 256, history: 4, publishers: 2, subscribers: 12, nodes: 40 };
+const SENSOR: Quality = Quality { buffer: 256, history: 128, late: 4, publishers: 2, subscribers: 12, nodes: 40 };
 
-const fn row<T: Message>(pattern: &'static str, quality: Quality) -> Channel {
+/// Clouds of points, pictures: large and slow.
+const CLOUD: Quality = Quality { buffer: 64, history: 8, late: 1, publishers: 2, subscribers: 8, nodes: 40 };
+
+/// What is drawn, 25 times a second, and what of it changes slowly, twice a second; large, so no more of it than is needed.
+const SCENE: Quality = Quality { buffer: 64, history: 32, late: 1, publishers: 1, subscribers: 8, nodes: 40 };
+/// See [`SCENE`].
+const SLOW_SCENE: Quality = Quality { buffer: 8, history: 4, late: 1, publishers: 1, subscribers: 8, nodes: 40 };
+
+const fn row<T: Payload>(pattern: &'static str, quality: Quality) -> Channel {
     Channel { pattern, type_name: Some(T::type_name), schema: Some(T::schema), quality }
 }
 
@@ -51,6 +61,7 @@ const fn row<T: Message>(pattern: &'static str, quality: Quality) -> Channel {
 pub const CHANNELS: &[Channel] = &[
     row::<MotorState>("motor/state", CYCLE),
     row::<MotorAuthority>("motor/authority", CYCLE),
+    row::<MotorSlots>("motor/slots", CYCLE),
     row::<MotorInput>("motor/input", CYCLE),
     row::<MotorCommand>("motor/command/*", CYCLE),
     row::<NodeEstimate>("node/estimate/*", CYCLE),
@@ -60,12 +71,20 @@ pub const CHANNELS: &[Channel] = &[
     row::<OperatorRequest>("operator/request", BURST),
     row::<Reading>("sensor/*", SENSOR),
     row::<Sample>("sample/*", SENSOR),
+    Channel { pattern: "cloud/*", type_name: None, schema: None, quality: CLOUD },
     row::<Energy>("energy", CYCLE),
     row::<Heartbeat>("system/heartbeat/*", SLOW),
     row::<LogEvent>("system/log/*", BURST),
     row::<ProcessState>("system/process", BURST),
     row::<RecorderStatus>("recorder/status", BURST),
     row::<TruthNode>("truth/node", CYCLE),
+    row::<TfMessage>("tf", SCENE),
+    row::<PoseStamped>("scene/pose", SCENE),
+    row::<MarkerArray>("scene/robot", SCENE),
+    row::<Path>("scene/plan", SLOW_SCENE),
+    row::<Path>("scene/track", SLOW_SCENE),
+    row::<PointCloud2>("scene/samples/*", SLOW_SCENE),
+    row::<Log>("log", BURST),
 ];
 
 /// The row a channel name belongs to, if the table has one.

@@ -14,27 +14,43 @@
 //! assert!(MotorState::schema().starts_with("nims_msgs/Header header\n"));
 //! ```
 
+// the macros name this crate as whoever uses them does
+extern crate self as messages;
+
+mod blend;
 mod channels;
 mod message;
 mod motion;
 mod motor;
 mod node;
+pub mod ros;
 pub mod schema;
 mod system;
 mod text;
 
+pub use blend::blended_estimate;
 pub use channels::{CHANNELS, Channel, Quality, channel_of, quality_of};
+#[doc(hidden)]
+pub use message::expanded;
 pub use message::{Field, Header, Message, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
-pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorState};
+pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
 pub use node::{ControlStatus, NodeEstimate, Reading, Sample, TruthNode};
-pub use system::{Heartbeat, LogEvent, OperatorRequest, ProcessState, RecorderStatus};
+pub use system::{Heartbeat, LogEvent, OperatorRequest, ProcessState, RecorderGap, RecorderStatus};
 pub use text::{put_text, text_of};
 
 /// Cables of one robot at most; every per-cable array has this length.
 pub const CABLES: usize = 8;
 /// Drive units of one robot at most (a unit drives one or two cables).
 pub const UNITS: usize = 8;
+/// Roles with slots.
+pub const ROLES: usize = 2;
+/// Index of the controllers in arrays per role.
+pub const CONTROLLERS: usize = 0;
+/// Index of the estimators in arrays per role.
+pub const ESTIMATORS: usize = 1;
+/// Length of arrays per role and slot; the index is [`SLOTS`] x role + slot.
+pub const SEATS: usize = ROLES * SLOTS;
 /// Slots per role (controller, estimator): a and b.
 pub const SLOTS: usize = 2;
 /// Their names, as they stand in channel names.

@@ -62,92 +62,121 @@ pub fn schema_name(type_name: &str) -> Option<String> {
     (!package.is_empty() && !name.is_empty() && parts.count() <= 1).then(|| format!("{package}/msg/{name}"))
 }
 
-/// Appends one line of a definition.
-pub(crate) fn line<T: Field>(text: &mut String, field: &str, constants: &[(&str, u64)]) {
-    for (name, value) in constants {
-        text.push_str(&format!("{} {name}={value}\n", T::ROS));
-    }
-    match T::LENGTH {
-        Some(length) => text.push_str(&format!("{}[{length}] {field}\n", T::ROS)),
-        None => text.push_str(&format!("{} {field}\n", T::ROS)),
-    }
-}
+/// What the macros below need where they are used; nothing for anyone else.
+#[doc(hidden)]
+pub mod expanded {
+    pub use bytemuck;
 
-/// The complete text: own lines, then every nested definition behind the separator of 80 `=`.
-pub(crate) fn complete(own: &str, dependencies: &[(&'static str, String)]) -> String {
-    let mut text = own.to_owned();
-    for (name, lines) in dependencies {
-        text.push_str(&format!("{}\nMSG: {name}\n{lines}", "=".repeat(80)));
+    use super::Field;
+
+    /// Appends one line of a definition.
+    pub fn line<T: Field>(text: &mut String, field: &str, constants: &[(&str, u64)]) {
+        for (name, value) in constants {
+            text.push_str(&format!("{} {name}={value}\n", T::ROS));
+        }
+        match T::LENGTH {
+            Some(length) => text.push_str(&format!("{}[{length}] {field}\n", T::ROS)),
+            None => text.push_str(&format!("{} {field}\n", T::ROS)),
+        }
     }
-    text
+
+    /// The complete text: own lines, then every nested definition behind the separator of 80 `=`.
+    #[must_use]
+    pub fn complete(own: &str, dependencies: &[(&'static str, String)]) -> String {
+        let mut text = own.to_owned();
+        for (name, lines) in dependencies {
+            text.push_str(&format!("{}\nMSG: {name}\n{lines}", "=".repeat(80)));
+        }
+        text
+    }
 }
 
 /// Declares a struct that can stand in a sample: layout, schema lines and constants from one text.
 ///
-/// Constants stand behind the field they belong to: `mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1 }`.
+/// Constants stand behind the field they belong to: `mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1 }`. Whoever uses it outside of this
+/// project depends on this crate by its name, `messages`. A struct with hidden padding does not compile: put wide fields first, or add
+/// `pad0: [u8; 6]`.
+#[macro_export]
 macro_rules! layout {
     ($(#[$outer:meta])* pub struct $name:ident { $( $(#[$inner:meta])* $field:ident : $type:ty $({ $($(#[$cdoc:meta])* $constant:ident = $value:literal),* $(,)? })? ),* $(,)? }) => {
         $(#[$outer])*
         #[repr(C)]
-        #[derive(Debug, Clone, Copy, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+        #[derive(Debug, Clone, Copy, PartialEq, $crate::expanded::bytemuck::Pod, $crate::expanded::bytemuck::Zeroable)]
+        #[bytemuck(crate = "::messages::expanded::bytemuck")]
         #[allow(missing_docs)] // the name and its unit suffix say it; a comment stands where they do not
         pub struct $name { $( $(#[$inner])* pub $field: $type ),* }
 
         #[allow(missing_docs)] // choices of a field: the names say it
         impl $name {
-            $( $( $( $(#[$cdoc])* pub const $constant: <$type as crate::message::Field>::Element = $value; )* )? )*
+            $( $( $( $(#[$cdoc])* pub const $constant: <$type as $crate::Field>::Element = $value; )* )? )*
 
             fn own_lines() -> String {
                 let mut text = String::new();
-                $( crate::message::line::<$type>(&mut text, stringify!($field), &[$( $( (stringify!($constant), u64::from(Self::$constant)) ),* )?]); )*
+                $( $crate::expanded::line::<$type>(&mut text, stringify!($field), &[$( $( (stringify!($constant), u64::from(Self::$constant)) ),* )?]); )*
                 text
             }
         }
 
         impl Default for $name {
-            fn default() -> Self { bytemuck::Zeroable::zeroed() }
+            fn default() -> Self { $crate::expanded::bytemuck::Zeroable::zeroed() }
         }
 
-        impl crate::message::Field for $name {
+        impl $crate::Field for $name {
             type Element = Self;
             const ROS: &'static str = concat!("nims_msgs/", stringify!($name));
             fn dependencies(into: &mut Vec<(&'static str, String)>) {
                 if into.iter().all(|(name, _)| *name != Self::ROS) {
                     into.push((Self::ROS, Self::own_lines()));
-                    $( <$type as crate::message::Field>::dependencies(into); )*
+                    $( <$type as $crate::Field>::dependencies(into); )*
                 }
             }
         }
     };
 }
 
-/// Declares a sample: a [`layout!`] whose first field is `header: Header`.
+/// Declares a sample: a [`layout!`](crate::layout) whose first field is `header: Header`. That is all that a new type needs.
+///
+/// ```
+/// use messages::{Header, Message};
+///
+/// messages::message! {
+///     /// What the probe says.
+///     pub struct Soil {
+///         header: Header,
+///         temperature_c: f64,
+///         moisture: [f64; 3],
+///         state: u8 { STATE_DRY = 0, STATE_WET = 1 },
+///         pad0: [u8; 7],
+///     }
+/// }
+/// assert!(Soil::type_name().starts_with("nims_msgs/Soil/"));
+/// assert!(Soil::schema().contains("float64[3] moisture\nuint8 STATE_DRY=0\n"));
+/// ```
+#[macro_export]
 macro_rules! message {
     ($(#[$outer:meta])* pub struct $name:ident { $($body:tt)* }) => {
-        crate::message::layout! { $(#[$outer])* pub struct $name { $($body)* } }
+        $crate::layout! { $(#[$outer])* pub struct $name { $($body)* } }
 
-        impl crate::message::Message for $name {
+        impl $crate::Message for $name {
             const NAME: &'static str = stringify!($name);
             fn schema() -> &'static str {
                 static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
                 TEXT.get_or_init(|| {
                     let mut dependencies = Vec::new();
-                    <Self as crate::message::Field>::dependencies(&mut dependencies);
+                    <Self as $crate::Field>::dependencies(&mut dependencies);
                     dependencies.remove(0);
-                    crate::message::complete(&Self::own_lines(), &dependencies)
+                    $crate::expanded::complete(&Self::own_lines(), &dependencies)
                 })
             }
             fn type_name() -> &'static str {
                 static NAME: std::sync::OnceLock<String> = std::sync::OnceLock::new();
-                NAME.get_or_init(|| format!("nims_msgs/{}/{:08x}", stringify!($name), crate::message::hash_of(Self::schema())))
+                NAME.get_or_init(|| format!("nims_msgs/{}/{:08x}", stringify!($name), $crate::hash_of(Self::schema())))
             }
-            fn header(&self) -> &crate::message::Header { &self.header }
-            fn header_mut(&mut self) -> &mut crate::message::Header { &mut self.header }
+            fn header(&self) -> &$crate::Header { &self.header }
+            fn header_mut(&mut self) -> &mut $crate::Header { &mut self.header }
         }
     };
 }
-
-pub(crate) use {layout, message};
 
 layout! {
     /// Begins every sample.
@@ -160,5 +189,13 @@ layout! {
         stamp_ns: u64,
         /// The oldest measurement that the content rests on, CLOCK_MONOTONIC, ns.
         oldest_input_ns: u64,
+    }
+}
+
+impl Header {
+    /// Of a sample outside the control cycle that was true at `stamp_ns` (CLOCK_MONOTONIC) and rests on nothing older.
+    #[must_use]
+    pub fn at(stamp_ns: u64) -> Self {
+        Self { stamp_ns, oldest_input_ns: stamp_ns, ..Self::default() }
     }
 }

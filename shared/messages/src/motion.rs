@@ -1,7 +1,7 @@
 //! Motion segments and the state of the mission.
 
 use crate::CABLES;
-use crate::message::{Header, layout, message};
+use crate::{Header, layout, message};
 
 /// Knots of a speed profile at most.
 pub const KNOTS: usize = 32;
@@ -16,6 +16,7 @@ layout! {
         from_m: [f64; 3],
         to_m: [f64; 3],
         /// By kind. Parabola: [mu 1/m]. Spiral: [centre x, y, r0 m, radius growth m/rad, start angle rad, total angle rad, rise m].
+        /// Lateral: amplitudes m of three harmonics down, then three to the left.
         shape: [f64; 8],
         /// Speed profile: between knots the tangential acceleration is constant.
         knot_s_m: [f64; 32],
@@ -23,7 +24,7 @@ layout! {
         /// Non-zero, unique within the planner's life.
         id: u32,
         knot_count: u32,
-        kind: u8 { KIND_NONE = 0, KIND_DWELL = 1, KIND_LINE = 2, KIND_PARABOLA = 3, KIND_SPIRAL = 4 },
+        kind: u8 { KIND_NONE = 0, KIND_DWELL = 1, KIND_LINE = 2, KIND_PARABOLA = 3, KIND_SPIRAL = 4, KIND_LATERAL = 5 },
         pad0: [u8; 7],
     }
 }

@@ -1,7 +1,7 @@
 //! The samples of the control cycle.
 
-use crate::message::{Header, message};
-use crate::{CABLES, SLOTS, UNITS};
+use crate::{CABLES, ROLES, SEATS, SLOTS, UNITS};
+use crate::{Header, message};
 
 message! {
     /// `motor/state`, each cycle: what the drives and encoders say. Cable velocities are dL/dt: positive pays line out.
@@ -15,15 +15,15 @@ message! {
         length_m: [f64; CABLES],
         /// Measured cable velocity, m/s; over the last 50 ms, because one encoder step in one cycle is a large velocity.
         velocity_m_s: [f64; CABLES],
-        /// Motor current, A.
+        /// Motor current, A; positive where it pulls the line in, as a tension does.
         current_a: [f64; CABLES],
-        /// Drive output, -1 to 1.
+        /// Drive output, -1 to 1; positive where it pays the line out, as a velocity does.
         duty: [f64; CABLES],
         /// Cable velocity sent in this cycle, m/s.
         command_m_s: [f64; CABLES],
         /// Supply voltage per unit, V.
         supply_v: [f64; UNITS],
-        /// Status bits per unit, as the drive gave them.
+        /// Status bits per unit, as the drive gave them; a stop button on the unit's port shows as the unit's own.
         status: [u32; UNITS],
         /// 1: this cable's reading is from this cycle.
         fresh: [u8; CABLES],
@@ -84,6 +84,8 @@ message! {
         wake_ns: u64,
         /// From the oldest encoder reading that the applied command rests on to its sending, ns.
         command_age_ns: u64,
+        /// Per role (controller, estimator): how far the cross-fade to the slot in charge has come, 0 to 1; 1: there is none.
+        fade: [f64; ROLES],
         /// Why the robot is faulted or was stopped; latched until reset.
         faults: u32 {
             FAULT_LOST_UNIT = 1, FAULT_UNIT_REBOOT = 2, FAULT_STALL = 4, FAULT_SLACK = 8, FAULT_OVER_TENSION = 16,
@@ -99,12 +101,16 @@ message! {
         /// Motion (plan/motion) being followed; 0: none.
         motion: u32,
         mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1, MODE_JOGGING = 2, MODE_FOLLOWING = 3, MODE_STOPPING = 4, MODE_FAULTED = 5, MODE_EMERGENCY_STOP = 6 },
+        /// Slots whose command and estimate are used in this cycle.
         active_controller: u8,
         active_estimator: u8,
+        /// Per role: the slot in charge. The other one's command may stand in for a cycle that it misses.
+        in_charge: [u8; ROLES],
         /// Last verdict on each controller slot's command.
         verdict: [u8; SLOTS] {
             VERDICT_NONE = 0, VERDICT_ACCEPTED = 1, VERDICT_STALE = 2, VERDICT_EPOCH = 3, VERDICT_INCARNATION = 4, VERDICT_NOT_FINITE = 5,
             VERDICT_OUT_OF_LIMITS = 6, VERDICT_NO_ESTIMATE = 7, VERDICT_ABSENT = 8,
+            VERDICT_SEGMENT = 9,
         },
         /// As in motor/state.
         position_known: u8,
@@ -113,7 +119,39 @@ message! {
         /// 1 for each unit that a fault names.
         fault_unit: [u8; UNITS],
         cable_count: u8,
-        pad0: [u8; 1],
+        pad0: [u8; 7],
+    }
+}
+
+message! {
+    /// `motor/slots`, each cycle: how far each controller and each estimator is trusted, and the way of a swap.
+    pub struct MotorSlots {
+        header: Header,
+        /// Per role (controller, estimator): the cycle in which an announced swap takes effect; 0: none is announced.
+        commit_cycle: [u64; ROLES],
+        /// As in motor/authority.
+        fade: [f64; ROLES],
+        /// Per role and slot (controller a, b, estimator a, b): how far it is from the slot in charge, m/s of the cable that differs
+        /// most, m of the position; negative: there is nothing to compare.
+        apart: [f64; SEATS],
+        /// Per role and slot: cycles in a row in which it answered well beside the slot in charge; `qualify_cycles` make it a standby.
+        well_cycles: [u32; SEATS],
+        qualify_cycles: u32,
+        /// Per role and slot: how far it is trusted.
+        phase: [u8; SEATS] {
+            PHASE_EMPTY = 0, PHASE_ATTACHED = 1, PHASE_SHADOW = 2, PHASE_QUALIFIED = 3, PHASE_SWITCHING = 4, PHASE_ACTIVE = 5,
+            PHASE_PROBATION = 6, PHASE_QUARANTINED = 7,
+        },
+        /// Per role and slot: what last cost it its trust.
+        cause: [u8; SEATS] {
+            CAUSE_NONE = 0, CAUSE_ABSENT = 1, CAUSE_RESTARTED = 2, CAUSE_NOT_FINITE = 3, CAUSE_OUT_OF_LIMITS = 4, CAUSE_APART = 5,
+            CAUSE_NOT_VALID = 6, CAUSE_PROBATION = 7,
+        },
+        /// Per role and slot: how often it lost its trust without a good while between.
+        falls: [u8; SEATS],
+        /// As in motor/authority.
+        in_charge: [u8; ROLES],
+        pad0: [u8; 6],
     }
 }
 
@@ -143,6 +181,8 @@ message! {
         restored_counts: [i64; CABLES],
         /// Tensions of the last estimate, row 0 from node/estimate/a, row 1 from /b.
         estimate_tension_n: [f64; 16],
+        /// Position of the last estimate, m, row by row.
+        estimate_position_m: [f64; 6],
         /// Replies of the drives.
         sampled_ns: [u64; CABLES],
         counts: [i64; CABLES],
@@ -155,6 +195,8 @@ message! {
         motion_segment: u32,
         /// In the first cycle: the epoch to begin with, so that no life of this process takes up another's motion.
         first_epoch: u32,
+        /// Who made the last estimate of each slot.
+        estimate_incarnation: [u32; SLOTS],
         /// Commands that arrived for this cycle.
         command: [MotorCommand; SLOTS],
         /// Per node/estimate slot: the cycle of the last estimate.

@@ -1,7 +1,6 @@
 //! Where the node is, how well it follows, and what its sensors say.
 
-use crate::CABLES;
-use crate::message::{Header, message};
+use crate::{CABLES, Header, SLOTS, message};
 
 message! {
     /// `node/estimate/a` and `/b`: position and tensions from the measured lengths.
@@ -22,12 +21,15 @@ message! {
         /// From the elastic equilibrium; for rigid lines from (15).
         tension_n: [f64; CABLES],
         residual_m: f64,
+        /// Cycle of the motor/authority it was made with; 0: none yet. With the motor/state of its own cycle that is all it rests on.
+        seen_authority: u64,
         epoch: u32,
         incarnation: u32,
         slack: [u8; CABLES],
         valid: u8,
         cable_count: u8,
-        pad0: [u8; 6],
+        method: u8 { METHOD_PHI = 1, METHOD_KALMAN = 2 },
+        pad0: [u8; 5],
     }
 }
 
@@ -45,13 +47,20 @@ message! {
         tension_n: [f64; CABLES],
         /// Unstretched length error of the redundant mode, m.
         redundant_m: f64,
+        /// What the answer rests on: cycle of the newest estimate of each slot, of motor/authority and of motor/state, beat of
+        /// plan/motion; 0: none yet.
+        seen_estimate: [u64; SLOTS],
+        seen_authority: u64,
+        seen_state: u64,
+        seen_motion: u64,
         horizon: u32,
         segment: u32,
         incarnation: u32,
+        /// The law that answered, and the one that was chosen: preview falls back on lq-endpoint.
         law: u8 { LAW_LQ_ENDPOINT = 1, LAW_PREVIEW = 2, LAW_P_FEEDFORWARD = 3, LAW_OTHER = 255 },
+        chosen_law: u8,
         valid: u8,
         cable_count: u8,
-        pad0: [u8; 1],
     }
 }
 
@@ -73,17 +82,27 @@ message! {
 
 message! {
     /// `sensor/NAME`: the standard reading, for sensors that need no type of their own.
+    ///
+    /// `stamp_ns` is when it arrived, `oldest_input_ns` when it was true: `latency_s` earlier. Without a new one a driver repeats the last
+    /// one as stale, with the times of then, so that silence and old values are told apart.
     pub struct Reading {
         header: Header,
+        /// The first `count` count; NaN where the device says that it has no value.
         value: [f64; 8],
-        /// Delay from the event to `stamp_ns`, s, as far as it is known.
+        /// From the event to `stamp_ns`, s, as far as it is known.
         latency_s: f64,
+        /// Where the sensor is on the node, seen from the node's position, in the site's axes, m.
+        lever_m: [f64; 3],
+        /// Since the driver began: readings that were good enough to be published, and frames that were not.
+        frames: u64,
+        bad_frames: u64,
         count: u8,
-        quality: u8 { QUALITY_GOOD = 0, QUALITY_DOUBTFUL = 1, QUALITY_STALE = 2 },
+        /// Doubtful: by the device's own account, e.g. too weak a signal. Invalid: it has no value.
+        quality: u8 { QUALITY_GOOD = 0, QUALITY_DOUBTFUL = 1, QUALITY_STALE = 2, QUALITY_INVALID = 3 },
         pad0: [u8; 6],
-        /// What is measured, and in which unit.
-        quantity: [u8; 32],
-        unit: [u8; 16],
+        /// What is measured, and in which unit: one word for each value, separated by commas.
+        quantity: [u8; 64],
+        unit: [u8; 32],
     }
 }
 

@@ -282,7 +282,12 @@ pub enum Number {
 }
 
 impl Number {
-    fn read(primitive: Primitive, bytes: &[u8]) -> Self {
+    /// The number that stands at the beginning of `bytes`, little endian.
+    ///
+    /// # Panics
+    /// There are fewer bytes than the number has.
+    #[must_use]
+    pub fn read(primitive: Primitive, bytes: &[u8]) -> Self {
         let mut wide = [0_u8; 8];
         let size = primitive.size();
         wide[..size].copy_from_slice(&bytes[..size]);

@@ -1,24 +1,25 @@
 //! Requests of the operator, life signs, the log, and the state of the recording.
 
-use crate::message::{Header, message};
+use crate::{Header, message};
 
 message! {
     /// A request of the operator and, when `answered` is 1, its answer. On `operator/request` both are published.
     pub struct OperatorRequest {
         header: Header,
         id: u64,
-        /// By verb. ZERO_AT: x, y, z. ZERO_LENGTHS: lengths. JOG: cable (from 1), metres. SPEED: fraction. GOTO: x, y, z, speed m/s (0: default), path (0 line, 1 parabola).
+        /// By verb. ZERO_AT: x, y, z. ZERO_LENGTHS: lengths. JOG: cable (from 1), metres. SPEED: fraction. SWAP, ADMIT: role (0 controller, 1 estimator), slot (0 a, 1 b). GOTO: x, y, z, speed m/s (0: default), path (0 line, 1 parabola, 2 lateral), mu 1/m.
         args: [f64; 8],
         pid: u32,
         verb: u8 {
             VERB_NONE = 0, VERB_ARM = 1, VERB_DISARM = 2, VERB_HOLD = 3, VERB_STOP = 4, VERB_ESTOP = 5, VERB_RESET = 6, VERB_ZERO_AT = 7,
-            VERB_ZERO_LENGTHS = 8, VERB_CONFIRM_POSITION = 9, VERB_JOG = 10, VERB_PAUSE = 11, VERB_RESUME = 12, VERB_SPEED = 13,
+            VERB_ZERO_LENGTHS = 8, VERB_CONFIRM_POSITION = 9, VERB_JOG = 10, VERB_PAUSE = 11, VERB_RESUME = 12, VERB_SPEED = 13, VERB_SWAP = 14, VERB_ADMIT = 15,
             VERB_GOTO = 20, VERB_RUN = 21, VERB_FAULT = 30,
+            VERB_START_PROCESS = 40, VERB_STOP_PROCESS = 41, VERB_RESTART_PROCESS = 42, VERB_PLUG = 43, VERB_UNPLUG = 44,
         },
         answered: u8,
         accepted: u8,
         pad0: [u8; 1],
-        /// RUN: path of the mission file.
+        /// RUN: path of the mission file. Requests to the supervisor: a line each for the process's name and what else is asked.
         text: [u8; 512],
         /// One sentence.
         answer: [u8; 512],
@@ -47,6 +48,8 @@ message! {
         pinned: u8,
         pad0: [u8; 4],
         name: [u8; 32],
+        /// Of the program, and how it was built.
+        version: [u8; 32],
     }
 }
 
@@ -72,10 +75,18 @@ message! {
         restarts: u32,
         exit_code: i32,
         signal: i32,
-        state: u8 { STATE_STOPPED = 0, STATE_STARTING = 1, STATE_READY = 2, STATE_STOPPING = 3, STATE_DIED = 4, STATE_SILENT = 5, STATE_GAVE_UP = 6 },
-        pad0: [u8; 7],
+        /// RUNNING: it runs, and never says whether it is ready. GAVE_UP: died too often to be started again. GONE: no longer in the table.
+        state: u8 {
+            STATE_STOPPED = 0, STATE_STARTING = 1, STATE_READY = 2, STATE_STOPPING = 3, STATE_DIED = 4, STATE_SILENT = 5, STATE_GAVE_UP = 6,
+            STATE_RUNNING = 7, STATE_GONE = 8,
+        },
+        /// Of a controller or an estimator: 1 for a, 2 for b; otherwise 0.
+        slot: u8,
+        pad0: [u8; 6],
         name: [u8; 32],
         role: [u8; 32],
+        /// Its law, where it is not the configured one, or its name in the box file.
+        law: [u8; 32],
         /// One sentence on why it is in this state.
         reason: [u8; 192],
     }
@@ -99,5 +110,23 @@ message! {
         pad0: [u8; 7],
         channel: [u8; 64],
         file: [u8; 128],
+    }
+}
+
+message! {
+    /// In run files, on `recorder/gap`: samples of a channel that should be between two others and are not in the file. It stands where they
+    /// are missing; the recorder writes it itself, so it does not travel in shared memory.
+    pub struct RecorderGap {
+        header: Header,
+        missing: u64,
+        /// Number of the sample before and of the one behind, and when they were published, CLOCK_MONOTONIC, ns; 0: there is none before.
+        last_seq: u64,
+        next_seq: u64,
+        last_ns: u64,
+        next_ns: u64,
+        /// NOT_HEARD: its buffer overflowed before the recorder took it. DISK_FULL, FAILED: there was no file to write it to.
+        cause: u8 { CAUSE_NOT_HEARD = 1, CAUSE_DISK_FULL = 2, CAUSE_FAILED = 3 },
+        pad0: [u8; 7],
+        channel: [u8; 64],
     }
 }

@@ -62,6 +62,7 @@ fn every_sample_is_its_own_cdr_body() {
     check::<MotorState>();
     check::<MotorCommand>();
     check::<MotorAuthority>();
+    check::<MotorSlots>();
     check::<MotorInput>();
     check::<Energy>();
     check::<PlanMotion>();
@@ -76,6 +77,27 @@ fn every_sample_is_its_own_cdr_body() {
     check::<LogEvent>();
     check::<ProcessState>();
     check::<RecorderStatus>();
+    check::<RecorderGap>();
+}
+
+message! {
+    /// As somebody outside of this project declares it.
+    pub struct Soil {
+        header: Header,
+        temperature_c: f64,
+        counts: [u32; 3],
+        state: u8 { STATE_DRY = 0, STATE_WET = 1 },
+        pad0: [u8; 3],
+    }
+}
+
+#[test]
+fn a_message_of_ones_own_is_one_struct() {
+    check::<Soil>();
+    let text = "nims_msgs/Header header\nfloat64 temperature_c\nuint32[3] counts\nuint8 STATE_DRY=0\nuint8 STATE_WET=1\nuint8 state\n";
+    assert!(Soil::schema().starts_with(text), "{}", Soil::schema());
+    assert_eq!(Soil { header: Header::at(7), ..Soil::default() }.header().oldest_input_ns, 7);
+    assert_eq!(Soil::STATE_WET, 1);
 }
 
 #[test]

@@ -37,6 +37,7 @@ fn every_sample_is_read_back_from_its_own_text() {
     agrees::<MotorState>();
     agrees::<MotorCommand>();
     agrees::<MotorAuthority>();
+    agrees::<MotorSlots>();
     agrees::<MotorInput>();
     agrees::<Energy>();
     agrees::<PlanMotion>();

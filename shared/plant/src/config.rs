@@ -13,6 +13,8 @@ use crate::{MAX_CABLES, STANDARD_GRAVITY};
 pub struct PlantConfig {
     /// Where each line leaves its last pulley, m, z up; 1 to 8 of them.
     pub anchors_m: Vec<[f64; 3]>,
+    /// The node is kept in the plane y = 0, by a keel in the current or by the two banks that its lines lie between.
+    pub planar: bool,
     /// Line between drum and anchor, m, one per cable; it stretches too.
     pub routed_length_m: Vec<f64>,
     /// The node.
@@ -54,6 +56,7 @@ impl PlantConfig {
             routed_length_m: vec![6.0; anchors_m.len()],
             idlers: vec![IdlerConfig::default(); anchors_m.len()],
             anchors_m,
+            planar: false,
             node: NodeConfig::default(),
             line: LineConfig::default(),
             drum: DrumConfig::default(),
@@ -103,6 +106,11 @@ impl PlantConfig {
         }
         for &coordinate in &self.start_m {
             check("start_m", coordinate, "within 1000 m of the origin", |x| x.abs() <= 1000.0)?;
+        }
+        if self.planar {
+            for point in self.anchors_m.iter().chain([&self.start_m]) {
+                check("the y of a planar plant", point[1], "zero", |y| y == 0.0)?;
+            }
         }
         for &routed in &self.routed_length_m {
             check("routed_length_m", routed, "zero to 1000 m", |x| (0.0..=1000.0).contains(&x))?;

@@ -13,7 +13,8 @@
 //! | [`motor`] | brushed motor and gear seen from the line: quasi-static current, friction, inertia, self-locking |
 //! | [`drum`] | radius that grows with every layer of line |
 //! | [`line`] | elastic line that cannot push; the idler and its encoder |
-//! | [`node`] | point mass with weight, air drag and soft ground |
+//! | [`node`] | point mass with weight or buoyancy, drag and soft ground; in space or in a plane |
+//! | [`scene`] | what a sensor on the node sees: things on the ground, quantities that differ from place to place |
 //! | [`statics`] | the tensions that hold the node at rest at the start |
 //!
 //! # Invariants
@@ -46,6 +47,7 @@ pub mod line;
 pub mod motor;
 pub mod node;
 mod plant;
+pub mod scene;
 pub mod statics;
 
 pub use config::PlantConfig;

@@ -1,4 +1,4 @@
-//! The node: a point mass with weight, air drag and a soft floor under it.
+//! The node: a point mass with weight, drag in air or water, and a soft floor under it.
 
 use nalgebra::Vector3;
 
@@ -7,11 +7,12 @@ use crate::error::{PlantError, check};
 /// The node and what surrounds it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct NodeConfig {
-    /// Mass, kg.
+    /// Mass, kg; in water with the water that moves along.
     pub mass_kg: f64,
     /// Downward force at rest, N; `None`: mass times gravity. Zero for a node that floats.
     pub net_weight_n: Option<f64>,
-    /// Drag per square of speed, N s²/m². A box of 0.17 × 0.17 m in air: ½ · 1.2 · 1.1 · 0.03 = 0.02.
+    /// Drag per square of speed, N s²/m². A box of 0.17 × 0.17 m in air: ½ · 1.2 · 1.1 · 0.03 = 0.02; a body of
+    /// 0.05 m² in water: ½ · 1000 · 1.0 · 0.05 = 25.
     pub drag_n_s2_m2: f64,
     /// Height of the floor, m; `None`: no floor.
     pub ground_m: Option<f64>,

@@ -79,6 +79,10 @@ struct Cable {
     paid_out_m_s: f64,
     tension_n: f64,
     filtered_current_a: f64,
+    /// Heat in the armature and electrical work on the motor since the start, J.
+    loss_j: f64,
+    averaged_loss_j: f64,
+    electrical_j: f64,
     broken: bool,
 }
 
@@ -156,6 +160,9 @@ impl Plant {
                     paid_out_m_s: 0.0,
                     tension_n: tensions[i],
                     filtered_current_a: 0.0,
+                    loss_j: 0.0,
+                    averaged_loss_j: 0.0,
+                    electrical_j: 0.0,
                     broken: false,
                 }
             })
@@ -236,10 +243,19 @@ impl Plant {
             cable.paid_out_m = (cable.paid_out_m + h * cable.paid_out_m_s).max(0.05);
             let current_a = cable.motor.current_a();
             cable.filtered_current_a += (current_a - cable.filtered_current_a) * (h / (h + CURRENT_FILTER_S));
+            cable.loss_j += h * current_a * current_a * self.config.motor.resistance_ohm;
+            cable.averaged_loss_j +=
+                h * cable.filtered_current_a * cable.filtered_current_a * self.config.motor.resistance_ohm;
+            if let Bridge::Voltage(u) = bridge {
+                cable.electrical_j += h * u * current_a;
+            }
             // What the bridge takes from the supply: it steps the voltage down and the current up.
             drawn_a += (-cable.drive.duty() * current_a).max(0.0);
         }
         self.supply_current_a = drawn_a;
+        if self.config.planar {
+            (force.y, self.velocity_m_s.y, self.position_m.y) = (0.0, 0.0, 0.0);
+        }
         self.velocity_m_s += force * (h / self.config.node.mass_kg);
         self.position_m += self.velocity_m_s * h;
     }
@@ -351,6 +367,22 @@ impl Plant {
     /// Armature currents at this instant, A; positive pulls on the line.
     pub fn currents_a(&self) -> Vec<f64> {
         self.cables.iter().map(|cable| cable.motor.current_a()).collect()
+    }
+
+    /// Heat in the armature of each motor since the start, J.
+    pub fn losses_j(&self) -> Vec<f64> {
+        self.cables.iter().map(|cable| cable.loss_j).collect()
+    }
+
+    /// The same by the current as the drives average it, J: less by what its ripple heats, which no drive reports.
+    pub fn averaged_losses_j(&self) -> Vec<f64> {
+        self.cables.iter().map(|cable| cable.averaged_loss_j).collect()
+    }
+
+    /// Electrical work on each motor since the start, J: the bridge's voltage times the current; what a motor gives back counts
+    /// negative.
+    pub fn electrical_j(&self) -> Vec<f64> {
+        self.cables.iter().map(|cable| cable.electrical_j).collect()
     }
 
     /// Tension of `cable`, N.

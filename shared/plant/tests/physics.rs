@@ -382,3 +382,37 @@ proptest! {
         }
     }
 }
+
+/// In water, without weight and with every line broken, only drag is left: v = v0 / (1 + c v0 t / m).
+#[test]
+fn a_floating_node_that_nothing_pulls_is_slowed_by_the_water_alone_and_keeps_to_its_plane() {
+    let corners = vec![[0.0, 0.0, 4.2], [8.0, 0.0, 4.2], [8.0, 0.0, 0.3], [0.0, 0.0, 0.3]];
+    let mut config = PlantConfig::new(corners, [4.0, 0.0, 2.0]);
+    (config.planar, config.node.mass_kg, config.node.net_weight_n) = (true, 6.0, Some(0.0));
+    (config.node.drag_n_s2_m2, config.start_limits_n) = (25.0, [10.0, 80.0]);
+    let mut plant = Plant::new(config.clone()).unwrap();
+    // Preload and nothing else: it stays where it is.
+    assert!(plant.tensions_n().iter().all(|tension| *tension >= 10.0 - 1e-6), "{:?}", plant.tensions_n());
+    for _ in 0..100 {
+        plant.step(0.01, &[MotorInput::Speed(0.0); 4]).unwrap();
+    }
+    let moved: f64 = plant.position_m().iter().zip([4.0, 0.0, 2.0]).map(|(a, b)| (a - b).powi(2)).sum();
+    assert!(moved.sqrt() < 1e-3, "{:?}", plant.position_m());
+    for cable in 0..4 {
+        plant.apply(Fault::BrokenLine { cable, on: true }).unwrap();
+    }
+    let v0 = 0.5;
+    plant.push_node([2.0, 0.3, 2.0], [v0, 0.2, 0.0]);
+    let seconds = 2.0;
+    for _ in 0..200 {
+        plant.step(0.01, &[MotorInput::RELEASED; 4]).unwrap();
+    }
+    let expected = v0 / (1.0 + 25.0 * v0 * seconds / 6.0);
+    let [vx, vy, vz] = plant.velocity_m_s();
+    assert!((vx - expected).abs() < 2e-3 * expected, "{vx} instead of {expected} m/s");
+    let way = 6.0 / 25.0 * (1.0 + 25.0 * v0 * seconds / 6.0f64).ln();
+    assert!((plant.position_m()[0] - 2.0 - way).abs() < 2e-3, "{:?} instead of {way} m", plant.position_m());
+    assert_eq!((vy, vz, plant.position_m()[1]), (0.0, 0.0, 0.0));
+    config.start_m[1] = 0.1;
+    assert!(Plant::new(config).unwrap_err().to_string().contains("planar"));
+}

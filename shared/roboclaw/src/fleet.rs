@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use serial::{Line, Transport, monotonic_ns};
 
-use crate::driver::{Bus, BusConfig, Counters, Drive, MAX_UNITS, UnitAnswer, UnitIdentity};
+use crate::driver::{Bus, BusConfig, Counters, Drive, MAX_UNITS, StopInput, UnitAnswer, UnitIdentity};
 use crate::error::Error;
 
 /// Most units of a fleet: as many as there can be cables, if each had a unit of its own.
@@ -54,6 +54,8 @@ pub struct PortReport {
     pub counters: Counters,
     /// Why the device is not there; `None` while it is.
     pub lost: Option<Error>,
+    /// Its stop input.
+    pub stop: StopInput,
     /// How long commands and encoders took on it in this cycle, ns.
     pub took_ns: u64,
 }
@@ -98,6 +100,8 @@ struct Slot {
     answers: Vec<UnitAnswer>,
     identities: Vec<UnitIdentity>,
     report: PortReport,
+    /// The line is out of step, or a unit not in use: where the thread is not done in time, it is at that.
+    settling: bool,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -110,7 +114,9 @@ struct Order {
 impl Slot {
     fn note<T: Transport>(&mut self, bus: &Bus<T>, lost: Option<Error>) {
         self.report.lost = lost;
+        self.settling = !bus.is_settled();
         self.report.counters = bus.counters();
+        self.report.stop.clone_from(bus.stop());
         for (place, identity) in self.identities.iter_mut().zip(bus.identities()) {
             *place = identity;
         }
@@ -155,6 +161,7 @@ impl Fleet {
             answers: bus.blank_answers(),
             identities: bus.identities().collect(),
             report: PortReport::default(),
+            settling: true,
         };
         let board = Arc::new(Board {
             slots: Mutex::new(buses.iter().map(slot).collect()),
@@ -209,7 +216,8 @@ impl Fleet {
     }
 
     /// Let all lines do their part of the cycle at the same time, and wait for all of them, but not beyond `deadline_ns` of the
-    /// monotonic clock. A line that is not done by then is [`Error::Busy`]; what it finds out is in the next cycle's report.
+    /// monotonic clock. A line that is not done by then is [`Error::Busy`], or
+    /// [`Error::Resynchronising`] where it is at that; what it finds out is in the next cycle's report.
     ///
     /// Returns as soon as every unit has its command and its encoders are read. The lines use the rest of the time until the deadline
     /// for currents and slow values, which are in the next cycle's reports with the time at which they were asked for.
@@ -249,7 +257,9 @@ impl Fleet {
                 let Some(unit) = units.next() else { break };
                 unit.clone_from(answer);
                 if !in_time {
-                    unit.outcome = Err(Error::Busy { port: Arc::clone(name) });
+                    let port = Arc::clone(name);
+                    unit.outcome =
+                        Err(if slot.settling { Error::Resynchronising { port } } else { Error::Busy { port } });
                 }
             }
         }

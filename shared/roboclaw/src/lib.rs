@@ -22,7 +22,8 @@
 //! // A virtual unit on a simulated line; `serial::Line::new("/dev/serial/by-path/..", 230_400)` for a real one.
 //! let line = Pipe::new("simulated", 230_400, UnitLine::new(vec![Unit::new(UnitOptions::new(0x80))]));
 //! let unit = UnitConfig { address: 0x80, watchdog_tenths: 3, fastest_counts_s: 50_000 };
-//! let mut bus = Bus::new(line, &BusConfig { baud: 230_400, margin_ns: WIRE_MARGIN_NS, units: vec![unit] })?;
+//! let config = BusConfig { baud: 230_400, margin_ns: WIRE_MARGIN_NS, units: vec![unit], stop_pin: None };
+//! let mut bus = Bus::new(line, &config)?;
 //! bus.settle(100_000_000)?;
 //!
 //! let mut answers = bus.blank_answers();
@@ -46,8 +47,9 @@ mod status;
 pub mod unit;
 
 pub use crc::{Crc, crc16};
-pub use driver::{Bus, BusConfig, Counters, Drive, Timed, UnitAnswer, UnitConfig, UnitReport};
+pub use driver::{Bus, BusConfig, Counters, Drive, StopInput, Timed, UnitAnswer, UnitConfig, UnitReport};
 pub use error::{Command, Error};
 pub use fleet::{Fleet, FleetCommand, FleetReply, PortConfig, PortReport};
 pub use packet::{MAX_PACKET, Packet};
+pub use serial::StatusPin;
 pub use status::{Status, StatusWidth};

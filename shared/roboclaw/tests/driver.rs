@@ -6,6 +6,7 @@ use roboclaw::driver::WIRE_MARGIN_NS;
 use roboclaw::unit::{Measured, Target, Unit, UnitLine, UnitOptions};
 use roboclaw::{Bus, BusConfig, Drive, Error, Status, StatusWidth, UnitAnswer, UnitConfig};
 use serial::{Device, Faults, Paced, Pipe, Transport};
+use std::sync::{Arc, Mutex};
 
 const MS: u64 = 1_000_000;
 const PERIOD_NS: u64 = 10 * MS;
@@ -55,11 +56,15 @@ fn unit_config(address: u8) -> UnitConfig {
     UnitConfig { address, watchdog_tenths: 3, fastest_counts_s: 2_000_000 }
 }
 
+fn config(units: Vec<UnitConfig>) -> BusConfig {
+    BusConfig { baud: BAUD, margin_ns: WIRE_MARGIN_NS, units, stop_pin: None }
+}
+
 fn bus_of(options: &[UnitOptions]) -> TestBus {
     let line = UnitLine::new(options.iter().map(|options| Unit::new(*options)).collect());
     let pipe = Pipe::new("test line", BAUD, Clockwork { line, told: vec![Vec::new(); options.len()] });
     let units = options.iter().map(|options| unit_config(options.address)).collect();
-    Bus::new(pipe, &BusConfig { baud: BAUD, margin_ns: WIRE_MARGIN_NS, units }).unwrap()
+    Bus::new(pipe, &config(units)).unwrap()
 }
 
 fn two_units() -> TestBus {
@@ -478,7 +483,7 @@ fn a_unit_that_stops_hearing_stops_its_motors() {
 #[test]
 fn a_missing_unit_is_silent_and_the_present_one_works() {
     let mut bus = bus_of(&[UnitOptions { version: Version::new("other"), ..UnitOptions::new(0x80) }]);
-    let config = BusConfig { baud: BAUD, margin_ns: WIRE_MARGIN_NS, units: vec![unit_config(0x82), unit_config(0x80)] };
+    let config = config(vec![unit_config(0x82), unit_config(0x80)]);
     let pipe = std::mem::replace(
         bus.line_mut(),
         Pipe::new("spare", BAUD, Clockwork { line: UnitLine::new(Vec::new()), told: Vec::new() }),
@@ -498,8 +503,7 @@ fn a_missing_unit_is_silent_and_the_present_one_works() {
 fn configurations_that_cannot_be_meant_are_refused_in_words() {
     let refuse = |units: Vec<UnitConfig>| {
         let device = Clockwork { line: UnitLine::new(Vec::new()), told: Vec::new() };
-        let config = BusConfig { baud: BAUD, margin_ns: WIRE_MARGIN_NS, units };
-        Bus::new(Pipe::new("test line", BAUD, device), &config).unwrap_err().to_string()
+        Bus::new(Pipe::new("test line", BAUD, device), &config(units)).unwrap_err().to_string()
     };
     assert_eq!(refuse(vec![]), "test line: no units on this line; name at least one address");
     assert!(refuse(vec![unit_config(0x7f)]).contains("between 0x80 and 0x87"));
@@ -507,10 +511,58 @@ fn configurations_that_cannot_be_meant_are_refused_in_words() {
     assert!(refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]).contains("watchdog of 0"));
 }
 
+/// A pipe whose clock goes on by a microsecond whenever it is read, as a computer's does.
+struct Ticking {
+    pipe: Mutex<Pipe<Clockwork>>,
+    name: Arc<str>,
+}
+
+impl Ticking {
+    fn pipe(&mut self) -> &mut Pipe<Clockwork> {
+        self.pipe.get_mut().unwrap()
+    }
+}
+
+impl Transport for Ticking {
+    fn name(&self) -> &Arc<str> {
+        &self.name
+    }
+    fn now_ns(&self) -> u64 {
+        let mut pipe = self.pipe.lock().unwrap();
+        let now_ns = pipe.now_ns() + 1_000;
+        pipe.wait_until(now_ns);
+        now_ns
+    }
+    fn wait_until(&mut self, until_ns: u64) {
+        self.pipe().wait_until(until_ns);
+    }
+    fn connection(&mut self) -> Result<u32, serial::Error> {
+        self.pipe().connection()
+    }
+    fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), serial::Error> {
+        self.pipe().write_all(bytes, deadline_ns)
+    }
+    fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, serial::Error> {
+        self.pipe().read(buffer, deadline_ns)
+    }
+    fn pending(&mut self) -> Result<usize, serial::Error> {
+        self.pipe().pending()
+    }
+    fn clear(&mut self) -> Result<(), serial::Error> {
+        self.pipe().clear()
+    }
+    fn is_on(&mut self, pin: serial::StatusPin) -> Result<bool, serial::Error> {
+        self.pipe().is_on(pin)
+    }
+}
+
 #[test]
 fn answers_that_were_slow_once_do_not_keep_a_unit_from_being_set_up() {
-    let mut bus = two_units();
-    for unit in units(&mut bus) {
+    let line = UnitLine::new([0x80, 0x81].map(|address| Unit::new(UnitOptions::new(address))).into());
+    let pipe = Mutex::new(Pipe::new("test line", BAUD, Clockwork { line, told: vec![Vec::new(); 2] }));
+    let units = vec![unit_config(0x80), unit_config(0x81)];
+    let mut bus = Bus::new(Ticking { pipe, name: "test line".into() }, &config(units)).unwrap();
+    for unit in bus.line_mut().pipe().device_mut().line.units_mut() {
         unit.answer_late(3, WIRE_MARGIN_NS - MS);
     }
     let until_ns = 2_000 * MS;
@@ -519,4 +571,68 @@ fn answers_that_were_slow_once_do_not_keep_a_unit_from_being_set_up() {
         let _ = bus.settle(bus.line().now_ns() + 5 * MS);
         assert!(bus.line().now_ns() < until_ns, "never set up");
     }
+}
+
+/// A starved computer, or a slow adapter, answers later than the margin every time: it takes longer, but the units come into use.
+#[test]
+fn answers_that_are_always_late_are_waited_for_longer_until_they_are_not() {
+    let mut bus = two_units();
+    for unit in units(&mut bus) {
+        unit.answer_late(u32::MAX, 3 * WIRE_MARGIN_NS);
+    }
+    let until_ns = 2_500 * MS;
+    while !bus.is_settled() {
+        let _ = bus.settle(bus.line().now_ns() + 5 * MS);
+        assert!(bus.line().now_ns() < until_ns, "never set up: {bus:?}");
+    }
+    println!("set up after {} ms", bus.line().now_ns() / MS);
+    // A cycle waits no longer than before.
+    let mut run = Run { answers: bus.blank_answers(), tick_ns: bus.line().now_ns().next_multiple_of(PERIOD_NS), bus };
+    let start_ns = run.tick_ns;
+    assert!(run.cycle(Drive::HOLD)[0].outcome.is_err());
+    assert!(run.bus.line().now_ns() <= start_ns + BUDGET_NS + WIRE_MARGIN_NS);
+    for unit in units(&mut run.bus) {
+        unit.answer_late(0, 0);
+    }
+    // Cycles have no time for answers that were so slow: between them the fleet goes on by itself.
+    while run.bus.settle(run.bus.line().now_ns() + 5 * MS).is_err() {
+        assert!(run.bus.line().now_ns() < start_ns + 1_000 * MS, "not in use again: {:?}", run.bus);
+    }
+    run.tick_ns = run.bus.line().now_ns().next_multiple_of(PERIOD_NS);
+    run.recover();
+    for _ in 0..10 {
+        run.cycle(Drive::HOLD);
+    }
+    // The patience is gone: what costs the most now is a fence that is lost, as with a unit that was never late.
+    let silent_until_ns = run.tick_ns + 30 * MS;
+    run.bus.line_mut().silence_until(silent_until_ns);
+    assert!(run.cycle(Drive::HOLD)[0].outcome.is_err());
+    let cycles = run.recover();
+    assert!(cycles <= 7, "{cycles}");
+}
+
+#[test]
+fn an_open_stop_input_says_stop_and_one_that_cannot_be_read_too() {
+    use roboclaw::{StatusPin, StopInput};
+    let line = UnitLine::new(vec![Unit::new(UnitOptions::new(0x80))]);
+    let pipe = Pipe::new("test line", BAUD, Clockwork { line, told: vec![Vec::new()] });
+    let config = BusConfig { stop_pin: Some(StatusPin::Dsr), ..config(vec![unit_config(0x80)]) };
+    let mut run = Run::connected(Bus::new(pipe, &config).unwrap());
+    assert!(matches!(run.bus.stop(), StopInput::Unreadable(_)) && run.bus.stop().says_stop());
+    for (on, wanted) in [(true, StopInput::Released), (false, StopInput::Pressed), (true, StopInput::Released)] {
+        run.bus.line_mut().set_pins(on);
+        assert_eq!(run.cycle(Drive::HOLD)[0].outcome, Ok(()));
+        assert_eq!((run.bus.stop(), run.bus.stop().says_stop()), (&wanted, !on), "within the cycle");
+    }
+    // While a unit is silent it is looked at all the same.
+    units(&mut run.bus)[0].mute_until(u64::MAX);
+    for _ in 0..30 {
+        run.cycle(Drive::HOLD);
+    }
+    run.bus.line_mut().set_pins(false);
+    run.cycle(Drive::HOLD);
+    assert_eq!(run.bus.stop(), &StopInput::Pressed);
+    run.bus.line_mut().unplug();
+    run.cycle(Drive::HOLD);
+    assert!(run.bus.stop().says_stop(), "nobody knows where the button is");
 }

@@ -1,7 +1,13 @@
 //! One offset per run between the clock of the control cycle and the clock on the wall.
 
+use std::fs;
+use std::path::Path;
+
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
+
+use crate::read::first_about;
+use crate::segments;
 
 /// An instant on both clocks; every stamp of a run is mapped with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -10,6 +16,13 @@ pub struct RunClock {
     pub t0_unix_ns: u64,
     /// CLOCK_MONOTONIC of the same instant, ns.
     pub t0_mono_ns: u64,
+}
+
+/// Key of what tells one life of the machine from another: CLOCK_MONOTONIC begins anew with each.
+pub(crate) const BOOT_ID: &str = "boot_id";
+
+pub(crate) fn boot_id() -> String {
+    fs::read_to_string("/proc/sys/kernel/random/boot_id").unwrap_or_default().trim().to_owned()
 }
 
 impl RunClock {
@@ -26,6 +39,26 @@ impl RunClock {
             })
             .min_by_key(|(width, _)| *width)
             .map_or(Self { t0_unix_ns: 0, t0_mono_ns: 0 }, |(_, clock)| clock)
+    }
+
+    /// The clock of a run: the one that its files have, if they are of this life of the machine; otherwise both clocks are read.
+    ///
+    /// A recorder that is started again goes on in the time of the first, whatever the wall clock has done in between.
+    #[must_use]
+    pub fn of_run(folder: &Path) -> Self {
+        let of_file = |file: &std::path::PathBuf| {
+            let about = first_about(file)?;
+            let same = about.get(BOOT_ID).is_some_and(|boot| !boot.is_empty() && *boot == boot_id());
+            same.then(|| Self::of_about(&about)).flatten()
+        };
+        let files = segments(folder).unwrap_or_default();
+        files.iter().find_map(of_file).unwrap_or_else(Self::now)
+    }
+
+    /// The clock as a run file states it.
+    pub(crate) fn of_about(about: &std::collections::BTreeMap<String, String>) -> Option<Self> {
+        let number = |key: &str| about.get(key)?.parse().ok();
+        Some(Self { t0_unix_ns: number("t0_unix_ns")?, t0_mono_ns: number("t0_mono_ns")? })
     }
 
     /// UNIX time of a CLOCK_MONOTONIC stamp, ns.

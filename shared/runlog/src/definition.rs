@@ -3,8 +3,9 @@
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 
+use messages::ros::Payload;
 use messages::schema::{Schema, is_type_name, split};
-use messages::{Message, hash_of, schema_name};
+use messages::{hash_of, ros, schema_name};
 
 /// A channel as it is found on the bus.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -22,7 +23,7 @@ pub struct ChannelSpec {
 impl ChannelSpec {
     /// A channel of a type this build knows.
     #[must_use]
-    pub fn of<T: Message>(name: &str) -> Self {
+    pub fn of<T: Payload>(name: &str) -> Self {
         Self { name: name.into(), type_name: T::type_name().into(), schema: T::schema().into(), size: size_of::<T>() }
     }
 }
@@ -90,6 +91,9 @@ fn check(spec: &ChannelSpec) -> Result<String, String> {
         .ok_or_else(|| format!("the type name `{}` is not `package/Type/hash`", spec.type_name))?;
     if spec.schema.is_empty() {
         return Err("the channel has no definition".to_owned());
+    }
+    if ros::schema_of(&spec.type_name).is_some_and(|known| known == spec.schema) {
+        return Ok(name); // with texts and lists, and known to every reader
     }
     let schema = Schema::parse(&spec.schema).map_err(|error| error.to_string())?;
     if schema.size() != spec.size {

@@ -10,6 +10,8 @@ use crate::RunError;
 pub const FILE_ENDING: &str = ".mcap";
 /// Ending of a file that is being written, or was when the power went.
 pub const PART_ENDING: &str = ".mcap.part";
+/// Ending of the name, before `.mcap`, of a file that was recovered beside a damaged one.
+pub(crate) const RECOVERED_ENDING: &str = "-recovered";
 
 /// Bytes that an unprivileged process can still write where `path` is.
 ///
@@ -20,7 +22,8 @@ pub fn free_bytes(path: &Path) -> Result<u64, RunError> {
     Ok(state.f_bavail.saturating_mul(state.f_frsize))
 }
 
-/// The run files of a folder, in the order in which they were written: `run`, `run-0002`, ...
+/// The run files of a folder, in the order in which they were written: `run`, `run-0002`, ... Where a damaged file has been recovered, the
+/// recovered one stands in its place.
 ///
 /// # Errors
 /// The folder cannot be read, or holds no run file.
@@ -33,7 +36,11 @@ pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
     if found.is_empty() {
         return Err(RunError::not_a_run(folder, "the folder holds no run file (*.mcap or *.mcap.part)"));
     }
-    found.sort();
+    let of = |stem: &str| stem.strip_suffix(RECOVERED_ENDING).unwrap_or(stem).to_owned();
+    let recovered: Vec<String> =
+        found.iter().filter(|(stem, _)| stem.ends_with(RECOVERED_ENDING)).map(|(stem, _)| of(stem)).collect();
+    found.retain(|(stem, _)| !recovered.contains(stem));
+    found.sort_by_key(|(stem, path)| (of(stem), path.clone()));
     Ok(found.into_iter().map(|(_, path)| path).collect())
 }
 
@@ -87,6 +94,12 @@ mod tests {
         let names: Vec<_> =
             segments(folder.path()).unwrap().iter().map(|path| path.file_name().unwrap().to_owned()).collect();
         assert_eq!(names, ["run.mcap", "run-0002.mcap.part", "run-0003.mcap.part"]);
+        for name in ["run-recovered.mcap", "run-0003-recovered.mcap"] {
+            fs::write(folder.path().join(name), "").unwrap();
+        }
+        let names: Vec<_> =
+            segments(folder.path()).unwrap().iter().map(|path| path.file_name().unwrap().to_owned()).collect();
+        assert_eq!(names, ["run-recovered.mcap", "run-0002.mcap.part", "run-0003-recovered.mcap"]);
         assert!(free_bytes(folder.path()).unwrap() > 0);
         assert!(free_bytes(Path::new("/no/such/folder")).unwrap_err().to_string().contains("/no/such/folder"));
     }

@@ -6,9 +6,10 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use messages::schema::Schema;
+use messages::{RecorderGap, text_of};
 use serde::Serialize;
 
-use crate::read::{RecordedChannel, RunReader};
+use crate::read::{Recorded, RecordedChannel, RunReader};
 use crate::{Damage, RunError, Sequence, utc};
 
 /// One file of the run.
@@ -51,8 +52,23 @@ pub struct ChannelReport {
     pub refused: Option<String>,
 }
 
-/// A run file or a run folder.
+/// Samples that should be between two others and are not, as the recorder wrote it down.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct GapReport {
+    /// e.g. `motor/state`.
+    pub channel: String,
+    /// Samples.
+    pub missing: u64,
+    /// The sample before, s since the run began.
+    pub at_s: f64,
+    /// To the sample behind, s.
+    pub lasted_s: f64,
+    /// Half a sentence.
+    pub cause: &'static str,
+}
+
+/// A run file or a run folder.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct RunReport {
     /// Nothing is missing or damaged, and every file was closed properly.
     pub healthy: bool,
@@ -72,6 +88,8 @@ pub struct RunReport {
     pub files: Vec<FileReport>,
     /// Its channels, by name.
     pub channels: Vec<ChannelReport>,
+    /// The gaps that the recorder noticed, the first [`GAPS`] of them.
+    pub gaps: Vec<GapReport>,
     /// Names of the files kept inside.
     pub attachments: Vec<String>,
     /// Who, what, with which versions.
@@ -79,6 +97,14 @@ pub struct RunReport {
     /// Why it ended, as the recorder wrote it.
     pub ended: Option<String>,
 }
+
+/// Samples between two tellings of how far the reading is.
+const TELL: u64 = 1 << 16;
+/// Gaps that are shown one by one.
+const SHOWN: usize = 10;
+
+/// More gaps than anyone reads one by one.
+pub const GAPS: usize = 1000;
 
 #[derive(Default)]
 struct Count {
@@ -91,16 +117,18 @@ struct Count {
     seq_at: Option<usize>,
 }
 
-/// Reads a whole run, finished or not, and reports on it.
-///
-/// # Errors
-/// There is no run file, or it cannot be read.
-pub fn info(path: &Path) -> Result<RunReport, RunError> {
-    let mut reader = RunReader::open(path)?;
-    let mut counts: HashMap<*const RecordedChannel, (Arc<RecordedChannel>, Count)> = HashMap::new();
-    let mut bounds: Option<(u64, u64)> = None;
-    while let Some(recorded) = reader.next_sample()? {
-        let (_, count) = counts.entry(Arc::as_ptr(recorded.channel)).or_insert_with(|| {
+/// Takes note of every sample of a run, for whoever reads it anyway; [`info`] does nothing else.
+#[derive(Default)]
+pub struct Inspection {
+    counts: HashMap<*const RecordedChannel, (Arc<RecordedChannel>, Count)>,
+    bounds: Option<(u64, u64)>,
+    gaps: Vec<RecorderGap>,
+}
+
+impl Inspection {
+    /// Takes note of the next sample.
+    pub fn note(&mut self, recorded: &Recorded<'_>) {
+        let (_, count) = self.counts.entry(Arc::as_ptr(recorded.channel)).or_insert_with(|| {
             let seq_at = Schema::parse(&recorded.channel.schema).ok().filter(Schema::has_header).map(|_| 8);
             (Arc::clone(recorded.channel), Count { seq_at, first_ns: recorded.log_time_ns, ..Count::default() })
         });
@@ -116,12 +144,67 @@ pub fn info(path: &Path) -> Result<RunReport, RunError> {
         if let Some(seq) = seq {
             count.sequence.note(u64::from_le_bytes(seq));
         }
-        bounds = Some(bounds.map_or((now, now), |(first, last)| (first.min(now), last.max(now))));
+        self.bounds = Some(self.bounds.map_or((now, now), |(first, last)| (first.min(now), last.max(now))));
+        if let Some(gap) = recorded.to::<RecorderGap>().filter(|_| self.gaps.len() < GAPS) {
+            self.gaps.push(gap);
+        }
     }
-    Ok(report(&reader, counts.into_values().collect(), bounds))
+
+    /// The report, once `reader` has come to the end of the run.
+    #[must_use]
+    pub fn report(self, reader: &RunReader) -> RunReport {
+        report(reader, self.counts.into_values().collect(), self.bounds, &self.gaps)
+    }
 }
 
-fn report(reader: &RunReader, counts: Vec<(Arc<RecordedChannel>, Count)>, bounds: Option<(u64, u64)>) -> RunReport {
+/// Reads a whole run, finished or not, and reports on it.
+///
+/// # Errors
+/// There is no run file, or it cannot be read.
+pub fn info(path: &Path) -> Result<RunReport, RunError> {
+    info_with(path, &mut |_, _| {})
+}
+
+/// The same; `progress` is told how many of how many bytes are read.
+///
+/// # Errors
+/// As [`info`].
+pub fn info_with(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<RunReport, RunError> {
+    let mut reader = RunReader::open(path)?;
+    let mut inspection = Inspection::default();
+    let mut noted = 0_u64;
+    while let Some(recorded) = reader.next_sample()? {
+        inspection.note(&recorded);
+        noted += 1;
+        if noted.is_multiple_of(TELL) {
+            progress(reader.position(), reader.bytes());
+        }
+    }
+    progress(reader.bytes(), reader.bytes());
+    Ok(inspection.report(&reader))
+}
+
+fn gap_report(gap: &RecorderGap, reader: &RunReader, begin_ns: u64) -> GapReport {
+    let unix = |mono: u64| reader.clock().map_or(mono, |clock| clock.unix_of(mono));
+    GapReport {
+        channel: text_of(&gap.channel),
+        missing: gap.missing,
+        at_s: (unix(gap.last_ns) as f64 - begin_ns as f64) * 1e-9,
+        lasted_s: gap.next_ns.saturating_sub(gap.last_ns) as f64 * 1e-9,
+        cause: match gap.cause {
+            RecorderGap::CAUSE_DISK_FULL => "the disk was full",
+            RecorderGap::CAUSE_FAILED => "the file could not be written",
+            _ => "they came faster than the recorder could take them",
+        },
+    }
+}
+
+fn report(
+    reader: &RunReader,
+    counts: Vec<(Arc<RecordedChannel>, Count)>,
+    bounds: Option<(u64, u64)>,
+    gaps: &[RecorderGap],
+) -> RunReport {
     let begin = bounds.map_or(0, |(first, _)| first);
     let seconds = |ns: u64| ns as f64 * 1e-9;
     let mut channels: Vec<ChannelReport> = counts
@@ -164,6 +247,7 @@ fn report(reader: &RunReader, counts: Vec<(Arc<RecordedChannel>, Count)>, bounds
         sample_bytes: channels.iter().map(|channel| channel.bytes).sum(),
         files,
         channels,
+        gaps: gaps.iter().map(|gap| gap_report(gap, reader, begin)).collect(),
         attachments: reader.attachments().iter().map(|attachment| attachment.name.clone()).collect(),
         about: reader.about().clone(),
         ended: reader.ends().last().and_then(|end| end.get("reason").cloned()),
@@ -221,6 +305,16 @@ impl fmt::Display for RunReport {
             }
         }
         writeln!(f)?;
+        for gap in self.gaps.iter().take(SHOWN) {
+            writeln!(
+                f,
+                "{}: {} samples are missing, {:.3} s from {:.3} s on: {}",
+                gap.channel, gap.missing, gap.lasted_s, gap.at_s, gap.cause
+            )?;
+        }
+        if self.gaps.len() > SHOWN {
+            writeln!(f, "and {} gaps more, on recorder/gap", self.gaps.len() - SHOWN)?;
+        }
         for sentence in &self.verdict {
             writeln!(f, "{sentence}")?;
         }

@@ -8,7 +8,9 @@
 //!   reader fail or misread is never written; the channel is recorded as plain bytes instead, with the original text beside it.
 //! * While it grows, a file is named `NAME.mcap.part`, is locked, and ends at a chunk boundary after every [`RunWriter::flush`]. Only a
 //!   finished and synchronised file is named `NAME.mcap`.
-//! * One offset maps CLOCK_MONOTONIC to UNIX time for a whole run ([`RunClock`]): a step of the wall clock bends nothing.
+//! * One offset maps CLOCK_MONOTONIC to UNIX time for a whole run ([`RunClock`]): a step of the wall clock bends nothing, and neither does
+//!   a recorder that is started again.
+//! * The files of a run folder are read as one run. Each can also be read alone.
 //! * What describes the channels stands in the file twice, in the chunks and as attachments, so that no single damaged byte makes the
 //!   rest unreadable.
 //!
@@ -38,10 +40,12 @@
 mod clock;
 mod definition;
 mod error;
+pub mod export;
 mod folder;
 mod info;
 mod read;
 mod recover;
+mod repeats;
 mod scan;
 mod sequence;
 mod sync;
@@ -51,7 +55,7 @@ pub use clock::{RunClock, utc};
 pub use definition::ChannelSpec;
 pub use error::RunError;
 pub use folder::{FILE_ENDING, PART_ENDING, free_bytes, next_file, segments};
-pub use info::{ChannelReport, FileReport, RunReport, info};
+pub use info::{ChannelReport, FileReport, GapReport, Inspection, RunReport, info, info_with};
 pub use read::{Recorded, RecordedChannel, RunReader, read_channel};
 pub use recover::{Recovery, recover};
 pub use scan::Damage;

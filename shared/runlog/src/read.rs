@@ -7,6 +7,7 @@ use std::sync::Arc;
 use mcap::records::Record;
 use messages::Message;
 
+use crate::repeats::Repeats;
 use crate::scan::{Item, Scanner};
 use crate::write::{CDR_HEADER, CHANNELS_BEGINNING, RUN, RUN_END, Repeated};
 use crate::{Attachment, Damage, RunClock, RunError, segments};
@@ -31,6 +32,8 @@ pub struct RecordedChannel {
 pub struct Recorded<'a> {
     /// Where it travelled.
     pub channel: &'a Arc<RecordedChannel>,
+    /// Where the channel stands in [`RunReader::channels`].
+    pub index: usize,
     /// Its number, the lower 32 bits.
     pub sequence: u32,
     /// When it was published, UNIX time, ns.
@@ -50,14 +53,21 @@ impl Recorded<'_> {
     }
 }
 
-/// Reads a run file, or all files of a run folder one after the other; unfinished and damaged ones as far as they go.
+/// Reads a run file, or all files of a run folder one after the other as one; unfinished and damaged ones as far as they go.
+///
+/// A sample that a later file repeats comes once. What was recorded together comes together, but only nearly in the order of its time: a
+/// late batch, or the seam between two files, may set it back by moments.
 pub struct RunReader {
     files: std::vec::IntoIter<PathBuf>,
+    bytes: u64,
     scanner: Option<Scanner>,
     path: PathBuf,
-    channels: HashMap<u16, Arc<RecordedChannel>>,
+    /// By the number that a channel has in the file being read: where it stands in `all`.
+    channels: HashMap<u16, usize>,
     /// One object per different channel of the run, so that equal channels of several files are the same.
     all: Vec<Arc<RecordedChannel>>,
+    /// Only where there is more than one file.
+    repeats: Option<Repeats>,
     schemas: HashMap<u16, (String, String)>,
     clock: Option<RunClock>,
     about: BTreeMap<String, String>,
@@ -75,7 +85,10 @@ impl RunReader {
     /// There is no run file.
     pub fn open(path: &Path) -> Result<Self, RunError> {
         let files = if path.is_dir() { segments(path)? } else { vec![path.to_owned()] };
+        let bytes = files.iter().filter_map(|file| file.metadata().ok()).map(|meta| meta.len()).sum();
         let mut reader = Self {
+            bytes,
+            repeats: (files.len() > 1).then(Repeats::default),
             files: files.into_iter(),
             scanner: None,
             path: path.to_owned(),
@@ -91,6 +104,8 @@ impl RunReader {
             orphaned: 0,
         };
         reader.open_next()?;
+        reader.about = first_about(&reader.path).unwrap_or_default();
+        reader.clock = RunClock::of_about(&reader.about);
         Ok(reader)
     }
 
@@ -103,6 +118,9 @@ impl RunReader {
         self.path = path;
         self.channels.clear();
         self.schemas.clear();
+        if let Some(repeats) = &mut self.repeats {
+            repeats.next_file();
+        }
         Ok(true)
     }
 
@@ -120,20 +138,34 @@ impl RunReader {
                     self.open_next()?;
                 }
                 Some(Item::Damage(damage)) => self.damage.push((self.path.clone(), damage)),
-                Some(Item::Message(message)) if self.channels.contains_key(&message.channel_id) => {
-                    break (message.channel_id, message.sequence, message.log_time, message.publish_time);
-                }
-                Some(Item::Message(_)) => self.orphaned += 1,
+                Some(Item::Message(message)) => match self.channels.get(&message.channel_id) {
+                    Some(&index) => {
+                        let (sequence, log_time, publish_time) =
+                            (message.sequence, message.log_time, message.publish_time);
+                        let repeats = self.repeats.as_mut();
+                        if !repeats.is_some_and(|repeats| repeats.is_repeated(index, sequence, publish_time)) {
+                            break (index, sequence, log_time, publish_time);
+                        }
+                    }
+                    None => self.orphaned += 1,
+                },
                 Some(Item::Record(record)) => {
                     let record = record.into_owned();
                     self.record(record);
                 }
             }
         };
-        let (id, sequence, log_time_ns, publish_time_ns) = found;
+        let (index, sequence, log_time_ns, publish_time_ns) = found;
         let sample = self.scanner.as_ref().and_then(Scanner::last_data).unwrap_or_default();
         let sample = sample.strip_prefix(&CDR_HEADER).unwrap_or(sample);
-        Ok(self.channels.get(&id).map(|channel| Recorded { channel, sequence, log_time_ns, publish_time_ns, sample }))
+        Ok(self.all.get(index).map(|channel| Recorded {
+            channel,
+            index,
+            sequence,
+            log_time_ns,
+            publish_time_ns,
+            sample,
+        }))
     }
 
     fn record(&mut self, record: Record<'static>) {
@@ -147,10 +179,7 @@ impl RunReader {
                 self.define(Repeated { id, schema_id: channel.schema_id, topic, schema_name, schema, metadata });
             }
             Record::Metadata(metadata) if metadata.name == RUN => {
-                let number = |key: &str| metadata.metadata.get(key)?.parse().ok();
-                if let (Some(t0_unix_ns), Some(t0_mono_ns)) = (number("t0_unix_ns"), number("t0_mono_ns")) {
-                    self.clock = Some(RunClock { t0_unix_ns, t0_mono_ns });
-                }
+                self.clock = RunClock::of_about(&metadata.metadata).or(self.clock);
                 self.about = metadata.metadata;
             }
             Record::Metadata(metadata) if metadata.name == RUN_END => self.end.push(metadata.metadata),
@@ -181,14 +210,11 @@ impl RunReader {
             type_name: one.metadata.get("type").cloned().unwrap_or_default(),
             refused: one.metadata.get("refused").cloned(),
         };
-        let shared = match self.all.iter().find(|known| ***known == channel) {
-            Some(known) => Arc::clone(known),
-            None => {
-                self.all.push(Arc::new(channel));
-                Arc::clone(&self.all[self.all.len() - 1])
-            }
-        };
-        self.channels.insert(one.id, shared);
+        let index = self.all.iter().position(|known| **known == channel).unwrap_or_else(|| {
+            self.all.push(Arc::new(channel));
+            self.all.len() - 1
+        });
+        self.channels.insert(one.id, index);
     }
 
     /// The channels met so far; all of them after the last sample.
@@ -197,7 +223,7 @@ impl RunReader {
         &self.all
     }
 
-    /// The clock of the run; known from the first sample on.
+    /// The clock of the run, if its files state one.
     #[must_use]
     pub fn clock(&self) -> Option<RunClock> {
         self.clock
@@ -233,10 +259,29 @@ impl RunReader {
         self.orphaned
     }
 
+    /// Samples left out so far because a file before had them already.
+    #[must_use]
+    pub fn repeated(&self) -> u64 {
+        self.repeats.as_ref().map_or(0, Repeats::found)
+    }
+
     /// The files read to their end: path, whether it was finished properly, bytes.
     #[must_use]
     pub fn files(&self) -> &[(PathBuf, bool, u64)] {
         &self.finished
+    }
+
+    /// Bytes of all files of the run.
+    #[must_use]
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// How many of them have been read.
+    #[must_use]
+    pub fn position(&self) -> u64 {
+        let finished: u64 = self.finished.iter().map(|(_, _, bytes)| bytes).sum();
+        finished + self.scanner.as_ref().map_or(0, Scanner::position)
     }
 
     /// The file being read.
@@ -244,6 +289,19 @@ impl RunReader {
     pub fn file(&self) -> &Path {
         &self.path
     }
+}
+
+/// What a file says at its beginning about who, what, when; `None` if it says nothing.
+pub(crate) fn first_about(file: &Path) -> Option<BTreeMap<String, String>> {
+    let mut scanner = Scanner::open(file).ok()?;
+    while let Ok(Some(item)) = scanner.next() {
+        match item {
+            Item::Record(Record::Metadata(metadata)) if metadata.name == RUN => return Some(metadata.metadata),
+            Item::Message(_) => return None,
+            _ => {}
+        }
+    }
+    None
 }
 
 /// Every sample of one channel with the time it was published (UNIX time, ns).

@@ -12,7 +12,7 @@ use mcap::records::{MessageHeader, Metadata, Record};
 use rustix::fs::{FlockOperation, flock};
 use serde::Serialize;
 
-use crate::folder::{FILE_ENDING, PART_ENDING, stem, sync_folder};
+use crate::folder::{FILE_ENDING, PART_ENDING, RECOVERED_ENDING, stem, sync_folder};
 use crate::scan::{Item, Scanner};
 use crate::write::{Attachment, CHANNELS_BEGINNING, Counted, Repeated, attach, options};
 use crate::{Damage, RunError};
@@ -119,7 +119,7 @@ fn target_of(path: &Path) -> Result<PathBuf, RunError> {
     if !plain.exists() {
         return Ok(plain);
     }
-    let beside = path.with_file_name(format!("{stem}-recovered{FILE_ENDING}"));
+    let beside = path.with_file_name(format!("{stem}{RECOVERED_ENDING}{FILE_ENDING}"));
     if beside.exists() {
         let what = format!("{} exists already; move it away to recover again", beside.display());
         return Err(RunError::not_a_run(path, what));

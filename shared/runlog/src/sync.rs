@@ -17,11 +17,14 @@ pub struct SyncReport {
     pub worst_ns: u64,
     /// Times that the disk refused.
     pub failed: u64,
+    /// Bytes at the beginning of the file that a power cut would leave there.
+    pub safe_bytes: u64,
 }
 
 #[derive(Default)]
 struct State {
-    wanted: bool,
+    /// Bytes to be made safe.
+    wanted: Option<u64>,
     stop: bool,
     report: SyncReport,
 }
@@ -40,20 +43,23 @@ impl Syncer {
             let (state, wake) = &*theirs;
             loop {
                 let mut guard = lock(state);
-                while !guard.wanted && !guard.stop {
+                while guard.wanted.is_none() && !guard.stop {
                     guard = wake.wait(guard).unwrap_or_else(PoisonError::into_inner);
                 }
                 if guard.stop {
                     return;
                 }
-                guard.wanted = false;
+                let bytes = guard.wanted.take().unwrap_or_default();
                 drop(guard);
                 let begin = Instant::now();
                 let result = file.sync_data();
                 let took = u64::try_from(begin.elapsed().as_nanos()).unwrap_or(u64::MAX);
                 let mut guard = lock(state);
                 match result {
-                    Ok(()) => guard.report.done += 1,
+                    Ok(()) => {
+                        guard.report.done += 1;
+                        guard.report.safe_bytes = bytes;
+                    }
                     Err(_) => guard.report.failed += 1,
                 }
                 guard.report.worst_ns = guard.report.worst_ns.max(took);
@@ -62,8 +68,9 @@ impl Syncer {
         Ok(Self { shared, thread: Some(thread) })
     }
 
-    pub(crate) fn ask(&self) {
-        lock(&self.shared.0).wanted = true;
+    /// The file has so many bytes now.
+    pub(crate) fn ask(&self, bytes: u64) {
+        lock(&self.shared.0).wanted = Some(bytes);
         self.shared.1.notify_one();
     }
 

@@ -12,6 +12,7 @@ use mcap::{Compression, WriteOptions, Writer};
 use rustix::fs::{FlockOperation, flock};
 use serde::{Deserialize, Serialize};
 
+use crate::clock::{BOOT_ID, boot_id};
 use crate::definition::{ChannelSpec, Definitions};
 use crate::folder::{part_of, sync_folder};
 use crate::sync::{SyncReport, Syncer};
@@ -96,6 +97,22 @@ impl RunWriter {
             .create_new(true)
             .open(&part)
             .map_err(RunError::io(&part, "create the run file"))?;
+        let made = Self::begin(path, file, clock, about, attachments);
+        if made.is_err() {
+            // a full disk: no use for a file that has not even a beginning
+            let _ = fs::remove_file(&part);
+        }
+        made
+    }
+
+    fn begin(
+        path: &Path,
+        file: File,
+        clock: RunClock,
+        about: &BTreeMap<String, String>,
+        attachments: &[Attachment],
+    ) -> Result<Self, RunError> {
+        let part = part_of(path);
         flock(&file, FlockOperation::NonBlockingLockExclusive)
             .map_err(|error| RunError::io(&part, "lock the run file")(error.into()))?;
         let theirs = file.try_clone().map_err(RunError::io(&part, "open the run file twice"))?;
@@ -108,7 +125,14 @@ impl RunWriter {
         let mut fields = about.clone();
         fields.insert("t0_unix_ns".into(), clock.t0_unix_ns.to_string());
         fields.insert("t0_mono_ns".into(), clock.t0_mono_ns.to_string());
+        fields.insert(BOOT_ID.into(), boot_id());
         writer.write_metadata(&Metadata { name: RUN.into(), metadata: fields }).map_err(RunError::write(&part))?;
+        if let Some(name) = about.get("box") {
+            // by this, Foxglove's own tools tell whose file it is
+            let metadata = BTreeMap::from([("deviceName".to_owned(), name.clone())]);
+            let device = Metadata { name: "foxglove".into(), metadata };
+            writer.write_metadata(&device).map_err(RunError::write(&part))?;
+        }
         for attachment in attachments {
             attach(&mut writer, attachment, clock.t0_unix_ns).map_err(RunError::write(&part))?;
         }
@@ -211,8 +235,13 @@ impl RunWriter {
             self.repeated = self.channels.len();
         }
         self.writer.flush().map_err(RunError::write(&self.part))?;
-        self.syncer.ask();
+        self.syncer.ask(self.bytes());
         Ok(())
+    }
+
+    /// Gives the file up and removes it.
+    pub fn abandon(self) {
+        let _ = fs::remove_file(&self.part);
     }
 
     /// Bytes in the file so far, without the open chunk.

@@ -260,3 +260,43 @@ fn what_is_not_a_run_file_is_refused_with_a_sentence() {
     assert!(twice.err().unwrap().to_string().contains("could not create the run file"));
     drop(writer);
 }
+
+#[test]
+fn a_power_cut_leaves_all_but_the_last_moments() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    let begun = std::time::Instant::now();
+    let now = || begun.elapsed().as_nanos() as u64;
+    let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: 0 };
+    let mut writer = RunWriter::create(&path, clock, &BTreeMap::new(), &[]).unwrap();
+    let channel = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
+    let mut random = Random(5);
+    // flushed fifty times as often as the recorder does: what counts is that it is never more than two flushes, and the disk's own time
+    let (mut flushed, mut cuts) = (Vec::new(), Vec::new());
+    for seq in 1..=400_u64 {
+        write(&mut writer, channel, &random.sample::<MotorState>(seq, now()));
+        if seq % 10 == 0 {
+            writer.flush().unwrap();
+            flushed.push(seq);
+            let report = writer.sync_report();
+            cuts.push((report.done, report.safe_bytes));
+        }
+        std::thread::sleep(std::time::Duration::from_millis(1));
+    }
+    let whole = fs::read(folder.path().join("run.mcap.part")).unwrap();
+    let mut last = 0;
+    for (done, safe) in cuts.iter().filter(|(done, _)| *done > 0).step_by(5) {
+        let cut = folder.path().join("cut.mcap.part");
+        fs::write(&cut, &whole[..*safe as usize]).unwrap();
+        let numbers = states(&cut);
+        let count = numbers.len() as u64;
+        assert_eq!(numbers, (1..=count).collect::<Vec<_>>());
+        assert!(
+            count == 0 || flushed.contains(&count),
+            "{count} samples safe after {done} confirmations: a flush, whole"
+        );
+        assert!(count >= last);
+        last = count;
+    }
+    assert!(last >= 200, "{last} samples were safe at last");
+}

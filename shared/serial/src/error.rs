@@ -50,6 +50,12 @@ pub enum Error {
         /// Name under which the port was asked for.
         port: Arc<str>,
     },
+    /// Its inputs beside the data cannot be read.
+    #[error("{port}: has no status pins that can be read; wire the stop input to another port, or leave stop_pin out")]
+    NoPin {
+        /// Name under which the port was asked for.
+        port: Arc<str>,
+    },
     /// A pseudo-terminal could not be offered.
     #[error("pseudo-terminal {port}: could not {doing} ({kind})")]
     Terminal {
@@ -66,7 +72,7 @@ impl Error {
     /// True where only opening the port again can help.
     #[must_use]
     pub fn is_lost(&self) -> bool {
-        !matches!(self, Error::Stuck { .. })
+        !matches!(self, Error::Stuck { .. } | Error::NoPin { .. })
     }
 
     pub(crate) fn from_open(port: &Arc<str>, baud: u32, error: &serialport::Error) -> Error {

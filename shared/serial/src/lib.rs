@@ -49,4 +49,4 @@ pub use pipe::{Device, Faults, Pipe, PipeCounts};
 pub use port::{Latency, Port};
 pub use pty::{Jack, Pty};
 pub use random::Random;
-pub use transport::{Transport, monotonic_ns, sleep_until};
+pub use transport::{StatusPin, Transport, monotonic_ns, sleep_until};

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use crate::transport::{Transport, monotonic_ns, sleep_until};
+use crate::transport::{StatusPin, Transport, monotonic_ns, sleep_until};
 use crate::{Error, Latency, Port};
 
 /// Pause between two attempts to open a lost device: short beside the second or so that USB needs to enumerate a device that was
@@ -130,5 +130,9 @@ impl Transport for Line {
 
     fn clear(&mut self) -> Result<(), Error> {
         self.with_port(Port::clear)
+    }
+
+    fn is_on(&mut self, pin: StatusPin) -> Result<bool, Error> {
+        self.with_port(|port| port.is_on(pin))
     }
 }

@@ -6,7 +6,7 @@
 use std::sync::Arc;
 
 use crate::pace::Paced;
-use crate::{Error, Random, Transport};
+use crate::{Error, Random, StatusPin, Transport};
 
 /// What is at the far end of a [`Pipe`].
 pub trait Device: Send {
@@ -64,6 +64,8 @@ pub struct Pipe<D> {
     plugged: bool,
     silent_until_ns: u64,
     connections: u32,
+    /// What all its status pins are; `None`: it has none.
+    pins: Option<bool>,
     counts: PipeCounts,
 }
 
@@ -83,6 +85,7 @@ impl<D: Device> Pipe<D> {
             plugged: true,
             silent_until_ns: 0,
             connections: 1,
+            pins: None,
             counts: PipeCounts::default(),
         }
     }
@@ -91,6 +94,11 @@ impl<D: Device> Pipe<D> {
     pub fn set_faults(&mut self, faults: Faults, seed: u64) {
         self.faults = faults;
         self.random = Random::new(seed);
+    }
+
+    /// Switch all its status pins on or off; a new line has none.
+    pub fn set_pins(&mut self, on: bool) {
+        self.pins = Some(on);
     }
 
     /// Everything the device sends until `until_ns` is lost.
@@ -255,6 +263,13 @@ impl<D: Device> Transport for Pipe<D> {
         }
         self.run_until(self.now_ns);
         Ok(self.from_device.arrived(self.now_ns))
+    }
+
+    fn is_on(&mut self, _pin: StatusPin) -> Result<bool, Error> {
+        if !self.plugged {
+            return Err(self.gone("asking for its status pins"));
+        }
+        self.pins.ok_or_else(|| Error::NoPin { port: Arc::clone(&self.name) })
     }
 
     fn clear(&mut self) -> Result<(), Error> {

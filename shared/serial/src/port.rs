@@ -10,7 +10,7 @@ use serialport::{ClearBuffer, SerialPort, TTYPort};
 
 use crate::Error;
 use crate::error::only_a_pause;
-use crate::transport::{Transport, monotonic_ns, sleep_until};
+use crate::transport::{StatusPin, Transport, monotonic_ns, sleep_until};
 
 /// How long the adapter may sit on received bytes before it passes them on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -125,6 +125,16 @@ impl Transport for Port {
 
     fn clear(&mut self) -> Result<(), Error> {
         self.tty.clear(ClearBuffer::All).map_err(|_| self.gone("clearing the line"))
+    }
+
+    fn is_on(&mut self, pin: StatusPin) -> Result<bool, Error> {
+        let state = match pin {
+            StatusPin::Cts => self.tty.read_clear_to_send(),
+            StatusPin::Dsr => self.tty.read_data_set_ready(),
+            StatusPin::Cd => self.tty.read_carrier_detect(),
+        };
+        // A device that is gone and one without such an input say the same; that it is gone the next byte shows.
+        state.map_err(|_| Error::NoPin { port: Arc::clone(&self.name) })
     }
 }
 

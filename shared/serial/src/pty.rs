@@ -34,6 +34,8 @@ impl Pty {
         let name = ptsname(&master, Vec::new()).map_err(failed("learn its name"))?;
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
         let slave = rustix::fs::open(name.as_c_str(), flags, Mode::empty()).map_err(failed("open its other side"))?;
+        // A terminal is made for its user and the group of those who send messages to users: nobody else is to move the motors.
+        rustix::fs::fchmod(&slave, Mode::RUSR | Mode::WUSR).map_err(failed("make it private"))?;
         // Raw before any program can see it: otherwise the terminal echoes the first command back.
         let mut settings = tcgetattr(&slave).map_err(failed("read its settings"))?;
         settings.make_raw();

@@ -24,6 +24,29 @@ pub fn sleep_until(until_ns: u64) {
     while let Err(rustix::io::Errno::INTR) = clock_nanosleep_absolute(ClockId::Monotonic, &until) {}
 }
 
+/// An input of a serial port beside its data: what drives it is on or off.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum StatusPin {
+    /// Clear to send.
+    Cts,
+    /// Data set ready.
+    Dsr,
+    /// Carrier detect.
+    Cd,
+}
+
+impl StatusPin {
+    /// Every pin, with its name in configuration files.
+    pub const NAMES: [(&'static str, StatusPin); 3] =
+        [("cts", StatusPin::Cts), ("dsr", StatusPin::Dsr), ("cd", StatusPin::Cd)];
+
+    /// The pin of that name.
+    #[must_use]
+    pub fn named(name: &str) -> Option<StatusPin> {
+        StatusPin::NAMES.iter().find(|(known, _)| *known == name).map(|(_, pin)| *pin)
+    }
+}
+
 /// A byte stream with a clock. Every wait has an absolute deadline on that clock; a deadline that is over means "only what is there".
 pub trait Transport: Send {
     /// The name the operator knows it by.
@@ -50,6 +73,9 @@ pub trait Transport: Send {
 
     /// Throw away what was received and not read, and what was written and not sent.
     fn clear(&mut self) -> Result<(), Error>;
+
+    /// Whether an input beside the data is on.
+    fn is_on(&mut self, pin: StatusPin) -> Result<bool, Error>;
 
     /// Read until `buffer` is full or the deadline has come; returns how many bytes were read.
     fn fill(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
@@ -88,5 +114,8 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
     }
     fn clear(&mut self) -> Result<(), Error> {
         (**self).clear()
+    }
+    fn is_on(&mut self, pin: StatusPin) -> Result<bool, Error> {
+        (**self).is_on(pin)
     }
 }

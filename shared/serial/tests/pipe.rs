@@ -103,7 +103,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn faults_are_rare_as_asked_and_the_same_every_time(seed in any::<u64>(), p in 0.0..0.2f64) {
+    fn faults_are_rare_as_asked_and_the_same_every_time(seed in any::<u64>(), p in 0.0..0.1f64) {
         let run = || {
             let mut pipe = Pipe::new("pipe", 1_000_000, Echo::default());
             pipe.set_faults(Faults { drop: p, corrupt: p, duplicate: p, insert: p, ..Faults::default() }, seed);
@@ -115,7 +115,8 @@ proptest! {
         };
         let (answer, counts) = run();
         prop_assert_eq!(&(answer, counts), &run());
-        // Four kinds of fault, about a thousand bytes, five standard deviations.
+        // Four kinds of fault, about a thousand bytes, five standard deviations. Above a tenth it shows that a byte that is lost cannot
+        // also be changed or doubled.
         let bytes = (counts.written + counts.answered) as f64;
         prop_assert!((counts.faults as f64 - 4.0 * p * bytes).abs() <= 5.0 * (4.0 * p * bytes).sqrt() + 5.0);
     }

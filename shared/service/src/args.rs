@@ -6,7 +6,8 @@ use crate::config::BoxFile;
 use crate::toml_file::ConfigError;
 
 /// One of the two places of a role: a process can be swapped for another while both live.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, clap::ValueEnum, serde::Deserialize, serde::Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub enum Slot {
     /// The first.
     #[default]
@@ -78,6 +79,23 @@ pub struct Args {
 }
 
 impl AsRef<CommonArgs> for Args {
+    fn as_ref(&self) -> &CommonArgs {
+        &self.common
+    }
+}
+
+/// The arguments of a controller or an estimator.
+#[derive(Debug, Clone, Default, clap::Parser)]
+pub struct LawArgs {
+    /// As every process.
+    #[command(flatten)]
+    pub common: CommonArgs,
+    /// Law of the controller, or method of the estimator, in place of the one in the box file.
+    #[arg(long, value_name = "NAME")]
+    pub law: Option<String>,
+}
+
+impl AsRef<CommonArgs> for LawArgs {
     fn as_ref(&self) -> &CommonArgs {
         &self.common
     }

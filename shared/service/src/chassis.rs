@@ -8,19 +8,34 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use bus::clock::now_ns;
 use bus::{Bus, BusError, Domain, Publisher, Waiter, Wake};
-use messages::{Heartbeat, put_text};
+use messages::{Heartbeat, Message, put_text};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing::{error, info, warn};
 
 use crate::args::{CommonArgs, Slot};
 use crate::config::{BoxFile, RealtimeSection};
 use crate::logging::{self, Log};
+use crate::output::{Output, Spoiler};
 use crate::realtime::{self, Reached};
 use crate::timing::Timing;
 use crate::toml_file::ConfigError;
 
 /// Five beats a second: the supervisor notices a silent process within half a second.
 const BEAT_NS: u64 = 200_000_000;
+
+/// What a dead process has left is removed within milliseconds; whoever does it may stand still meanwhile, ns.
+const LEAVING_NS: u64 = 2_000_000_000;
+/// Between two attempts to take the place of a dead process, ns.
+const RETRY_NS: u64 = 20_000_000;
+
+/// The supervisor tells whatever it starts, also a program without these arguments, in which domain it is and what it is called.
+pub const DOMAIN_VARIABLE: &str = "NIMS_DOMAIN";
+/// The same: its name.
+pub const NAME_VARIABLE: &str = "NIMS_NAME";
+
+fn from_the_supervisor(variable: &str) -> Option<String> {
+    std::env::var(variable).ok().filter(|value| !value.is_empty())
+}
 
 /// Something the caller gave cannot be used; the program exits with 2.
 #[derive(Debug, thiserror::Error)]
@@ -50,17 +65,19 @@ pub struct Chassis {
     beat: Heartbeat,
     next_beat_ns: u64,
     timing: Timing,
+    spoiler: Option<Spoiler>,
     life: Life,
 }
 
 impl Chassis {
-    /// Reads the box file (if one is given), joins its domain, sets up signals, log, heartbeat and real-time scheduling.
+    /// Reads the box file (if one is given), joins its domain (`--domain`, [`DOMAIN_VARIABLE`], or the name of the box), sets up signals, log, heartbeat and real-time scheduling.
     ///
     /// # Errors
     /// [`ConfigError`] for the box file, [`BadInput`] without a domain or if a process of that name already runs there, [`BusError`] otherwise.
     pub fn start(role: &str, args: &CommonArgs) -> anyhow::Result<Self> {
         let box_file = args.load_box()?;
-        let domain = match (&args.domain, &box_file) {
+        let named = args.domain.clone().or_else(|| from_the_supervisor(DOMAIN_VARIABLE));
+        let domain = match (&named, &box_file) {
             (Some(domain), _) => domain,
             (None, Some(box_file)) => &box_file.name,
             (None, None) => {
@@ -70,7 +87,8 @@ impl Chassis {
                 .into());
             }
         };
-        let name = args.name_for(role);
+        let given = args.name.is_none().then(|| from_the_supervisor(NAME_VARIABLE)).flatten();
+        let name = given.unwrap_or_else(|| args.name_for(role));
         if name.is_empty()
             || !name.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-')
             || name.len() > 31
@@ -84,10 +102,7 @@ impl Chassis {
         // first, so that a signal during start-up is an orderly stop too
         let (stop, stop_pipe) = stop_on_signals()?;
         let bus = Bus::join(&domain, &name)?;
-        let heartbeat = bus.publisher(&format!("system/heartbeat/{name}")).map_err(|error| match error {
-            BusError::Full { .. } => anyhow::Error::new(BadInput(already_runs(&bus, &name))),
-            other => other.into(),
-        })?;
+        let heartbeat = take_name(&bus, &name)?;
         let log = logging::start(&bus, args.verbose)?;
         let nothing = RealtimeSection::default();
         let (reached, warning) = realtime::apply(box_file.as_ref().map_or(&nothing, |file| &file.realtime), role);
@@ -105,6 +120,7 @@ impl Chassis {
             heartbeat,
             next_beat_ns: 0,
             timing: Timing::new(),
+            spoiler: None,
             life: Life::Starting,
         };
         chassis.idle()?;
@@ -199,6 +215,9 @@ impl Chassis {
         if now >= self.next_beat_ns {
             self.send_beat(now)?;
         }
+        if let Some(spoiler) = &mut self.spoiler {
+            spoiler.look()?;
+        }
         self.log.publish()
     }
 
@@ -210,6 +229,19 @@ impl Chassis {
     /// It ends; its duration goes into the heartbeat.
     pub fn pass_end(&mut self) {
         self.timing.end(now_ns());
+    }
+
+    /// A publisher of what the control chain goes by: the answer of a controller or an estimator. On a box with virtual drives it can be
+    /// spoilt on request (`nims fault slow`, `nan`, `frozen`); the requests are taken in [`Chassis::idle`].
+    ///
+    /// # Errors
+    /// Those of opening a channel.
+    pub fn output<T: Message>(&mut self, channel: &str) -> Result<Output<T>, BusError> {
+        let can_be_spoilt = self.box_file.as_ref().is_some_and(|file| file.motor_box.is_some());
+        if can_be_spoilt && self.spoiler.is_none() {
+            self.spoiler = Some(Spoiler::new(&self.bus)?);
+        }
+        Ok(Output::new(self.bus.publisher(channel)?, self.spoiler.as_ref()))
     }
 
     /// How long the passes took.
@@ -266,6 +298,7 @@ where
     A: clap::Parser + AsRef<CommonArgs>,
 {
     let args = A::parse();
+    bus::make_private();
     let mut chassis = match Chassis::start(role, args.as_ref()) {
         Ok(chassis) => chassis,
         Err(error) => {
@@ -273,6 +306,9 @@ where
             return exit_code(&error);
         }
     };
+    let version = <A as clap::CommandFactory>::command().get_version().unwrap_or(env!("CARGO_PKG_VERSION")).to_owned();
+    let build = if cfg!(debug_assertions) { "debug" } else { "release" };
+    put_text(&mut chassis.beat.version, &format!("{version} {build}"));
     match body(&args, &mut chassis) {
         Ok(()) => {
             info!("ended in order");
@@ -315,14 +351,43 @@ fn incarnation() -> u32 {
     (RandomState::new().hash_one((std::process::id(), now_ns())) as u32).max(1)
 }
 
+/// The heartbeat of a name: whoever publishes it is the process of that name, and nobody else can be.
+///
+/// What a killed process of the same name has left may just be in the hands of another process that cleans up: that takes a moment.
+fn take_name(bus: &Bus, name: &str) -> anyhow::Result<Publisher<Heartbeat>> {
+    let give_up = now_ns() + LEAVING_NS;
+    loop {
+        match bus.publisher(&format!("system/heartbeat/{name}")) {
+            Ok(heartbeat) => return Ok(heartbeat),
+            Err(BusError::Full { .. }) if now_ns() < give_up && !lives(bus, name) => {
+                bus::clock::sleep_until(now_ns() + RETRY_NS);
+                bus.clean();
+            }
+            Err(BusError::Full { .. }) => return Err(BadInput(already_runs(bus, name)).into()),
+            Err(other) => return Err(other.into()),
+        }
+    }
+}
+
+/// Whether another process of that name lives in the domain.
+fn lives(bus: &Bus, name: &str) -> bool {
+    bus.domain().alive().iter().any(|node| node.name == name && node.pid != std::process::id())
+}
+
 fn already_runs(bus: &Bus, name: &str) -> String {
     let domain = bus.domain();
     let other = domain.alive().into_iter().find(|node| node.name == name && node.pid != std::process::id());
-    let who = other.map_or_else(String::new, |node| format!(" (process {})", node.pid));
-    format!(
-        "a process named `{name}` already runs in the domain `{}`{who}: stop it first, or give this one another --name",
-        domain.name()
-    )
+    match other {
+        Some(node) => format!(
+            "a process named `{name}` already runs in the domain `{}` (process {}): stop it first, or give this one another --name",
+            domain.name(),
+            node.pid
+        ),
+        None => format!(
+            "a process named `{name}` was killed in the domain `{}`, and what it left cannot be removed: end every process there and start again",
+            domain.name()
+        ),
+    }
 }
 
 /// SIGINT and SIGTERM set the flag and make the descriptor readable for good.

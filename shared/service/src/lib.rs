@@ -44,11 +44,16 @@ mod chassis;
 pub mod config;
 mod logging;
 pub mod motion;
+mod output;
 pub mod realtime;
+mod rhythm;
 mod timing;
 pub mod toml_file;
 
-pub use args::{Args, CommonArgs, Slot};
-pub use chassis::{BadInput, Chassis, Life, exit_code, main};
+pub use args::{Args, CommonArgs, LawArgs, Slot};
+pub use bus::clock::now_ns;
+pub use chassis::{BadInput, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, exit_code, main};
+pub use output::{OUTPUT_FAULTS, Output};
+pub use rhythm::Rhythm;
 pub use timing::Timing;
 pub use toml_file::ConfigError;

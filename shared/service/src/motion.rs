@@ -1,6 +1,6 @@
 //! Motion segments between their form in messages and the one that can be evaluated.
 
-use cable_robot::path::{Line, Parabola, Spiral};
+use cable_robot::path::{Bow, Lateral, Line, Parabola, Spiral};
 use cable_robot::profile::{Knot, MAX_KNOTS};
 use cable_robot::{Motion, Path, Profile, Segment, Vector3};
 use messages::{KNOTS, PlanMotion, PlanSegment};
@@ -19,6 +19,10 @@ pub fn segment_message(segment: &Segment) -> PlanSegment {
             let growth = (s.end_radius_m - s.start_radius_m) / angle.abs();
             let shape = [s.centre.x, s.centre.y, s.start_radius_m, growth, s.start_angle_rad, angle, s.rise_m, 0.0];
             (PlanSegment::KIND_SPIRAL, shape)
+        }
+        Path::Lateral(l) => {
+            let ([d1, d2, d3], [s1, s2, s3]) = (l.bow().down_m, l.bow().side_m);
+            (PlanSegment::KIND_LATERAL, [d1, d2, d3, s1, s2, s3, 0.0, 0.0])
         }
     };
     let mut message = PlanSegment {
@@ -63,6 +67,10 @@ pub fn segment_of(message: &PlanSegment) -> Option<Segment> {
                 rise_m,
                 start_angle_rad,
             })
+        }
+        PlanSegment::KIND_LATERAL => {
+            let [d1, d2, d3, s1, s2, s3, ..] = message.shape;
+            Path::Lateral(Lateral::new(Bow { from, to, down_m: [d1, d2, d3], side_m: [s1, s2, s3] }))
         }
         _ => return None,
     };
@@ -115,6 +123,7 @@ mod tests {
             Path::line(from, to),
             Path::Parabola(Parabola { from, to, mu_per_m: 0.2 }),
             Path::Spiral(spiral),
+            Path::Lateral(Lateral::new(Bow { from, to, down_m: [0.2, 0.01, 0.02], side_m: [-0.3, 0.05, 0.0] })),
             Path::Spiral(Spiral { start_radius_m: 0.6, end_radius_m: 0.0, ..spiral }),
         ];
         let limits = ProfileLimits::rest_to_rest(0.2, 0.3);

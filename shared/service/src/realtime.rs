@@ -2,7 +2,7 @@
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity};
-use thread_priority::{RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy};
+use thread_priority::{NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy};
 
 use crate::config::RealtimeSection;
 
@@ -31,8 +31,39 @@ pub fn priority_step(role: &str) -> Option<u8> {
 /// Sets up the calling thread (threads that exist already stay ordinary); what is not permitted is left out, and one sentence says what
 /// and how to permit it.
 pub fn apply(section: &RealtimeSection, role: &str) -> (Reached, Option<String>) {
+    match priority_step(role) {
+        Some(step) => set_up(section, step),
+        None => (Reached::default(), None),
+    }
+}
+
+/// Sets up the calling thread as a process that it is about to start shall run, which inherits it; what is not permitted is left out, and
+/// one sentence says what and how to permit it.
+#[must_use]
+pub fn bequeath(priority: u8, cpu: Option<usize>) -> Option<String> {
+    // Locked memory is not inherited.
+    set_up(&RealtimeSection { priority, cpu, lock_memory: false }, 0).1
+}
+
+/// Makes the calling thread ordinary again, on any processor: for a helper that is started from the control chain, inherits its
+/// priority, and would hold it up at every wait for a disk. Lowering oneself is always permitted.
+pub fn ordinary() {
+    // The crate's scale for niceness 0.
+    const NICE_0: u8 = 47;
+    let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
+    if let Ok(value) = NICE_0.try_into() {
+        let thread = thread_priority::unix::thread_native_id();
+        // Where even the niceness may not be changed, the policy has been.
+        let _ =
+            thread_priority::unix::set_thread_priority_and_policy(thread, ThreadPriority::Crossplatform(value), policy);
+    }
+    let mut all = CpuSet::new();
+    (0..CpuSet::MAX_CPU).for_each(|cpu| all.set(cpu));
+    let _ = sched_setaffinity(None, &all);
+}
+
+fn set_up(section: &RealtimeSection, step: u8) -> (Reached, Option<String>) {
     let (mut reached, mut refused) = (Reached::default(), Vec::new());
-    let Some(step) = priority_step(role) else { return (reached, None) };
     if section.priority > 0 {
         let priority = section.priority.saturating_add(step);
         match fifo(priority) {
@@ -87,20 +118,38 @@ mod tests {
 
     #[test]
     fn the_kernel_confirms_what_was_reached() {
-        std::thread::spawn(|| {
+        let processors = std::thread::available_parallelism().map_or(1, usize::from);
+        std::thread::spawn(move || {
             let section = RealtimeSection { priority: 10, cpu: Some(0), lock_memory: false };
             let (reached, warning) = apply(&section, "estimator");
             assert_eq!(warning.is_none(), reached.fifo && reached.pinned, "{warning:?}");
-            // proc_pid_stat(5): field 40 is the real-time priority, 41 the policy (1: SCHED_FIFO); the name in field 2 has no blank here
-            let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
-            let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
-            let (priority, policy) = (fields[40 - 3], fields[41 - 3]);
-            assert_eq!((priority, policy), if reached.fifo { ("11", "1") } else { ("0", "0") });
-            let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
-            let allowed = status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:\t")).unwrap();
-            assert!(!reached.pinned || allowed == "0", "{allowed}");
+            assert_eq!(scheduling(), if reached.fifo { ("11".into(), "1".into()) } else { ("0".into(), "0".into()) });
+            assert!(!reached.pinned || allowed() == "0", "{}", allowed());
+            // A helper that is started from here inherits all of it, and gives it back.
+            let (before, after) = std::thread::spawn(|| {
+                let before = (scheduling(), allowed());
+                ordinary();
+                (before, (scheduling(), allowed()))
+            })
+            .join()
+            .unwrap();
+            assert_eq!(before, (scheduling(), allowed()));
+            assert_eq!(after.0, ("0".into(), "0".into()));
+            assert!(processors == 1 || after.1 != "0", "{}", after.1);
         })
         .join()
         .unwrap();
+    }
+
+    /// proc_pid_stat(5): field 40 is the real-time priority, 41 the policy (1: SCHED_FIFO); the name in field 2 has no blank here.
+    fn scheduling() -> (String, String) {
+        let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
+        let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();
+        (fields[40 - 3].to_owned(), fields[41 - 3].to_owned())
+    }
+
+    fn allowed() -> String {
+        let status = std::fs::read_to_string("/proc/thread-self/status").unwrap();
+        status.lines().find_map(|line| line.strip_prefix("Cpus_allowed_list:\t")).unwrap().to_owned()
     }
 }

@@ -151,6 +151,7 @@ impl Rig {
             let mut estimate = NodeEstimate {
                 valid: u8::from(self.estimate_valid),
                 tension_n: self.tension_n,
+                incarnation: 3,
                 ..NodeEstimate::default()
             };
             estimate.header.cycle = self.cycle - 1;

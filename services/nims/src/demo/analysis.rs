@@ -1,15 +1,12 @@
 //! How well a run followed its setpoints, from the run file alone.
 
 use crate::failure::{Answer, Failure};
-use cable_robot::{Segment, Setpoint, Vector3};
-use messages::{ControlStatus, Message, MotorAuthority, NodeEstimate, PlanMotion, TruthNode};
+use crate::tracker::{Cycle, Tracker};
+use cable_robot::Vector3;
+use messages::{ControlStatus, MotorAuthority, TruthNode};
 use serde::Serialize;
-use service::motion::segment_of;
-use std::collections::BTreeMap;
 use std::path::Path;
 
-/// A setpoint slower than this rests, m/s: the ends of a profile, where every law is right.
-const MOVING_M_S: f64 = 1e-3;
 /// Deviation of a tension from the chosen one that counts as the same: this share of it, or the next constant.
 const TENSION_SHARE: f64 = 0.15;
 /// See above, N.
@@ -46,7 +43,7 @@ pub struct Analysis {
     pub moving_s: f64,
     /// Estimate against setpoint, over moving cycles.
     pub estimate: Error,
-    /// Truth against setpoint, over moving cycles; only the virtual box knows it.
+    /// Truth against setpoint, over moving cycles, also those without a valid estimate; only the virtual box knows it.
     pub truth: Option<Error>,
     /// Tensions by truth, over moving cycles.
     pub tensions: Option<Tensions>,
@@ -76,13 +73,65 @@ pub struct Point {
     pub truth: Option<Vector3<f64>>,
 }
 
+/// Sums up what the cycles of a run come to.
 #[derive(Default)]
-struct Collected {
-    segments: BTreeMap<u32, Segment>,
-    authority: Vec<MotorAuthority>,
-    estimates: BTreeMap<u64, NodeEstimate>,
-    truth: Vec<TruthNode>,
-    chosen: BTreeMap<u64, ControlStatus>,
+pub struct Tally {
+    first: Option<MotorAuthority>,
+    last: Option<MotorAuthority>,
+    moving: u64,
+    begin_ns: Option<u64>,
+    estimate: Distances,
+    truth: Distances,
+    tensions: TensionTally,
+}
+
+impl Tally {
+    /// Takes the next cycle in; a point for plots if the node was to move in it.
+    pub fn add(&mut self, cycle: &Cycle<'_>) -> Option<Point> {
+        let now = cycle.authority;
+        self.first.get_or_insert(*now);
+        self.last = Some(*now);
+        let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return None };
+        // Every true position between this cycle and the next, against the setpoint of its own time; also while there is no estimate.
+        let mut nearest = None;
+        for truth in cycle.truth {
+            let Some(target) = cycle.setpoint_at(truth.header.stamp_ns) else { continue };
+            let position = Vector3::from(truth.position_m);
+            self.truth.add((position - target.position).norm());
+            nearest.get_or_insert(position);
+            if let Some(control) = cycle.control {
+                self.tensions.add(truth, control);
+            }
+        }
+        let estimate = cycle.estimate?;
+        let begin_ns = *self.begin_ns.get_or_insert(now.header.stamp_ns);
+        let point = Point {
+            time_s: now.header.stamp_ns.saturating_sub(begin_ns) as f64 * 1e-9,
+            setpoint: setpoint.position,
+            estimate: Vector3::from(estimate.position_m),
+            truth: nearest,
+        };
+        self.moving += 1;
+        self.estimate.add((point.estimate - point.setpoint).norm());
+        Some(point)
+    }
+
+    /// The result; `None` if there was no cycle, or nothing moved.
+    #[must_use]
+    pub fn result(&self, track: Vec<Point>) -> Option<Analysis> {
+        let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
+        Some(Analysis {
+            moving_s: self.moving as f64 * last.period_s,
+            estimate: self.estimate.result()?,
+            truth: self.truth.result(),
+            tensions: self.tensions.result(),
+            cycles: last.header.cycle.saturating_sub(first.header.cycle) + 1,
+            missed: last.missed,
+            late: last.late,
+            skipped: last.skipped,
+            track,
+        })
+    }
 }
 
 /// Reads a run and compares.
@@ -90,126 +139,44 @@ struct Collected {
 /// # Errors
 /// It cannot be read, or nothing moved in it.
 pub fn analyse(run: &Path) -> Answer<Analysis> {
-    let all = collect(run)?;
-    let (Some(first), Some(last)) = (all.authority.first(), all.authority.last()) else {
+    let (mut tracker, mut tally, mut track) = (Tracker::default(), Tally::default(), Vec::new());
+    let mut each = |cycle: &Cycle<'_>| track.extend(tally.add(cycle));
+    let mut reader = runlog::RunReader::open(run).map_err(Failure::not_now)?;
+    while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
+        tracker.note(&recorded, &mut each);
+    }
+    tracker.finish(&mut each);
+    if tally.first.is_none() {
         return Err(Failure::NotNow(format!(
             "{} holds no motor/authority: nothing can be said about it",
             run.display()
         )));
-    };
-    let segments: Vec<&Segment> = all.segments.values().collect();
-    let mut track = Vec::new();
-    let mut truth_errors = Vec::new();
-    let mut tensions = TensionTally::default();
-    let mut begin_ns = None;
-    let mut next_truth = 0;
-    for pair in all.authority.windows(2) {
-        let (now, then) = (&pair[0], &pair[1]);
-        if now.mode != MotorAuthority::MODE_FOLLOWING {
-            continue;
-        }
-        let Some(setpoint) = moving(&segments, now) else { continue };
-        let Some(estimate) = all.estimates.get(&now.header.cycle).filter(|estimate| estimate.valid == 1) else {
-            continue;
-        };
-        let begin_ns = *begin_ns.get_or_insert(now.header.stamp_ns);
-        // Every true position between this cycle and the next, against the setpoint of its own time.
-        let mut nearest = None;
-        while let Some(truth) = all.truth.get(next_truth).filter(|truth| truth.header.stamp_ns < then.header.stamp_ns) {
-            next_truth += 1;
-            if truth.header.stamp_ns < now.header.stamp_ns {
-                continue;
-            }
-            let span = then.header.stamp_ns.saturating_sub(now.header.stamp_ns).max(1) as f64;
-            let share = (truth.header.stamp_ns - now.header.stamp_ns) as f64 / span;
-            let plan_time = now.plan_time_s + share * (then.plan_time_s - now.plan_time_s);
-            let Some(target) = setpoint_at(&segments, plan_time) else { continue };
-            let position = Vector3::from(truth.position_m);
-            truth_errors.push((position - target.position).norm());
-            nearest.get_or_insert(position);
-            if let Some(chosen) = all.chosen.get(&now.header.cycle) {
-                tensions.add(truth, chosen);
-            }
-        }
-        track.push(Point {
-            time_s: (now.header.stamp_ns - begin_ns) as f64 * 1e-9,
-            setpoint: setpoint.position,
-            estimate: Vector3::from(estimate.position_m),
-            truth: nearest,
-        });
     }
-    if track.is_empty() {
-        return Err(Failure::NotNow(format!("nothing moved in {}", run.display())));
-    }
-    let period = last.period_s;
-    Ok(Analysis {
-        moving_s: track.len() as f64 * period,
-        estimate: error(track.iter().map(|point| (point.estimate - point.setpoint).norm())),
-        truth: (!truth_errors.is_empty()).then(|| error(truth_errors.iter().copied())),
-        tensions: tensions.result(),
-        cycles: last.header.cycle.saturating_sub(first.header.cycle) + 1,
-        missed: last.missed,
-        late: last.late,
-        skipped: last.skipped,
-        track,
-    })
+    tally.result(track).ok_or_else(|| Failure::NotNow(format!("nothing moved in {}", run.display())))
 }
 
-fn collect(run: &Path) -> Answer<Collected> {
-    let mut all = Collected::default();
-    let mut reader = runlog::RunReader::open(run).map_err(Failure::not_now)?;
-    while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
-        match recorded.channel.name.as_str() {
-            "plan/motion" => {
-                if let Some(motion) = recorded.to::<PlanMotion>() {
-                    for message in [&motion.current, &motion.next] {
-                        if let Some(segment) = segment_of(message) {
-                            all.segments.insert(message.id, segment);
-                        }
-                    }
-                }
-            }
-            "motor/authority" => all.authority.extend(recorded.to::<MotorAuthority>()),
-            "node/estimate/a" => {
-                if let Some(estimate) = recorded.to::<NodeEstimate>() {
-                    all.estimates.insert(estimate.header().cycle, estimate);
-                }
-            }
-            "control/status/a" => {
-                if let Some(status) = recorded.to::<ControlStatus>() {
-                    all.chosen.insert(status.header().cycle, status);
-                }
-            }
-            "truth/node" => all.truth.extend(recorded.to::<TruthNode>()),
-            _ => {}
-        }
+/// Sums up distances.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Distances {
+    squares: f64,
+    max_m: f64,
+    samples: usize,
+}
+
+impl Distances {
+    /// One more, m.
+    pub fn add(&mut self, distance_m: f64) {
+        self.squares += distance_m * distance_m;
+        self.max_m = self.max_m.max(distance_m);
+        self.samples += 1;
     }
-    all.truth.sort_by_key(|truth| truth.header.stamp_ns);
-    Ok(all)
-}
 
-/// The setpoint at a time of the plan clock: of the segment that began last.
-fn setpoint_at(segments: &[&Segment], plan_time_s: f64) -> Option<Setpoint> {
-    segments
-        .iter()
-        .filter(|segment| segment.start_s <= plan_time_s)
-        .max_by(|a, b| a.start_s.total_cmp(&b.start_s))
-        .map(|segment| segment.setpoint(plan_time_s))
-}
-
-fn moving(segments: &[&Segment], authority: &MotorAuthority) -> Option<Setpoint> {
-    setpoint_at(segments, authority.plan_time_s)
-        .filter(|setpoint| !setpoint.at_rest && setpoint.velocity.norm() * authority.plan_rate > MOVING_M_S)
-}
-
-fn error(values: impl Iterator<Item = f64>) -> Error {
-    let (mut squares, mut max_m, mut samples) = (0.0, 0.0_f64, 0_usize);
-    for value in values {
-        squares += value * value;
-        max_m = max_m.max(value);
-        samples += 1;
+    /// `None` without any.
+    #[must_use]
+    pub fn result(&self) -> Option<Error> {
+        let rms_m = (self.squares / self.samples.max(1) as f64).sqrt();
+        (self.samples > 0).then_some(Error { rms_m, max_m: self.max_m, samples: self.samples })
     }
-    Error { rms_m: (squares / samples.max(1) as f64).sqrt(), max_m, samples }
 }
 
 struct TensionTally {

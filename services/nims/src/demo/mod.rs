@@ -20,8 +20,6 @@ use std::time::Duration;
 
 /// Where the demonstration's box file stands in the project.
 const DEFAULT_BOX: &str = "configs/boxes/demo3.toml";
-/// The mission of a demonstration, in the box's missions folder.
-const DEFAULT_MISSION: &str = "demo.toml";
 /// How long a request is repeated while the robot is not ready for it: drives answer, an estimate settles.
 const SETTLE: Duration = Duration::from_secs(5);
 /// A mission that is this much later than planned does not end any more, s: ramps, and stalls of the machine.
@@ -41,16 +39,14 @@ pub fn run(asked: &Demo, domain: Option<&str>, json: bool) -> Answer {
         None => default_box()?,
     };
     let file = BoxFile::load(&config).map_err(Failure::bad)?;
-    let Some(start) = file.motor_box.as_ref().map(|section| section.start_m) else {
+    let Some(start) = file.motor_box.as_ref().map(|section| section.start_m.position_m) else {
         return Err(Failure::BadInput(format!(
             "{} has no [motor_box], and a demonstration flies on the virtual motor box only: use `nims up` for a real robot",
             config.display()
         )));
     };
-    let mission_path = operate::mission_path(
-        asked.mission.as_deref().unwrap_or(Path::new(DEFAULT_MISSION)),
-        Some(&file.planner.missions),
-    )?;
+    let mission_path =
+        operate::mission_path(asked.mission.as_deref().unwrap_or(&file.planner.demo), Some(&file.planner.missions))?;
     let mission = Mission::read(&mission_path).map_err(Failure::bad)?;
     let flight = findings::fly(&mission, &file, &start)?;
 
@@ -64,13 +60,15 @@ pub fn run(asked: &Demo, domain: Option<&str>, json: bool) -> Answer {
     let analysis = analysis::analyse(&ending.run)?;
     let picture = ending.run.join("report.svg");
     plot::draw(&picture, &analysis, &format!("{} on {}", mission.name, file.name))?;
+    let page = ending.run.join(crate::report::PAGE);
+    crate::report::report(std::slice::from_ref(&ending.run), Some(&page))?;
     let mode = ending.mode.map_or("unknown", status::mode_name);
     let value = json!({
         "mission": mission.name, "box": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
         "recorded": { "messages": report.messages, "channels": report.channels.len(), "lost": lost(&report), "healthy": report.healthy },
-        "mode": mode, "run": ending.run, "picture": picture, "died": ending.died,
+        "mode": mode, "run": ending.run, "picture": picture, "page": page, "died": ending.died,
     });
-    let words = words(&mission, &flight, &file, &analysis, &report, &ending.run, &picture);
+    let words = words(&mission, &flight, &file, &analysis, &report, &ending.run, &page);
     answers::print(json, &value, &words);
     std::fs::write(ending.run.join("report.json"), format!("{value:#}\n")).map_err(Failure::not_now)?;
     if !ending.died.is_empty() {
@@ -209,7 +207,7 @@ fn words(
     analysis: &Analysis,
     report: &runlog::RunReport,
     run: &Path,
-    picture: &Path,
+    page: &Path,
 ) -> String {
     let millimetres = |error: &analysis::Error| {
         format!(
@@ -247,6 +245,6 @@ fn words(
         lost(report)
     ));
     lines.push(format!("run        {}", run.display()));
-    lines.push(format!("picture    {}", picture.display()));
+    lines.push(format!("page       {}", page.display()));
     lines.join("\n")
 }

@@ -37,6 +37,7 @@ impl Rig {
             anchors: &self.anchors,
             planar: false,
             wrench_n: stand_in::weight(),
+            drag_n_s2_m2: 0.0,
             limits_n: stand_in::LIMITS_N,
             method,
             current: &self.motor,
@@ -249,7 +250,7 @@ impl Moves {
 }
 
 /// Loss and duration of a flown move: J and s.
-fn flown_cost(track: &Track, resistance_ohm: f64) -> [f64; 2] {
+pub(super) fn flown_cost(track: &Track, resistance_ohm: f64) -> [f64; 2] {
     let moving: Vec<&Instant> = track.instants.iter().filter(|at| at.moving).collect();
     let energy: f64 = moving
         .windows(2)

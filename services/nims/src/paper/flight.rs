@@ -5,11 +5,13 @@ use crate::lockstep::{Cycle, Lockstep, Scenario};
 use crate::picture::Series;
 use anyhow::{Context, Result};
 use cable_robot::drive_lag::DriveLag;
-use cable_robot::{Distribution, Vector3};
+use cable_robot::{Distribution, Jacobian, Robot, Vector3, elastic};
 use controller::{Law, Notice};
+use estimator::Method;
 use messages::{MotorAuthority, PlanStatus};
 use planner::Mission;
 use plant::PlantConfig;
+use service::config::EstimatorSection;
 use service::motion::motion_of;
 
 /// Encoder counts per metre of line: a wheel of 15 mm radius with 1024 counts per turn.
@@ -67,6 +69,11 @@ pub struct Instant {
     pub estimate: Vector3<f64>,
     /// Where it is, m.
     pub truth: Vector3<f64>,
+    /// How far the measured lengths are from those that hold the node at the setpoint, with the acceleration it has there,
+    /// as a displacement of the node, m.
+    pub by_lengths: Vector3<f64>,
+    /// Number of the segment that the setpoint belongs to, from 1.
+    pub segment: u64,
     /// Cable velocity sent, m/s.
     pub command_m_s: [f64; 8],
     /// Lengths as the encoders have them, m.
@@ -123,6 +130,7 @@ impl Flight {
             period_s: self.period_s,
             law: self.law,
             horizon: self.horizon,
+            method: Method::of(&EstimatorSection::default())?,
             stretch: self.stretch,
             distribution: Distribution::Unique,
             longest_s: 300.0,
@@ -132,6 +140,7 @@ impl Flight {
     /// Flies it. A robot that stops by itself on the way gives a track that is not done.
     pub fn fly(&self) -> Result<Track> {
         let scenario = self.scenario()?;
+        let robot = if self.stretch { scenario.robot } else { scenario.robot.with_rigid_lines() };
         let mission = scenario.mission.clone();
         let longest = (scenario.longest_s / scenario.period_s) as u64;
         let mut lockstep = Lockstep::new(scenario)?;
@@ -141,11 +150,11 @@ impl Flight {
         let mut began_s = None;
         for _ in 0..longest {
             let cycle = lockstep.cycle()?;
-            if let Some(Notice::Identified(found)) = lockstep.controller_mut().notice() {
+            if let Some(Notice::Identified(found)) = lockstep.notice() {
                 track.identified.get_or_insert(found.lag);
             }
             track.missed = cycle.authority.missed;
-            if let Some(instant) = instant(&cycle, &mut began_s) {
+            if let Some(instant) = instant(&cycle, &robot, &mut began_s) {
                 track.instants.push(instant);
             }
             match cycle.plan.state {
@@ -161,7 +170,7 @@ impl Flight {
     }
 }
 
-fn instant(cycle: &Cycle, began_s: &mut Option<f64>) -> Option<Instant> {
+fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<Instant> {
     let Cycle { authority, state, estimate, .. } = cycle;
     if authority.mode != MotorAuthority::MODE_FOLLOWING {
         return None;
@@ -171,11 +180,19 @@ fn instant(cycle: &Cycle, began_s: &mut Option<f64>) -> Option<Instant> {
     let since_s = (state.header.stamp_ns - cycle.input.begin_ns) as f64 * 1e-9;
     let time_s = authority.plan_time_s + authority.plan_rate * since_s;
     let setpoint = motion.setpoint(time_s);
+    let rate = authority.plan_rate;
+    let held =
+        elastic::realise(robot, &setpoint.position, &(setpoint.acceleration * (rate * rate)), Distribution::Unique)
+            .ok()?;
+    let off_m = held.unstretched_m.zip_map(&estimate.predicted_m, |wanted, is| is - wanted);
+    let node_jacobian = Jacobian::at(robot.anchors(), &setpoint.position).ok()?.node_jacobian()?;
     Some(Instant {
         time_s: time_s - *began_s.get_or_insert(time_s),
         setpoint: setpoint.position,
         estimate: Vector3::from(estimate.position_m),
         truth: Vector3::from(cycle.truth_m),
+        by_lengths: node_jacobian.node_velocity(&off_m),
+        segment: setpoint.segment_id,
         command_m_s: state.command_m_s,
         length_m: state.length_m,
         current_a: state.current_a,
@@ -197,6 +214,11 @@ impl Track {
     /// Truth against setpoint, m.
     pub fn by_truth(&self) -> Vec<f64> {
         self.distances(|instant| (instant.truth - instant.setpoint).norm())
+    }
+
+    /// Measured lengths against those of the setpoint, as a distance of the node, m.
+    pub fn by_lengths(&self) -> Vec<f64> {
+        self.distances(|instant| instant.by_lengths.norm())
     }
 
     /// A quantity over time.

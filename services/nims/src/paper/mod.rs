@@ -63,7 +63,7 @@ pub const ENTRIES: &[Entry] = &[
     entry("joint", 10.0, beyond::joint),
     entry("stretch", 10.0, beyond::stretch),
     entry("preview", 40.0, beyond::preview),
-    entry("lateral", 5.0, beyond::lateral),
+    entry("lateral", 8.0, beyond::lateral),
 ];
 
 /// The entries of these names; all of them if none is named.

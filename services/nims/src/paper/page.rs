@@ -1,6 +1,7 @@
 //! The page: one HTML and one Markdown file with the same content.
 
 use super::section::{Check, Section, Table, Verdict};
+use crate::page::html_table;
 use crate::picture::escape;
 use std::fmt::Write as _;
 
@@ -95,20 +96,6 @@ fn capital(text: &str) -> String {
 
 fn claim_word(section: &Section) -> &'static str {
     if section.ratio.is_some() { "Idea" } else { "Claim" }
-}
-
-fn html_table(table: &Table) -> String {
-    let mut out = format!("<table>\n<caption>{}</caption>\n", escape(&table.caption));
-    let row = |cells: &[String], tag: &str| {
-        let cells: String = cells.iter().map(|cell| format!("<{tag}>{}</{tag}>", escape(cell))).collect();
-        format!("<tr>{cells}</tr>\n")
-    };
-    out.push_str(&row(&table.head, "th"));
-    for cells in &table.rows {
-        out.push_str(&row(cells, "td"));
-    }
-    out.push_str("</table>\n");
-    out
 }
 
 /// The page as Markdown.

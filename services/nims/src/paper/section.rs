@@ -1,5 +1,6 @@
 //! What one figure or table of the page is made of, and how its verdict follows from its numbers.
 
+pub use crate::page::Table;
 use crate::picture::Picture;
 
 /// One figure or table of the paper, or one place where we know better.
@@ -23,33 +24,6 @@ pub struct Section {
     pub remarks: Vec<String>,
     /// For a section beyond the paper: how many times better than the paper's method.
     pub ratio: Option<String>,
-}
-
-/// Numbers in rows.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct Table {
-    /// Above it.
-    pub caption: String,
-    /// Names of the columns.
-    pub head: Vec<String>,
-    /// Cells.
-    pub rows: Vec<Vec<String>>,
-}
-
-impl Table {
-    /// A table without rows.
-    pub fn new(caption: &str, head: &[&str]) -> Self {
-        Self {
-            caption: caption.to_owned(),
-            head: head.iter().map(|cell| (*cell).to_owned()).collect(),
-            rows: Vec::new(),
-        }
-    }
-
-    /// Adds a row.
-    pub fn row(&mut self, cells: impl IntoIterator<Item = String>) {
-        self.rows.push(cells.into_iter().collect());
-    }
 }
 
 /// A statement that our numbers confirm or refute.

@@ -193,7 +193,7 @@ pub fn fig15(effort: Effort) -> Result<Section> {
     let chart = Chart {
         caption: "sum of squares of tensions".into(),
         x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::of("N²"),
+        y: Axis::from_to("N²", 0.0, 1800.0),
         series: vec![
             Series::line("least sum (LP)", 1, along.curve(|i| along.min_sum[i].norm_squared())),
             Series::line("least norm", 0, along.curve(|i| along.least_norm[i].norm_squared())),
@@ -233,7 +233,7 @@ pub fn fig16(effort: Effort) -> Result<Section> {
     let operating = Chart {
         caption: "tension of cable 4 within what is feasible".into(),
         x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: tension_axis(),
+        y: Axis::from_to("tension, N", 0.0, 36.0),
         series: vec![
             Series::line("feasible from", GREY, along.curve(|i| along.interval_n[i][0])),
             Series::line("feasible to", BLACK, along.curve(|i| along.interval_n[i][1])),

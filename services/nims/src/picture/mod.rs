@@ -4,8 +4,10 @@
 //! such as a Greek one, its name is written instead.
 
 mod canvas;
+mod svg;
 
 pub use canvas::Canvas;
+pub use svg::{ranges, svg};
 
 use crate::failure::{Answer, Failure};
 use plotters::coord::Shift;
@@ -72,17 +74,19 @@ pub struct Axis {
     pub label: String,
     /// From and to; `None`: as the data need.
     pub range: Option<[f64; 2]>,
+    /// Names in place of the numbers 0, 1, 2 .. ; only on pages.
+    pub names: Vec<String>,
 }
 
 impl Axis {
     /// As wide as the data need.
     pub fn of(label: &str) -> Self {
-        Self { label: label.to_owned(), range: None }
+        Self { label: label.to_owned(), ..Self::default() }
     }
 
     /// With a fixed range.
     pub fn from_to(label: &str, from: f64, to: f64) -> Self {
-        Self { label: label.to_owned(), range: Some([from, to]) }
+        Self { label: label.to_owned(), range: Some([from, to]), names: Vec::new() }
     }
 }
 
@@ -128,6 +132,12 @@ pub enum Look {
     Bars(f64),
     /// Rectangles of this size about the points, each in a colour of the scale for its value in 0..=1.
     Cells([f64; 2], Vec<f64>),
+    /// Discs of this radius in pixels, each in a colour of the scale for its value in 0..=1.
+    Scaled(u32, Vec<f64>),
+    /// Filled from each point up to this other value of y.
+    Band(Vec<f64>),
+    /// Filled rectangles; two points each, opposite corners.
+    Blocks,
 }
 
 impl Series {
@@ -346,6 +356,25 @@ fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) ->
                 });
                 plane.draw_series(cells).map_err(words)?;
             }
+            Look::Scaled(radius, values) => {
+                let discs = series.points.iter().zip(values).filter(|(p, _)| shown(p));
+                let discs = discs.map(|(p, value)| Circle::new((p[0], p[1]), *radius, scale(*value).filled()));
+                plane.draw_series(discs).map_err(words)?;
+            }
+            Look::Band(high) => {
+                let inside = |value: f64| value.clamp(y[0], y[1]);
+                let known = |(p, high): &(&[f64; 2], &f64)| p[1].is_finite() && high.is_finite();
+                let low = series.points.iter().zip(high).filter(known).map(|(p, _)| (p[0], inside(p[1])));
+                let back = series.points.iter().zip(high).filter(known).map(|(p, high)| (p[0], inside(*high)));
+                let outline: Vec<(f64, f64)> = low.chain(back.rev()).collect();
+                plane.draw_series([Polygon::new(outline, colour.mix(0.25).filled())]).map_err(words)?;
+            }
+            Look::Blocks => {
+                let inside = |p: [f64; 2]| (p[0].clamp(x[0], x[1]), p[1].clamp(y[0], y[1]));
+                let pairs = series.points.chunks_exact(2);
+                let blocks = pairs.map(|pair| Rectangle::new([inside(pair[0]), inside(pair[1])], colour.filled()));
+                plane.draw_series(blocks).map_err(words)?;
+            }
         }
     }
     name_series(&plane.plotting_area().strip_coord_spec(), chart)
@@ -389,7 +418,7 @@ fn name_series<B: DrawingBackend>(plane: &DrawingArea<B, Shift>, chart: &Chart) 
             Look::Dashed => plane.draw(&line(0, 9, 2)).and_then(|()| plane.draw(&line(14, SAMPLE_PX, 2))),
             Look::Marked => plane.draw(&line(0, SAMPLE_PX, 2)).and_then(|()| plane.draw(&disc(3))),
             Look::Discs(radius) => plane.draw(&disc(radius)),
-            Look::Bars(_) | Look::Cells(..) => {
+            Look::Bars(_) | Look::Cells(..) | Look::Scaled(..) | Look::Band(_) | Look::Blocks => {
                 plane.draw(&Rectangle::new([(x + 6, y - 6), (x + SAMPLE_PX - 6, y + 6)], colour.filled()))
             }
         }
@@ -409,6 +438,12 @@ pub fn scale(value: f64) -> RGBColor {
     let share = at - below as f64;
     let channel = |k: usize| (STOPS[below][k] * (1.0 - share) + STOPS[below + 1][k] * share).round() as u8;
     RGBColor(channel(0), channel(1), channel(2))
+}
+
+/// The colour of a series, as pages write it.
+pub fn colour_of(number: usize) -> String {
+    let RGBColor(r, g, b) = COLOURS[number % COLOURS.len()];
+    format!("#{r:02x}{g:02x}{b:02x}")
 }
 
 /// Text that HTML and SVG take literally.

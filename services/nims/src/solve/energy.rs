@@ -102,6 +102,7 @@ impl Move {
             anchors: &self.anchors.points,
             planar: self.anchors.planar,
             wrench_n: self.wrench_n,
+            drag_n_s2_m2: 0.0,
             limits_n: self.limits_n,
             method: self.method,
             current: &*self.current,

@@ -1,8 +1,12 @@
 //! One process under supervision: started in a group of its own, so that Ctrl-C reaches only the supervisor.
 
-use super::crew::Member;
+use super::members::Member;
+use super::restarts::Restarts;
 use crate::failure::{Answer, Failure};
-use rustix::process::{Pid, Signal, kill_process};
+use bus::clock;
+use messages::ProcessState;
+use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
+use service::config::Role;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::{CommandExt, ExitStatusExt};
@@ -13,6 +17,19 @@ use std::thread::JoinHandle;
 
 /// Lines of a process's diagnostics that are kept to explain its death.
 const KEPT_LINES: usize = 20;
+/// Time for a process to end in good order, ns; the recorder writes out what it holds.
+pub const END_NS: u64 = 8_000_000_000;
+
+/// What follows when a process that was asked to end has ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Then {
+    /// It stays in the table as stopped.
+    Stay,
+    /// It is started again.
+    Again,
+    /// It leaves the table.
+    Forget,
+}
 
 /// A started process.
 #[derive(Debug)]
@@ -23,61 +40,107 @@ pub struct Child {
     pub pid: u32,
     /// When it was started, CLOCK_MONOTONIC, ns.
     pub started_ns: u64,
-    /// How often it was started again.
-    pub restarts: u32,
-    /// Whether it has said that it is ready.
-    pub ready: bool,
+    /// Its deaths so far.
+    pub restarts: Restarts,
+    /// When it said that it is ready.
+    pub ready_ns: Option<u64>,
+    /// Version of its program, as it said.
+    pub version: Option<String>,
+    /// It has shown no sign of life for too long.
+    pub silent: bool,
+    /// It has been named for not getting ready.
+    pub overdue: bool,
+    /// When it was asked to end, and what follows.
+    pub asked: Option<(u64, Then)>,
+    /// When it is to be started again.
+    pub again_ns: Option<u64>,
+    /// It has died too often.
+    pub gave_up: bool,
     /// How it ended, once it has.
     pub exit: Option<ExitStatus>,
+    killed: bool,
     process: Process,
     lines: Arc<Mutex<VecDeque<String>>>,
     reader: Option<JoinHandle<()>>,
+    said: Option<String>,
 }
 
 impl Child {
-    /// Starts a process; what it says goes to a file of the run folder, and its last words are kept.
+    /// Starts a process and tells it its domain and its name; what it says goes to a file of the run folder, and its last words are kept. Gives a sentence too if the system does
+    /// not permit its priority or its processor.
     ///
     /// # Errors
     /// The program cannot be started.
-    pub fn start(member: &Member, log: &Path, restarts: u32) -> Answer<Self> {
-        let failed = |error: std::io::Error| Failure::NotNow(format!("{} could not be started: {error}", member.name));
+    pub fn start(member: &Member, domain: &str, log: &Path, restarts: Restarts) -> Answer<(Self, Option<String>)> {
+        let failed = |error: std::io::Error| {
+            Failure::NotNow(format!("{} could not be started: {}: {error}", member.name, member.program.display()))
+        };
         let mut file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(failed)?;
-        let mut process = Command::new(&member.program)
+        let mut command = Command::new(&member.program);
+        command
             .args(&member.args)
+            .env(service::DOMAIN_VARIABLE, domain)
+            .env(service::NAME_VARIABLE, &member.name)
             .stdin(Stdio::null())
             .stdout(Stdio::from(file.try_clone().map_err(failed)?))
             .stderr(Stdio::piped())
-            .process_group(0)
-            .spawn()
-            .map_err(failed)?;
+            .process_group(0);
+        if let Some(folder) = &member.folder {
+            command.current_dir(folder);
+        }
+        let (spawned, warning) = spawn(&mut command, member);
+        let mut process = spawned.map_err(failed)?;
         let lines = Arc::new(Mutex::new(VecDeque::with_capacity(KEPT_LINES)));
         let reader = process.stderr.take().map(|stderr| {
             let lines = Arc::clone(&lines);
             std::thread::spawn(move || {
-                for line in BufReader::new(stderr).lines().map_while(Result::ok) {
+                let mut reader = BufReader::new(stderr);
+                let mut bytes = Vec::new();
+                while reader.read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
                     // A full disk takes the text of the diagnostics; they are also on system/log.
-                    let _ = writeln!(file, "{line}");
+                    let _ = file.write_all(&bytes);
                     let mut kept = lines.lock().unwrap_or_else(PoisonError::into_inner);
                     if kept.len() == KEPT_LINES {
                         kept.pop_front();
                     }
-                    kept.push_back(line);
+                    kept.push_back(String::from_utf8_lossy(&bytes).trim().to_owned());
+                    bytes.clear();
                 }
             })
         });
-        let pid = process.id();
-        let started_ns = bus::clock::now_ns();
-        Ok(Self { member: member.clone(), pid, started_ns, restarts, ready: false, exit: None, process, lines, reader })
+        let child = Self {
+            member: member.clone(),
+            pid: process.id(),
+            started_ns: clock::now_ns(),
+            restarts,
+            ready_ns: None,
+            version: None,
+            silent: false,
+            overdue: false,
+            asked: None,
+            again_ns: None,
+            gave_up: false,
+            exit: None,
+            killed: false,
+            process,
+            lines,
+            reader,
+            said: None,
+        };
+        Ok((child, warning))
     }
 
-    /// Whether it still runs; notes how it ended.
+    /// Whether it still runs; notes how it ended, and ends what it had started itself.
     pub fn is_alive(&mut self) -> bool {
-        if self.exit.is_none()
-            && let Ok(Some(status)) = self.process.try_wait()
-        {
-            self.exit = Some(status);
-            if let Some(reader) = self.reader.take().filter(JoinHandle::is_finished) {
-                let _ = reader.join();
+        let Some(pid) = self.id().filter(|_| self.exit.is_none()) else { return false };
+        // Not yet reaped, its id and its group are nobody else's.
+        let peek = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
+        if !matches!(waitid(WaitId::Pid(pid), peek), Ok(None)) {
+            let _ = kill_process_group(pid, Signal::KILL);
+            if let Ok(Some(status)) = self.process.try_wait() {
+                self.exit = Some(status);
+                self.silent = false;
+                self.said = self.hear_last_words();
             }
         }
         self.exit.is_none()
@@ -85,31 +148,91 @@ impl Child {
 
     /// The last thing it said before it ended.
     #[must_use]
-    pub fn last_words(&self) -> Option<String> {
-        // the reader may still be at the last line
-        std::thread::sleep(std::time::Duration::from_millis(20));
+    pub fn last_words(&self) -> Option<&str> {
+        self.said.as_deref()
+    }
+
+    fn hear_last_words(&mut self) -> Option<String> {
+        // The reader may still be at the last line; someone else's process may hold the pipe open for ever.
+        let give_up = clock::now_ns() + 20_000_000;
+        while self.reader.as_ref().is_some_and(|reader| !reader.is_finished()) && clock::now_ns() < give_up {
+            clock::sleep_until(clock::now_ns() + 1_000_000);
+        }
+        if let Some(reader) = self.reader.take_if(|reader| reader.is_finished()) {
+            let _ = reader.join();
+        }
         let kept = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.iter().rev().find(|line| !line.trim().is_empty()).map(|line| line.trim().to_owned())
+        kept.iter().rev().find(|line| !line.is_empty()).cloned()
     }
 
-    /// Asks it to end in good order.
-    pub fn ask_to_end(&self) {
-        self.signal(Signal::TERM);
+    /// Asks it to end in good order, once.
+    pub fn ask_to_end(&mut self, then: Then) {
+        if self.asked.is_none() && self.is_alive() {
+            self.signal(Signal::TERM);
+            // a process that stands still hears it when it goes on
+            self.signal(Signal::CONT);
+            self.asked = Some((clock::now_ns(), then));
+        }
     }
 
-    /// Ends it at once.
-    pub fn kill(&self) {
+    /// Ends it at once, if it was asked to end and has had its time; true the first time.
+    pub fn kill_if_overdue(&mut self, now_ns: u64) -> bool {
+        let due = self.exit.is_none() && self.asked.is_some_and(|(asked_ns, _)| now_ns >= asked_ns + END_NS);
+        if !due || std::mem::replace(&mut self.killed, true) {
+            return false;
+        }
         self.signal(Signal::KILL);
+        true
+    }
+
+    fn id(&self) -> Option<Pid> {
+        Pid::from_raw(self.pid.cast_signed())
     }
 
     fn signal(&self, signal: Signal) {
         if self.exit.is_none()
-            && let Some(pid) = Pid::from_raw(self.pid.cast_signed())
+            && let Some(pid) = self.id()
         {
             // It may have ended in this instant; then there is nothing to signal.
-            let _ = kill_process(pid, signal);
+            let _ = kill_process_group(pid, signal);
         }
     }
+
+    /// Whether it ended without being asked, and not as something that may end does.
+    #[must_use]
+    pub fn has_died(&self) -> bool {
+        self.asked.is_none() && self.exit.is_some_and(|exit| self.member.role != Role::Other || !exit.success())
+    }
+
+    /// Its state in the process table.
+    #[must_use]
+    pub fn state(&self) -> u8 {
+        match self.exit {
+            Some(_) if self.gave_up => ProcessState::STATE_GAVE_UP,
+            Some(_) if self.has_died() => ProcessState::STATE_DIED,
+            Some(_) => ProcessState::STATE_STOPPED,
+            None if self.asked.is_some() => ProcessState::STATE_STOPPING,
+            None if self.silent => ProcessState::STATE_SILENT,
+            None if self.ready_ns.is_some() => ProcessState::STATE_READY,
+            None if self.member.beats => ProcessState::STATE_STARTING,
+            None => ProcessState::STATE_RUNNING,
+        }
+    }
+}
+
+/// Starts the program from a thread that has the priority and the processor which the process inherits.
+fn spawn(command: &mut Command, member: &Member) -> (std::io::Result<Process>, Option<String>) {
+    if member.priority == 0 && member.cpu.is_none() {
+        return (command.spawn(), None);
+    }
+    let thread = std::thread::scope(|scope| {
+        let parent = scope.spawn(|| {
+            let warning = service::realtime::bequeath(member.priority, member.cpu);
+            (command.spawn(), warning)
+        });
+        parent.join()
+    });
+    thread.unwrap_or_else(|_| (Err(std::io::Error::other("the thread that starts it failed")), None))
 }
 
 /// How a process ended, as half a sentence.

@@ -1,129 +1,225 @@
-//! Which processes a box needs, in the order in which they start, and what the death of each means.
+//! The processes that were started, and their end: downstream before upstream, the recorder last.
+//!
+//! Architecture invariant: a crew never outlives whoever holds it. Dropped on whatever way, a panic included, it ends its processes in order.
 
-use crate::failure::{Answer, Failure};
-use service::config::{BoxFile, Role};
-use std::ffi::OsString;
-use std::path::{Path, PathBuf};
+use super::child::{Child, Then};
+use bus::clock;
+use service::config::Role;
 
-/// A process to be started.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Member {
-    /// Unique name.
-    pub name: String,
-    /// What it does.
-    pub role: Role,
-    /// The program.
-    pub program: PathBuf,
-    /// Its arguments.
-    pub args: Vec<OsString>,
-    /// Start it again when it dies.
-    pub restart: bool,
-    /// Waits for a heartbeat that says it is ready. A program that is not ours may never send one.
-    pub beats: bool,
+/// In which order processes end.
+const ORDER: [Role; 7] = [
+    Role::Planner,
+    Role::Controller,
+    Role::Estimator,
+    Role::Other,
+    // brings a moving robot to rest before it ends
+    Role::MotorIo,
+    Role::MotorBox,
+    Role::Recorder,
+];
+/// From the kill to the end, ns.
+const KILLED_NS: u64 = 1_000_000_000;
+/// How often the living are looked at while they end, ns.
+const LOOK_NS: u64 = 5_000_000;
+
+/// Processes in the order in which they were started.
+#[derive(Debug, Default)]
+pub struct Crew {
+    children: Vec<Child>,
 }
 
-impl Member {
-    /// Whether the robot cannot go on without it.
+impl Crew {
+    /// Takes a process in; it takes the place of an earlier life.
+    pub fn enter(&mut self, child: Child) {
+        match self.children.iter_mut().find(|other| other.member.name == child.member.name) {
+            Some(place) => *place = child,
+            None => self.children.push(child),
+        }
+    }
+
+    /// Forgets those.
+    pub fn forget(&mut self, which: impl Fn(&Child) -> bool) {
+        self.children.retain(|child| !which(child));
+    }
+
+    /// All of them.
+    pub fn iter(&self) -> impl Iterator<Item = &Child> {
+        self.children.iter()
+    }
+
+    /// All of them.
+    pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Child> {
+        self.children.iter_mut()
+    }
+
+    /// The one that goes by that name, on the bus before in the box file, the living before the dead.
+    pub fn find(&mut self, name: &str) -> Option<&mut Child> {
+        let ranked = self.children.iter().enumerate().filter(|(_, child)| child.member.is_called(name));
+        let best = ranked.max_by_key(|(_, child)| (child.member.name == name, child.exit.is_none())).map(|(at, _)| at);
+        best.and_then(|at| self.children.get_mut(at))
+    }
+
+    /// Whether a process of that role lives (and none is only about to) and has said that it is ready.
     #[must_use]
-    pub fn is_vital(&self) -> bool {
-        !matches!(self.role, Role::Recorder | Role::Other)
+    pub fn has_ready(&self, role: Role) -> bool {
+        self.children.iter().any(|child| child.member.role == role && child.exit.is_none() && child.ready_ns.is_some())
+    }
+
+    /// Ends all of them; `meanwhile` is called every few milliseconds, `killed` with the name of one that did not end by itself.
+    pub fn end(&mut self, mut meanwhile: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
+        for role in ORDER {
+            let of_role = |child: &&mut Child| child.member.role == role;
+            for child in self.children.iter_mut().filter(of_role) {
+                child.ask_to_end(Then::Stay);
+            }
+            let mut give_up = u64::MAX;
+            while self.children.iter_mut().filter(of_role).any(|child| child.is_alive()) && clock::now_ns() < give_up {
+                let now = clock::now_ns();
+                for child in self.children.iter_mut().filter(of_role) {
+                    if child.kill_if_overdue(now) {
+                        killed(&child.member.name);
+                        // What the kernel holds back even from a kill is not waited for.
+                        give_up = now + KILLED_NS;
+                    }
+                }
+                meanwhile(self);
+                clock::sleep_until(clock::now_ns() + LOOK_NS);
+            }
+        }
     }
 }
 
-/// The name of a role, as it stands in the process table.
-#[must_use]
-pub fn role_name(role: Role) -> &'static str {
-    match role {
-        Role::MotorBox => "motor-box",
-        Role::MotorIo => "motor-io",
-        Role::Estimator => "estimator",
-        Role::Controller => "controller",
-        Role::Planner => "planner",
-        Role::Recorder => "recorder",
-        Role::Other => "other",
+impl Drop for Crew {
+    fn drop(&mut self) {
+        self.end(|_| (), |_| ());
     }
 }
 
-/// What happens when a process of this role dies, for the operator.
-#[must_use]
-pub fn consequence(role: Role, watchdog_s: f64) -> String {
-    match role {
-        Role::MotorBox => {
-            "the virtual drives are gone, so motor-io reports a fault; start again with `nims up`".to_owned()
-        }
-        Role::MotorIo => format!(
-            "the drives stop the motors after {watchdog_s} s; start again with `nims up`, which comes up disarmed"
-        ),
-        Role::Estimator | Role::Controller => {
-            "the robot stops on the path and holds; end with Ctrl-C and start again".to_owned()
-        }
-        Role::Planner => "the robot finishes the current segment and holds; end with Ctrl-C and start again".to_owned(),
-        Role::Recorder => "the mission goes on, and what happens until it is back is not recorded".to_owned(),
-        Role::Other => "the mission goes on without it".to_owned(),
-    }
-}
+#[cfg(test)]
+mod tests {
+    use super::super::members::Member;
+    use super::super::restarts::{Policy, Restarts};
+    use super::*;
+    use std::path::Path;
 
-/// The crew of a box: recorder first, so that nothing is missed, then upstream before downstream.
-///
-/// # Errors
-/// A program that is not there.
-pub fn crew(file: &BoxFile, box_path: &Path, domain: &str, run: &Path) -> Answer<Vec<Member>> {
-    let mut order =
-        vec![Role::Recorder, Role::MotorBox, Role::MotorIo, Role::Estimator, Role::Controller, Role::Planner];
-    if file.motor_box.is_none() {
-        order.retain(|role| *role != Role::MotorBox);
-    }
-    let mut members = Vec::new();
-    for role in order {
-        let name = role_name(role);
-        let replaced = file.process.iter().find(|process| process.role == role);
-        let (program, mut args) = match replaced {
-            Some(process) => program(&process.command)?,
-            None => (beside_us(name)?, Vec::new()),
-        };
-        args.extend(["--box".into(), box_path.into(), "--name".into(), name.into(), "--domain".into(), domain.into()]);
-        if role == Role::Recorder {
-            args.extend(["--run".into(), run.into()]);
-        }
-        // A recorder that comes back begins a new file beside the one that recovery closes.
-        let restart = role == Role::Recorder || replaced.is_some_and(|process| process.restart);
-        members.push(Member { name: name.to_owned(), role, program, args, restart, beats: true });
-    }
-    for process in file.process.iter().filter(|process| process.role == Role::Other) {
-        let (program, args) = program(&process.command)?;
-        members.push(Member {
-            name: process.name.clone(),
-            role: Role::Other,
-            program,
-            args,
-            restart: process.restart,
+    fn member(name: &str, role: Role, script: &str) -> Member {
+        Member {
+            name: name.to_owned(),
+            alias: None,
+            role,
+            slot: None,
+            law: None,
+            program: "/bin/sh".into(),
+            args: vec!["-c".into(), script.into()],
+            folder: None,
+            restart: Policy { again: false, pause_ns: 1, limit: 1, forgiven_ns: 1 },
             beats: false,
+            priority: 0,
+            cpu: None,
+        }
+    }
+
+    fn start(folder: &Path, name: &str, role: Role, script: &str) -> Child {
+        Child::start(&member(name, role, script), "test", &folder.join(name), Restarts::default()).unwrap().0
+    }
+
+    fn wait_for(what: impl Fn() -> bool) {
+        let give_up = clock::now_ns() + 20_000_000_000;
+        while !what() {
+            assert!(clock::now_ns() < give_up);
+            clock::sleep_until(clock::now_ns() + 5_000_000);
+        }
+    }
+
+    fn lives(pid: u32) -> bool {
+        let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+        !stat.is_empty() && !stat.contains(") Z")
+    }
+
+    #[test]
+    fn whoever_loses_the_crew_ends_it_in_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let order = folder.path().join("order");
+        let script = |name: &str| {
+            format!(
+                "trap 'echo {name} >> {}; exit' TERM; touch {name}.up; while :; do sleep 0.01; done",
+                order.display()
+            )
+        };
+        let panicked = std::panic::catch_unwind(|| {
+            let mut crew = Crew::default();
+            for (name, role) in [("recorder", Role::Recorder), ("motor-io", Role::MotorIo), ("planner", Role::Planner)]
+            {
+                let mut member = member(name, role, &script(name));
+                member.folder = Some(folder.path().to_owned());
+                crew.enter(Child::start(&member, "test", &folder.path().join(name), Restarts::default()).unwrap().0);
+                wait_for(|| folder.path().join(format!("{name}.up")).exists());
+            }
+            panic!("something goes wrong in the supervisor");
         });
+        assert!(panicked.is_err());
+        assert_eq!(std::fs::read_to_string(&order).unwrap(), "planner\nmotor-io\nrecorder\n");
     }
-    Ok(members)
-}
 
-/// A configured command: the program, looked for beside this one if it has no slash, and its arguments.
-fn program(command: &[String]) -> Answer<(PathBuf, Vec<OsString>)> {
-    let Some((first, rest)) = command.split_first() else {
-        return Err(Failure::BadInput("`command` of a process is empty; give a program and its arguments".to_owned()));
-    };
-    let program = if first.contains('/') { PathBuf::from(first) } else { beside_us(first)? };
-    if !program.is_file() {
-        return Err(Failure::BadInput(format!("there is no program {}, which a [[process]] names", program.display())));
+    #[test]
+    fn what_a_process_started_itself_ends_with_it() {
+        let folder = tempfile::tempdir().unwrap();
+        let note = folder.path().join("grandchild");
+        let script = format!("sleep 1000 & echo $! > {0}.new; mv {0}.new {0}; wait", note.display());
+        let mut child = start(folder.path(), "parent", Role::Other, &script);
+        wait_for(|| note.exists());
+        let grandchild: u32 = std::fs::read_to_string(&note).unwrap().trim().parse().unwrap();
+        assert!(lives(grandchild));
+        // killed from outside: the supervisor only sees it end
+        rustix::process::kill_process(
+            rustix::process::Pid::from_raw(child.pid.cast_signed()).unwrap(),
+            rustix::process::Signal::KILL,
+        )
+        .unwrap();
+        let give_up = clock::now_ns() + 20_000_000_000;
+        while child.is_alive() {
+            assert!(clock::now_ns() < give_up);
+        }
+        wait_for(|| !lives(grandchild));
+        assert!(child.has_died());
     }
-    Ok((program, rest.iter().map(OsString::from).collect()))
-}
 
-fn beside_us(name: &str) -> Answer<PathBuf> {
-    let own = std::env::current_exe().map_err(Failure::not_now)?;
-    let path = own.with_file_name(name);
-    if path.is_file() {
-        Ok(path)
-    } else {
-        Err(Failure::NotNow(format!(
-            "there is no program {}: build all of them with `cargo build --workspace`",
-            path.display()
-        )))
+    #[test]
+    fn a_process_that_stands_still_can_be_ended() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut crew = Crew::default();
+        crew.enter(start(folder.path(), "still", Role::Other, "kill -STOP $$; sleep 1000"));
+        let pid = crew.iter().next().unwrap().pid;
+        wait_for(|| std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap().contains(") T"));
+        crew.end(|_| (), |name| panic!("{name} had to be killed"));
+        assert_eq!(crew.iter().next().unwrap().state(), messages::ProcessState::STATE_STOPPED);
+    }
+
+    #[test]
+    fn the_last_words_are_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut child = start(
+            folder.path(),
+            "speaker",
+            Role::Planner,
+            "echo first >&2; echo the port is gone >&2; echo >&2; exit 3",
+        );
+        while child.is_alive() {}
+        assert_eq!(child.last_words(), Some("the port is gone"));
+        assert_eq!(child.state(), messages::ProcessState::STATE_DIED);
+        assert_eq!(super::super::child::ending(child.exit.unwrap()), "ended with exit code 3");
+    }
+
+    #[test]
+    fn a_name_of_the_bus_comes_before_one_of_the_box_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let mut crew = Crew::default();
+        let mut first = start(folder.path(), "controller-b", Role::Controller, "sleep 1000");
+        first.member.alias = Some("mine".to_owned());
+        crew.enter(first);
+        crew.enter(start(folder.path(), "mine", Role::Other, "sleep 1000"));
+        assert_eq!(crew.find("mine").unwrap().member.role, Role::Other);
+        assert_eq!(crew.find("controller-b").unwrap().member.role, Role::Controller);
+        assert!(crew.find("nobody").is_none());
     }
 }

@@ -4,12 +4,12 @@ use crate::failure::{Answer, Failure};
 use bus::Domain;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde::{Deserialize, Serialize};
+use service::Slot;
+use service::config::Role;
 use std::time::{Duration, Instant};
 
 /// Where the supervisor writes down whom it started, in the folder of the domain.
 const FILE: &str = "children.json";
-/// Names under which a box's own processes join the domain.
-const STANDARD: [&str; 6] = ["motor-io", "estimator", "controller", "planner", "recorder", "motor-box"];
 /// How long an orphan may take to end in good order: motor-io brings the robot to rest first, and the recorder writes out what it holds.
 const PATIENCE: Duration = Duration::from_secs(8);
 /// Bytes of a program's name that the kernel keeps.
@@ -61,6 +61,12 @@ fn runs(pid: u32, program: &str) -> bool {
     !comm.is_empty() && comm.trim_end() == &program[..program.len().min(COMM_BYTES)]
 }
 
+/// The standard program that joins a domain under that name.
+fn standard_program(name: &str) -> Option<&'static str> {
+    let of = |role: Role| name == role.process_name(Slot::A) || role.has_slots() && name == role.process_name(Slot::B);
+    Role::STANDARD.iter().find(|(_, role)| of(*role)).map(|(program, _)| *program)
+}
+
 /// Writes a file of the domain's folder, whole or not at all: whoever reads it never sees half of it.
 ///
 /// # Errors
@@ -94,7 +100,7 @@ pub fn end(domain: &Domain) -> Answer<Vec<String>> {
     for node in domain.alive() {
         // Someone's own process that joined by itself may stay; it is not ours to end.
         let known = orphans.iter().any(|orphan| orphan.pid == node.pid);
-        if !known && STANDARD.contains(&node.name.as_str()) && runs(node.pid, &node.name) {
+        if !known && standard_program(&node.name).is_some_and(|program| runs(node.pid, program)) {
             orphans.extend(Started::now(&node.name, node.pid));
         }
     }
@@ -144,6 +150,14 @@ mod tests {
         assert!(!runs(std::process::id(), "controller"));
         let comm = std::fs::read_to_string("/proc/self/comm").unwrap();
         assert!(runs(std::process::id(), comm.trim_end()));
+    }
+
+    #[test]
+    fn a_second_controller_is_an_orphan_too() {
+        assert_eq!(standard_program("controller-b"), Some("controller"));
+        assert_eq!(standard_program("estimator"), Some("estimator"));
+        assert_eq!(standard_program("planner-b"), None);
+        assert_eq!(standard_program("rangefinder"), None);
     }
 
     #[test]

@@ -6,6 +6,11 @@ use service::config::BoxFile;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+/// The box as it runs, with every key; what was written stands in `box.toml`.
+const RESOLVED: &str = "resolved.toml";
+const RESOLVED_HEAD: &str =
+    "# The box as it ran: every key, defaults included. Written by nims; `robot` is the robot file beside it.\n\n";
+
 /// The folder of a run.
 #[derive(Debug, Clone)]
 pub struct RunFolder {
@@ -43,12 +48,25 @@ impl RunFolder {
         fs::create_dir_all(&log).map_err(|error| failed(&log, error))?;
         let path = path.canonicalize().map_err(|error| failed(&path, error))?;
         // The recorder takes these into the run file, so that it can be read with nothing else at hand.
-        let copies =
-            [(Some(box_path), "box.toml"), (Some(file.robot.as_path()), "robot.toml"), (mission, "mission.toml")];
+        let scene = file.motor_box.as_ref().and_then(|section| section.scene.as_deref());
+        let copies = [
+            (Some(box_path), "box.toml"),
+            (Some(file.robot.as_path()), "robot.toml"),
+            (mission, "mission.toml"),
+            (scene, "scene.toml"),
+        ];
         for (original, name) in copies {
             let copy = path.join(name);
-            original.map(|original| fs::copy(original, &copy)).transpose().map_err(|error| failed(&copy, error))?;
+            original.map(|original| keep(original, &copy)).transpose().map_err(|error| failed(&copy, error))?;
         }
+        let robot = file.robot_file().map_err(Failure::bad)?;
+        for original in robot.named_files(file.robot.parent().unwrap_or(Path::new(""))) {
+            let copy = path.join(original.file_name().unwrap_or_default());
+            keep(&original, &copy).map_err(|error| failed(&copy, error))?;
+        }
+        let resolved = path.join(RESOLVED);
+        let text = file.resolved("robot.toml").map_err(Failure::NotNow)?;
+        fs::write(&resolved, format!("{RESOLVED_HEAD}{text}")).map_err(|error| failed(&resolved, error))?;
         let manifest = json!({
             "name": file.name,
             "box": box_path.file_name().map(|name| name.to_string_lossy()),
@@ -83,6 +101,9 @@ impl RunFolder {
         self.manifest["ended_utc"] = json!(runlog::utc(bus::clock::unix_ns()));
         self.manifest["ended_because"] = json!(because);
         self.manifest["processes"] = processes;
+        let files = runlog::segments(&self.path).unwrap_or_default();
+        let names = files.iter().filter_map(|file| Some(file.file_name()?.to_string_lossy()));
+        self.manifest["files"] = names.collect();
         self.write()
     }
 
@@ -92,6 +113,11 @@ impl RunFolder {
         fs::write(&path, text + "\n")
             .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
     }
+}
+
+/// Copies what is in a file and not who may read it.
+fn keep(original: &Path, copy: &Path) -> std::io::Result<()> {
+    fs::write(copy, fs::read(original)?)
 }
 
 /// `2026-03-01T14-05-09Z`: sorts by time and is a file name everywhere.

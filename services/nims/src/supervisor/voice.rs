@@ -3,6 +3,7 @@
 use crate::failure::Answer;
 use bus::{Bus, Publisher, clock};
 use messages::{LogEvent, put_text};
+use std::io::Write;
 
 /// Says things.
 pub struct Voice {
@@ -27,7 +28,8 @@ impl Voice {
     }
 
     fn say(&mut self, level: u8, mark: &str, text: &str) {
-        eprintln!("nims: {mark}{text}");
+        // A terminal that is gone is no reason to let go of a robot.
+        let _ = writeln!(std::io::stderr(), "nims: {mark}{text}");
         let now = clock::now_ns();
         let mut event = LogEvent { pid: std::process::id(), level, ..LogEvent::default() };
         event.header.stamp_ns = now;

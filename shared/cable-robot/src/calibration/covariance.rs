@@ -1,4 +1,31 @@
 //! The covariance of all anchor coordinates together, and the regions it states.
+//! A 3N x 3N matrix in m², anchor by anchor, x, y and z each; anchors and axes count from 0. Nothing here fails.
+//!
+//! ```
+//! use cable_robot::calibration::{Measurements, Method, Range, calibrate};
+//! use cable_robot::{CableVec, Vector3};
+//! let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.2], [5.0, 8.0, 2.9f64]];
+//! let range = |i: usize, j: usize| {
+//!     let (dx, dy) = (anchors[i][0] - anchors[j][0], anchors[i][1] - anchors[j][1]);
+//!     Range { from: i, to: j, m: dx.hypot(dy), sigma_m: 0.002 }
+//! };
+//! let lengths = |[x, y]: [f64; 2]| {
+//!     CableVec::from_fn(3, |i| (anchors[i][0] - x).hypot(anchors[i][1] - y).hypot(anchors[i][2]))
+//! };
+//! let measured = Measurements {
+//!     ranges: vec![range(0, 1), range(0, 2), range(1, 2)],
+//!     lengths_m: [[1.0, 0.5], [9.0, 0.5], [5.0, 7.0], [5.0, 3.0], [2.0, 2.0]].map(lengths).to_vec(),
+//!     ..Measurements::new(3)
+//! };
+//! let found = calibrate(&measured, Method::Survey)?;
+//! assert_eq!((found.covariance.matrix().nrows(), found.covariance.anchor_count()), (9, 3));
+//! // The frame is fixed by the anchors themselves: the first one stands at x = y = 0, and only its height is uncertain.
+//! let [x, y, z] = found.covariance.std_m()[0];
+//! assert!(x == 0.0 && y == 0.0 && z > 0.0);
+//! assert!(found.covariance.contains_95(0, &Vector3::new(0.0, 0.0, z)));
+//! assert!(!found.covariance.contains_95(0, &Vector3::new(0.0, 0.0, 3.0 * z)));
+//! # Ok::<(), cable_robot::calibration::CalibrationError>(())
+//! ```
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 

@@ -1,4 +1,11 @@
 //! Why a calibration is refused.
+//! ```
+//! use cable_robot::calibration::{Measurements, Method, calibrate};
+//! let refusal = calibrate(&Measurements::new(3), Method::Survey).unwrap_err();
+//! // A sentence for people, a word for programs.
+//! assert!(refusal.to_string().len() > 20);
+//! assert!(["invalid_argument", "rank_deficient"].contains(&refusal.kind()));
+//! ```
 
 use thiserror::Error;
 

@@ -1,4 +1,7 @@
 //! The baseline that the paper compares with: anchors from points whose positions are known, e.g. by GPS.
+//!
+//! Points are 3-vectors and lengths one per point, all in m; the anchor is the upper intersection. Points on one line and lengths that do
+//! not meet are a [`CalibrationError`].
 
 use nalgebra::{Matrix3, Vector3};
 

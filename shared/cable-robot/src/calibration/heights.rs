@@ -8,6 +8,9 @@
 //!
 //! The cost is even in every z_i, so lengths do not tell anchors above the plane from anchors below it: all are taken to
 //! be above.
+//!
+//! N anchors as [x, y], lengths as M sets of N, all in m; squared heights in m², the cost in m⁴. What the lengths do not determine is a
+//! [`CalibrationError`].
 
 use nalgebra::{Matrix3, Vector3};
 
@@ -168,9 +171,10 @@ fn solve(anchors: &[[f64; 2]], lengths: &[CableVec], with_sensitivity: bool) -> 
         alpha.push(a);
         beta.push(ell.iter().sum::<f64>() / n as f64 - a[0] * a[0] - a[1] * a[1]);
         for (sum, e) in mean_ell.iter_mut().zip(ell.iter()) {
-            *sum += e / m as f64;
+            *sum += e;
         }
     }
+    mean_ell.iter_mut().for_each(|sum| *sum /= m as f64);
     if !(flatness(&alpha) > COLLINEAR_SHARE) {
         return undetermined(
             "the points lie on one line, which leaves the heights undetermined whatever the number of cables; \
@@ -182,16 +186,25 @@ fn solve(anchors: &[[f64; 2]], lengths: &[CableVec], with_sensitivity: bool) -> 
     // w = (v - |e|²) 1 + 2 A e + Q mean(ell); with the origin at the mean of the anchors 2 abar.e is zero.
     let level = v - e[0] * e[0] - e[1] * e[1];
     let off = frame.off_plane(&mean_ell);
-    let longest = lengths.iter().flat_map(|p| p.iter()).fold(0.0, |a: f64, l| a.max(*l));
+    let longest = || lengths.iter().flat_map(|p| p.iter()).fold(0.0, |a: f64, l| a.max(*l));
     let squared_heights_m2 = CableVec::from_fn(n, |i| {
         let w = level + 2.0 * (frame.xy[i][0] * e[0] + frame.xy[i][1] * e[1]) + off[i];
-        if w < 0.0 && w > -ROUNDING_SHARE * longest * longest { 0.0 } else { w }
+        if w < 0.0 && w > -ROUNDING_SHARE * longest().powi(2) { 0.0 } else { w }
     });
     let mut cost_m4 = 0.0;
     for (j, point) in lengths.iter().enumerate() {
-        let r = beta[j] - 2.0 * (alpha[j][0] * e[0] + alpha[j][1] * e[1]) - v;
-        let across = frame.off_plane(&frame.ell(point));
-        cost_m4 += n as f64 * r * r + (0..n).map(|i| (across[i] - off[i]) * (across[i] - off[i])).sum::<f64>();
+        let a = alpha[j];
+        let r = beta[j] - 2.0 * (a[0] * e[0] + a[1] * e[1]) - v;
+        cost_m4 += n as f64 * r * r;
+        if n > 3 {
+            // Q ell - Q mean(ell), by what is known of this point.
+            let mean = beta[j] + a[0] * a[0] + a[1] * a[1];
+            for i in 0..n {
+                let ([x, y], length) = (frame.xy[i], point[i]);
+                let across = length * length - x * x - y * y - mean + 2.0 * (x * a[0] + y * a[1]) - off[i];
+                cost_m4 += across * across;
+            }
+        }
     }
     let points_xy_m = alpha.iter().map(|a| [a[0] + e[0] + frame.mean[0], a[1] + e[1] + frame.mean[1]]).collect();
     let sensitivity = with_sensitivity.then(|| frame.sensitivity(lengths, &alpha, &regression));
@@ -200,30 +213,34 @@ fn solve(anchors: &[[f64; 2]], lengths: &[CableVec], with_sensitivity: bool) -> 
 
 /// The anchors seen from their mean, and the pseudo-inverse K of their matrix.
 pub(super) struct Frame {
+    n: usize,
     mean: [f64; 2],
-    xy: Vec<[f64; 2]>,
-    k: Vec<[f64; 2]>,
+    xy: [[f64; 2]; MAX_CABLES],
+    k: [[f64; 2]; MAX_CABLES],
 }
 
 impl Frame {
+    /// Of anchors that were checked: at most [`MAX_CABLES`].
     pub(super) fn new(anchors: &[[f64; 2]]) -> Self {
-        let n = anchors.len() as f64;
-        let mean = anchors.iter().fold([0.0; 2], |m, a| [m[0] + a[0] / n, m[1] + a[1] / n]);
-        let xy: Vec<_> = anchors.iter().map(|a| [a[0] - mean[0], a[1] - mean[1]]).collect();
+        let n = anchors.len();
+        let mean = anchors.iter().fold([0.0; 2], |m, a| [m[0] + a[0] / n as f64, m[1] + a[1] / n as f64]);
+        let mut xy = [[0.0; 2]; MAX_CABLES];
         let (mut xx, mut xy_, mut yy) = (0.0, 0.0, 0.0);
-        for a in &xy {
-            xx += a[0] * a[0];
-            xy_ += a[0] * a[1];
-            yy += a[1] * a[1];
+        for (seen, a) in xy.iter_mut().zip(anchors) {
+            let [x, y] = [a[0] - mean[0], a[1] - mean[1]];
+            *seen = [x, y];
+            xx += x * x;
+            xy_ += x * y;
+            yy += y * y;
         }
         let det = xx * yy - xy_ * xy_;
-        let k = xy.iter().map(|a| [(yy * a[0] - xy_ * a[1]) / det, (xx * a[1] - xy_ * a[0]) / det]).collect();
-        Self { mean, xy, k }
+        let k = xy.map(|[x, y]| [(yy * x - xy_ * y) / det, (xx * y - xy_ * x) / det]);
+        Self { n, mean, xy, k }
     }
 
     /// ell = L² - |a|².
     fn ell(&self, lengths: &CableVec) -> CableVec {
-        CableVec::from_fn(self.xy.len(), |i| {
+        CableVec::from_fn(self.n, |i| {
             let [x, y] = self.xy[i];
             lengths[i] * lengths[i] - x * x - y * y
         })
@@ -237,7 +254,7 @@ impl Frame {
 
     /// Q ell: what neither the mean nor a tilt of the anchors explains; zero for three cables.
     fn off_plane(&self, ell: &[f64]) -> [f64; MAX_CABLES] {
-        let n = self.xy.len();
+        let n = self.n;
         let mut result = [0.0; MAX_CABLES];
         if n == 3 {
             return result;
@@ -260,7 +277,7 @@ impl Frame {
 
     /// dw_i/dL_kj by linearising the regression about its solution.
     fn sensitivity(&self, lengths: &[CableVec], alpha: &[[f64; 2]], fit: &Regression) -> Vec<Vec<CableVec>> {
-        let (n, m) = (self.xy.len(), lengths.len() as f64);
+        let (n, m) = (self.n, lengths.len() as f64);
         let unit: Vec<[f64; MAX_CABLES]> = (0..n)
             .map(|k| {
                 let mut one = [0.0; MAX_CABLES];

@@ -5,6 +5,9 @@
 //! unknown, not z_i: the model is smooth through zero, and an optimum below zero shows itself instead of sticking there.
 //! The points enter two unknowns each and are eliminated (Schur complement), so a thousand of them cost a thousand small
 //! solutions, not a large one.
+//!
+//! Lengths and heights in m, standard deviations in the unit of what they belong to, the scale without one. Data that leave something
+//! undetermined are a [`CalibrationError`].
 
 use nalgebra::{DMatrix, DVector};
 

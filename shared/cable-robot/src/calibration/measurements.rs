@@ -1,4 +1,6 @@
 //! Measurements in, anchors with covariance out, or a refusal in plain words.
+//! Lengths and ranges in m with standard deviations in m; anchors, cables and points count from 0 here, and from 1 in what an
+//! error says. The whole way from measurements to anchors stands as an example at [`calibrate`].
 
 use nalgebra::{DMatrix, DVector};
 
@@ -148,6 +150,27 @@ impl Calibration {
 /// `invalid_argument`, `degenerate_geometry`, `ambiguous`, `no_real_height`, for the GPS method `unreachable`; and
 /// `rank_deficient` for whatever does not determine the anchors: too few points, points on a line, and points that
 /// predict a standard deviation above `refuse_above_std_m`.
+///
+/// ```
+/// use cable_robot::CableVec;
+/// use cable_robot::calibration::{Measurements, Method, Range, calibrate};
+/// let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.2], [5.0, 8.0, 2.9f64]];
+/// let range = |i: usize, j: usize| {
+///     let (dx, dy) = (anchors[i][0] - anchors[j][0], anchors[i][1] - anchors[j][1]);
+///     Range { from: i, to: j, m: dx.hypot(dy), sigma_m: 0.002 }
+/// };
+/// let lengths = |[x, y]: [f64; 2]| {
+///     CableVec::from_fn(3, |i| (anchors[i][0] - x).hypot(anchors[i][1] - y).hypot(anchors[i][2]))
+/// };
+/// let measured = Measurements {
+///     ranges: vec![range(0, 1), range(0, 2), range(1, 2)],
+///     lengths_m: [[1.0, 0.5], [9.0, 0.5], [5.0, 7.0], [5.0, 3.0], [2.0, 2.0]].map(lengths).to_vec(),
+///     ..Measurements::new(3)
+/// };
+/// let found = calibrate(&measured, Method::Joint)?;
+/// assert!((found.anchors_m[2][2] - 2.9).abs() < 1e-6 && found.rms_residual_m() < 1e-6);
+/// # Ok::<(), cable_robot::calibration::CalibrationError>(())
+/// ```
 pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration, CalibrationError> {
     let n = measured.cable_count;
     if !(3..=MAX_CABLES).contains(&n) {

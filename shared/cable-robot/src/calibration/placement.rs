@@ -2,6 +2,8 @@
 //!
 //! Points near the corners of the triangle or polygon of the anchors determine the heights two to three times better than
 //! as many points all over it: three at the corners are worth about twenty at random.
+//!
+//! Anchors and points as [x, y] in m, predicted standard deviations in m.
 
 use super::{AnchorCovariance, CalibrationError, Measurements, Method, calibrate};
 use crate::CableVec;

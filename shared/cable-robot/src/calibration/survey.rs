@@ -1,4 +1,7 @@
 //! x and y of the anchors from horizontal ranges between plumb lines: (1)-(2), further anchors, and networks of ranges.
+//!
+//! Ranges in m with standard deviations in m; N anchors as [x, y] in m, the first at the origin, the second on the x axis. Ranges that
+//! form no triangle, or that leave an anchor open, are a [`CalibrationError`].
 
 use nalgebra::{DMatrix, DVector};
 

@@ -1,11 +1,32 @@
-//! The best parabola of a robot as it stands: its limits, its motors, its ground and the boxes it stays out of.
+//! The best parabola and the best lateral path of a robot as it stands: its limits, its motors, its ground and the boxes it
+//! stays out of.
+//! Positions in m, speed in m/s, the price of time in W; the answer in J, s and 1/m. What cannot be flown is an [`EnergyError`].
+//!
+//! ```
+//! use cable_robot::{Distribution, Robot, RobotParts, Vector3, energy::flight::best_parabola};
+//! let robot = Robot::new(RobotParts {
+//!     anchors_m: vec![[0.0, 0.0, 3.05], [9.9, 0.1, 3.10], [9.8, 8.9, 2.98], [0.1, 9.0, 3.02]],
+//!     node_mass_kg: 1.2,
+//!     tension_limits_n: [2.0, 60.0],
+//!     speed_limit_m_s: 0.4,
+//!     acceleration_limit_m_s2: 0.5,
+//!     ..RobotParts::default()
+//! })?;
+//! let (from, to) = (Vector3::new(3.0, 3.0, 2.0), Vector3::new(7.0, 3.0, 2.0));
+//! let best = best_parabola(&robot, Distribution::LeastNorm, &from, &to, 0.2, 0.0)?;
+//! assert!(best.mu_per_m > 0.0 && best.line.is_some_and(|line| best.cost.energy_j < line.energy_j));
+//! // Where a second costs as much as ten joules, the straight line is best, or nearly so.
+//! let hurried = best_parabola(&robot, Distribution::LeastNorm, &from, &to, 0.2, 10.0)?;
+//! assert!(hurried.mu_per_m < best.mu_per_m);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 
 use nalgebra::Vector3;
 
+use super::lateral::above_ground;
 use super::optimum::{Precision, best};
-use super::{Best, Bounds, EnergyError, Hoist, parabola};
+use super::{Best, BestLateral, Bounds, EnergyError, Hoist, lateral, parabola};
 use crate::motion::{Cause, Refusal};
-use crate::path::Parabola;
 use crate::{Distribution, Robot};
 
 /// Simpson's intervals for the answer, and for the scan: 32 leave an error of 5e-5 with the default motor.
@@ -21,33 +42,65 @@ pub fn best_parabola(
     speed_m_s: f64,
     time_weight_w: f64,
 ) -> Result<Best, EnergyError> {
-    let hoist = Hoist {
-        anchors: robot.anchors(),
-        planar: false,
-        wrench_n: robot.wrench_n(&Vector3::zeros()),
-        limits_n: robot.tension_limits_n(),
-        method,
-        current: robot.motor(),
-    };
+    let hoist = hoist(robot, method);
     super::hoist::check_speed(speed_m_s)?;
-    let bounds = Bounds { ground_m: Some(robot.ground_m()), time_weight_w };
-    best(from, to, &bounds, |path, precision| {
+    best(from, to, &bounds(robot, time_weight_w), |path, precision| {
         let intervals = INTERVALS[usize::from(precision == Precision::Coarse)];
-        stays_out(robot, path, intervals)?;
+        stays_out(robot, |u| parabola::at_fraction(path, u).position, intervals)?;
         hoist.integrate(path, speed_m_s, intervals)
     })
 }
 
+/// The path of three harmonics down and three to the side that loses least, likewise. It takes some hundred times as long to
+/// find as a parabola: for a node at rest.
+pub fn best_lateral(
+    robot: &Robot,
+    method: Distribution,
+    from: &Vector3<f64>,
+    to: &Vector3<f64>,
+    speed_m_s: f64,
+    time_weight_w: f64,
+) -> Result<BestLateral, EnergyError> {
+    let parabola = best_parabola(robot, method, from, to, speed_m_s, time_weight_w)?;
+    if robot.is_planar() {
+        return Ok(BestLateral::none_beside(parabola));
+    }
+    let (hoist, bounds) = (hoist(robot, method), bounds(robot, time_weight_w));
+    Ok(lateral::best(from, to, &bounds, parabola, |bow, precision| {
+        let intervals = INTERVALS[usize::from(precision == Precision::Coarse)];
+        above_ground(bow, &bounds, intervals)?;
+        stays_out(robot, |u| bow.at_fraction(u).position, intervals)?;
+        hoist.integrate_bow(bow, speed_m_s, intervals)
+    }))
+}
+
+fn hoist(robot: &Robot, method: Distribution) -> Hoist<'_> {
+    Hoist {
+        anchors: robot.anchors(),
+        planar: robot.is_planar(),
+        wrench_n: robot.wrench_n(&Vector3::zeros()),
+        drag_n_s2_m2: robot.drag_n_s2_m2(),
+        limits_n: robot.tension_limits_n(),
+        method,
+        current: robot.current(),
+    }
+}
+
+fn bounds(robot: &Robot, time_weight_w: f64) -> Bounds {
+    Bounds { ground_m: Some(robot.ground_m()), time_weight_w }
+}
+
 /// Refuses a path through a box, as a polyline.
-fn stays_out(robot: &Robot, path: &Parabola, pieces: usize) -> Result<(), EnergyError> {
-    let mut before = path.from;
+fn stays_out(robot: &Robot, at: impl Fn(f64) -> Vector3<f64>, pieces: usize) -> Result<(), EnergyError> {
+    let from = at(0.0);
+    let mut before = from;
     for i in 1..=pieces {
-        let at = parabola::at_fraction(path, i as f64 / pieces as f64).position;
-        if let Some(b) = robot.keep_out().iter().position(|b| b.touches(&before, &at)) {
+        let position = at(i as f64 / pieces as f64);
+        if let Some(b) = robot.keep_out().iter().position(|b| b.touches(&before, &position)) {
             let cause = Cause::KeepOut { number: b };
-            return Err(Refusal { position: at, path_s_m: (at - path.from).norm(), cause }.into());
+            return Err(Refusal { position, path_s_m: (position - from).norm(), cause }.into());
         }
-        before = at;
+        before = position;
     }
     Ok(())
 }
@@ -69,6 +122,28 @@ mod tests {
             ..RobotParts::default()
         })
         .unwrap()
+    }
+
+    #[test]
+    fn a_lateral_path_costs_less_and_keeps_to_ground_and_boxes() {
+        let (from, to) = (Vector3::new(3.0, 3.0, 2.0), Vector3::new(7.0, 3.0, 2.0));
+        let find = |robot: &Robot| best_lateral(robot, Distribution::LeastNorm, &from, &to, 0.2, 0.0).unwrap();
+        let free = find(&robot(Vec::new()));
+        let (bow, cost) = free.lateral.unwrap();
+        assert!(cost.energy_j < 0.95 * free.parabola.cost.energy_j, "{free:?}");
+        assert!((0..=1000).all(|i| bow.at_fraction(f64::from(i) / 1000.0).position.z >= 0.1));
+        // A box on the side that it swings to.
+        let swing = bow.at_fraction(0.5).position.y;
+        let (low, high) = if swing > 3.0 { (3.2, 6.0) } else { (0.0, 2.8) };
+        let boxed = find(&robot(vec![[[4.0, low, 0.0], [6.0, high, 3.0]]]));
+        if let Some((other, other_cost)) = boxed.lateral {
+            assert!(other_cost.energy_j > cost.energy_j * 0.999, "{other:?}");
+            let through = |u: f64| {
+                let at = other.at_fraction(u).position;
+                (4.02..5.98).contains(&at.x) && at.y > low + 0.02 && at.y < high - 0.02
+            };
+            assert!(!(0..=1000).any(|i| through(f64::from(i) / 1000.0)), "{other:?}");
+        }
     }
 
     #[test]

@@ -1,10 +1,12 @@
 //! What a move costs in heat: section VIII of the paper.
 //!
 //! * [`table`]: the current of a winch, measured over speed and tension.
+//! * [`fit`]: such a table from recorded samples.
 //! * [`parabola`]: the sagging path of (25)-(26), by its horizontal fraction, and how deep the ground lets it sag.
 //! * [`Hoist`]: the I²R loss of a move, by Simpson's rule: at constant speed, as the paper computes it, or along a speed
 //!   profile with its accelerations.
-//! * [`flight`]: the best parabola of a robot as it stands.
+//! * [`lateral`]: paths that swing sideways too, which save more with gears that lock themselves.
+//! * [`flight`]: the best parabola and the best lateral path of a robot as it stands.
 //! * [`optimum`]: the sag that costs least. The cost has several minima with real motors, and jumps where tensions are
 //!   distributed by least sum, so it is scanned before it is refined.
 //!
@@ -17,6 +19,7 @@
 //!     anchors: &anchors,
 //!     planar: false,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
+//!     drag_n_s2_m2: 0.0,
 //!     limits_n: [1.0, 150.0],
 //!     method: Distribution::LeastNorm,
 //!     current: &motor,
@@ -28,15 +31,18 @@
 //! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
 
+pub mod fit;
 pub mod flight;
 pub mod hoist;
+pub mod lateral;
 pub mod optimum;
 pub mod parabola;
 pub mod table;
 
 pub use hoist::{Cost, EnergyError, Hoist};
+pub use lateral::BestLateral;
 pub use optimum::{Best, Bounds};
-pub use table::{CurrentTable, TableError};
+pub use table::{CurrentTable, MotorTable, TableError};
 
 use crate::motor::Motor;
 

@@ -3,6 +3,21 @@
 //! With real motors the cost has several minima, its optimum may sit where the path touches the ground, part of the range
 //! may be beyond the limits of tension (there the cost counts as infinite, even on the straight line), and with least-sum
 //! tensions it jumps. So the whole range is scanned, finer near the straight line, and every low point is then refined.
+//! µ in 1/m, costs as the caller reckons them, in J and s. [`best`] fails with the straight line's reason where no parabola can
+//! be flown, and with `invalid_argument` for a time that has no price.
+//!
+//! ```
+//! use cable_robot::{Vector3, energy::{Bounds, Cost, optimum::best}};
+//! // A cost with two low places: one at µ = 0.05, a lower one at µ = 0.3.
+//! let cost = |mu: f64| 1.0 + (mu - 0.05).abs().min(0.1 + 5.0 * (mu - 0.3).abs()) - if mu > 0.25 { 0.2 } else { 0.0 };
+//! let (from, to) = (Vector3::new(0.0, 0.0, 4.0), Vector3::new(5.0, 0.0, 4.0));
+//! let found = best(&from, &to, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 }, |path, _| {
+//!     let energy_j = cost(path.mu_per_m);
+//!     Ok(Cost { energy_j, duration_s: 1.0, length_m: 5.0, peak_tension_n: 0.0, peak_current_a: 0.0, margin_n: 1.0 })
+//! })?;
+//! assert!((found.mu_per_m - 0.3).abs() < 1e-3);
+//! # Ok::<(), cable_robot::energy::EnergyError>(())
+//! ```
 
 use nalgebra::Vector3;
 
@@ -19,11 +34,14 @@ const REFINED: usize = 3;
 /// Brackets through which a minimum is followed.
 const FOLLOWED: usize = 10;
 
-/// Steps of a refinement: golden sections to 2e-7 of the bracket, below which a flat minimum is rounding.
-const SECTIONS: usize = 32;
+/// Share of a bracket to which a minimum is refined; below, a flat one is rounding.
+const CLOSEST: f64 = 2e-7;
+
+/// Most steps of a refinement: as many golden sections reach [`CLOSEST`].
+const SECTIONS: usize = 34;
 
 /// Intervals of Simpson's rule in the scan, which only has to tell low points from high ones.
-const SCAN_INTERVALS: usize = 16;
+pub(super) const SCAN_INTERVALS: usize = 16;
 
 /// How closely a cost is computed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -109,7 +127,15 @@ pub fn best(
         Some(0.0)
     };
     match (mu, &line) {
-        (Some(mu_per_m), _) => Ok(Best { mu_per_m, cost: cost(&path(mu_per_m), Precision::Fine)?, line: line.ok() }),
+        (Some(mu_per_m), _) => {
+            let found = cost(&path(mu_per_m), Precision::Fine)?;
+            let total = |cost: &Cost| cost.energy_j + bounds.time_weight_w * cost.duration_s;
+            // The scan is coarse: what looked lower there may cost more than the line after all.
+            match line {
+                Ok(line) if total(&line) < total(&found) => Ok(Best { mu_per_m: 0.0, cost: line, line: Some(line) }),
+                line => Ok(Best { mu_per_m, cost: found, line: line.ok() }),
+            }
+        }
         (None, Err(error)) => Err(error.clone()),
         (None, Ok(found)) => Ok(Best { mu_per_m: 0.0, cost: *found, line: Some(*found) }),
     }
@@ -169,7 +195,7 @@ fn least(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Prec
         // What the coarse scan takes for the lowest may be a neighbour of it: follow a minimum at the end of its bracket.
         let (mut a, mut b) = (i.saturating_sub(1), (i + 1).min(SCAN - 1));
         for _ in 0..FOLLOWED {
-            let (mu, value) = golden(|mu| objective(mu, Precision::Fine), grid(a), grid(b));
+            let (mu, value) = minimum(|mu| objective(mu, Precision::Fine), grid(a), grid(b));
             keep(mu, value);
             let edge = 1e-3 * (grid(b) - grid(a));
             if mu - grid(a) < edge && a > 0 {
@@ -184,21 +210,53 @@ fn least(objective: &mut impl FnMut(f64, Precision) -> f64, end: f64, scan: Prec
     best.map(|(mu, _)| mu)
 }
 
-/// Golden sections between `a` and `b`.
-fn golden(mut objective: impl FnMut(f64) -> f64, mut a: f64, mut b: f64) -> (f64, f64) {
-    const SHARE: f64 = 0.618_033_988_749_894_9;
-    let (mut x, mut y) = (b - SHARE * (b - a), a + SHARE * (b - a));
-    let (mut fx, mut fy) = (objective(x), objective(y));
+/// Brent's minimisation between `a` and `b`: the vertex of the parabola through the three best points as long as that gains, else a
+/// golden section, so that jumps and infinite places cost evaluations and nothing else.
+fn minimum(mut objective: impl FnMut(f64) -> f64, mut a: f64, mut b: f64) -> (f64, f64) {
+    const SHARE: f64 = 0.381_966_011_250_105_1;
+    let closest = CLOSEST * (b - a);
+    // The best point, the second best and the one that was second best before.
+    let mut x = a + SHARE * (b - a);
+    let mut fx = objective(x);
+    let (mut w, mut fw, mut v, mut fv) = (x, fx, x, fx);
+    let (mut step, mut step_before) = (0.0f64, 0.0f64);
     for _ in 0..SECTIONS {
-        if fx <= fy {
-            (b, y, fy) = (y, x, fx);
-            x = b - SHARE * (b - a);
-            fx = objective(x);
+        let middle = 0.5 * (a + b);
+        if (x - middle).abs() + 0.5 * (b - a) <= 2.0 * closest {
+            break;
+        }
+        let (r, q) = ((x - w) * (fx - fv), (x - v) * (fx - fw));
+        let vertex = ((x - v) * q - (x - w) * r) / (2.0 * (r - q));
+        // Of no use: outside, infinite, or not yet half of the step before the last.
+        let gains = (a + closest..b - closest).contains(&(x + vertex)) && vertex.abs() < 0.5 * step_before.abs();
+        step_before = step;
+        if gains {
+            step = vertex;
         } else {
-            (a, x, fx) = (x, y, fy);
-            y = a + SHARE * (b - a);
-            fy = objective(y);
+            step_before = if x < middle { b - x } else { a - x };
+            step = SHARE * step_before;
+        }
+        let y = x + if step.abs() >= closest { step } else { closest.copysign(step) };
+        let fy = objective(y);
+        if fy <= fx {
+            if y < x {
+                b = x
+            } else {
+                a = x
+            }
+            (v, fv, w, fw, x, fx) = (w, fw, x, fx, y, fy);
+        } else {
+            if y < x {
+                a = y
+            } else {
+                b = y
+            }
+            if fy <= fw || w == x {
+                (v, fv, w, fw) = (w, fw, y, fy);
+            } else if fy <= fv || v == x || v == w {
+                (v, fv) = (y, fy);
+            }
         }
     }
-    if fx <= fy { (x, fx) } else { (y, fy) }
+    (x, fx)
 }

@@ -1,5 +1,7 @@
 //! The sagging path of (25)-(26) by its horizontal fraction u, from 0 to 1. Start and end one above the other leave no room
 //! for a sag: then the path is the straight line, whatever µ.
+//!
+//! Positions in m, tangents dX/du in m, µ in 1/m. A µ or an end that is none is an [`EnergyError`].
 
 use nalgebra::Vector3;
 

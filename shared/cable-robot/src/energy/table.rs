@@ -1,4 +1,7 @@
 //! The current of a winch as it was measured while it raised and lowered known loads (the paper's lookup tables, Fig. 11).
+//!
+//! Speeds in m/s, reeling in positive, tensions in N, currents in A, a row per speed. Outside the measured range there is no answer: a
+//! [`TableError`], never an extrapolation.
 
 use thiserror::Error;
 
@@ -100,12 +103,9 @@ impl CurrentTable {
 
 impl Current for CurrentTable {
     fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
-        let (i, u) = place(&self.speeds_m_s, reel_in_m_s, "speed", "m/s")?;
-        let (j, w) = place(&self.tensions_n, tension_n, "tension", "N")?;
         let columns = self.tensions_n.len();
         let at = |i: usize, j: usize| self.currents_a[i * columns + j];
-        let (slow, fast) = (at(i, j) * (1.0 - w) + at(i, j + 1) * w, at(i + 1, j) * (1.0 - w) + at(i + 1, j + 1) * w);
-        Ok(slow * (1.0 - u) + fast * u)
+        bilinear(&self.speeds_m_s, &self.tensions_n, at, tension_n, reel_in_m_s)
     }
 
     fn resistance_ohm(&self) -> f64 {
@@ -113,8 +113,91 @@ impl Current for CurrentTable {
     }
 }
 
+/// Most speeds of a [`MotorTable`]: both directions, closer together where friction changes its sign.
+pub const MAX_SPEEDS: usize = 24;
+
+/// Most tensions of a [`MotorTable`]; the current is nearly linear in them.
+pub const MAX_TENSIONS: usize = 16;
+
+/// A [`CurrentTable`] of bounded size that is copied by value: the motors of a [`Robot`](crate::Robot).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MotorTable {
+    speeds_m_s: [f64; MAX_SPEEDS],
+    tensions_n: [f64; MAX_TENSIONS],
+    currents_a: [[f64; MAX_TENSIONS]; MAX_SPEEDS],
+    /// Speeds, tensions.
+    counts: [usize; 2],
+    resistance_ohm: f64,
+}
+
+impl MotorTable {
+    /// The same table by value. Fails if it has more points than [`MAX_SPEEDS`] and [`MAX_TENSIONS`].
+    pub fn new(table: &CurrentTable) -> Result<Self, TableError> {
+        let counts = [table.speeds_m_s.len(), table.tensions_n.len()];
+        if counts[0] > MAX_SPEEDS || counts[1] > MAX_TENSIONS {
+            let what = format!(
+                "the table has {} speeds and {} tensions, and a robot holds at most {MAX_SPEEDS} and {MAX_TENSIONS}",
+                counts[0], counts[1]
+            );
+            return Err(TableError::Shape { what });
+        }
+        let mut result = Self {
+            speeds_m_s: [0.0; MAX_SPEEDS],
+            tensions_n: [0.0; MAX_TENSIONS],
+            currents_a: [[0.0; MAX_TENSIONS]; MAX_SPEEDS],
+            counts,
+            resistance_ohm: table.resistance_ohm,
+        };
+        result.speeds_m_s[..counts[0]].copy_from_slice(&table.speeds_m_s);
+        result.tensions_n[..counts[1]].copy_from_slice(&table.tensions_n);
+        for (row, given) in result.currents_a.iter_mut().zip(table.currents_a.chunks(counts[1])) {
+            row[..counts[1]].copy_from_slice(given);
+        }
+        Ok(result)
+    }
+
+    /// The measured reel-in speeds, m/s, rising.
+    pub fn speeds_m_s(&self) -> &[f64] {
+        &self.speeds_m_s[..self.counts[0]]
+    }
+
+    /// The measured tensions, N, rising.
+    pub fn tensions_n(&self) -> &[f64] {
+        &self.tensions_n[..self.counts[1]]
+    }
+}
+
+impl Current for MotorTable {
+    fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
+        bilinear(self.speeds_m_s(), self.tensions_n(), |i, j| self.currents_a[i][j], tension_n, reel_in_m_s)
+    }
+
+    fn resistance_ohm(&self) -> f64 {
+        self.resistance_ohm
+    }
+}
+
+/// Between the four points of a table around a speed and a tension; `at` takes their numbers.
+fn bilinear(
+    speeds_m_s: &[f64],
+    tensions_n: &[f64],
+    at: impl Fn(usize, usize) -> f64,
+    tension_n: f64,
+    reel_in_m_s: f64,
+) -> Result<f64, TableError> {
+    let (i, u) = place(speeds_m_s, reel_in_m_s, "speed", "m/s")?;
+    let (j, w) = place(tensions_n, tension_n, "tension", "N")?;
+    let (slow, fast) = (at(i, j) * (1.0 - w) + at(i, j + 1) * w, at(i + 1, j) * (1.0 - w) + at(i + 1, j + 1) * w);
+    Ok(slow * (1.0 - u) + fast * u)
+}
+
 /// The interval of an axis that a value is in, and how far along it; rounding at the ends is forgiven.
-fn place(axis: &[f64], value: f64, what: &'static str, unit: &'static str) -> Result<(usize, f64), TableError> {
+pub(super) fn place(
+    axis: &[f64],
+    value: f64,
+    what: &'static str,
+    unit: &'static str,
+) -> Result<(usize, f64), TableError> {
     let (low, high) = (axis[0], axis[axis.len() - 1]);
     let rounding = 1e-12 * (high - low);
     // Also true for NaN.
@@ -155,6 +238,23 @@ mod tests {
             let (v, t) = (f64::from(i) * 0.01, f64::from(j) * 5.0);
             prop_assert!((sampled(&motor).current_a(t, v).unwrap() - motor.current_a(t, v)).abs() < 1e-12);
         }
+    }
+
+    #[test]
+    fn by_value_it_is_the_same_table() {
+        let motor = Motor::default();
+        let speeds: Vec<f64> = (-10..=10).map(|i| f64::from(i) * 0.04).collect();
+        let tensions: Vec<f64> = (0..=10).map(|i| f64::from(i) * 10.0).collect();
+        let rows: Vec<Vec<f64>> =
+            speeds.iter().map(|v| tensions.iter().map(|t| motor.current_a(*t, *v)).collect()).collect();
+        let table = CurrentTable::new(speeds, tensions, &rows, 1.2).unwrap();
+        let copy = MotorTable::new(&table).unwrap();
+        for (t, v) in [(0.0, -0.4), (100.0, 0.4), (33.3, 0.123), (5.0, -0.01), (101.0, 0.0), (1.0, 0.41)] {
+            assert_eq!(copy.current_a(t, v), table.current_a(t, v));
+        }
+        assert_eq!(copy.resistance_ohm(), 1.2);
+        let refused = MotorTable::new(&sampled(&motor)).unwrap_err();
+        assert!(refused.to_string().contains("81 speeds"), "{refused}");
     }
 
     #[test]

@@ -6,6 +6,8 @@
 //! * Least sum: the best vertex of the solutions, all of which are tried, as the paper's reference [37] does for one
 //!   redundant cable; where several are best, the least norm among everything with that sum.
 //! * Safest: the greatest distance to the nearest limit; where that has no bound, the least norm.
+//!
+//! The structure matrix is n x m, wrench and tensions are in N; errors are those of [`crate::tension`].
 
 use nalgebra::Vector3;
 
@@ -185,6 +187,9 @@ impl GeneralStructure {
 
 impl From<&StructureMatrix> for GeneralStructure {
     fn from(structure: &StructureMatrix) -> Self {
+        if structure.is_planar() {
+            return Self::planar(structure);
+        }
         let mut columns = [[0.0; MAX_ROWS]; MAX_CABLES];
         for (column, c) in columns.iter_mut().zip(structure.iter()) {
             column[..3].copy_from_slice(c.as_slice());
@@ -226,6 +231,11 @@ pub fn distribute(
         }
     };
     Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) })
+}
+
+/// A force as a structure matrix of space or of the plane takes it: the values, of which as many count as it has rows.
+pub(super) fn forces(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> [f64; 3] {
+    if structure.is_planar() { [wrench_n.x, wrench_n.z, 0.0] } else { (*wrench_n).into() }
 }
 
 /// Tensions that hold a node at a position: of a planar robot (anchors and position in the x-z plane, y = 0) or a spatial

@@ -73,10 +73,11 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Use the time until `deadline_ns`: bring back units that are not in use; when all are, read currents and one slow value.
+    /// Use the time until `deadline_ns`: look at the stop input; bring back units that are not in use; when all are, read currents and one slow value.
     ///
     /// Nothing is begun that is unlikely to end by the deadline. What it finds out is in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
+        self.look_at_stop();
         if self.line.now_ns() < deadline_ns
             && self.get_in_step(deadline_ns).is_ok()
             && self.set_up_units(deadline_ns).is_ok()
@@ -118,6 +119,9 @@ impl<T: Transport> Bus<T> {
             }
         }
         self.read_encoders(index)?;
+        if let Some(unit) = self.units.get_mut(index) {
+            unit.patience = unit.patience.saturating_sub(1);
+        }
         if refused { Err(Error::Interlocked { port: self.port(), address }) } else { Ok(()) }
     }
 

@@ -48,8 +48,7 @@ impl<T: Transport> Bus<T> {
                 Ok((reply, sent_ns))
             }
             Err(Flaw::Length) if got < wanted => {
-                self.counters.timeouts += 1;
-                self.out_of_step(unit);
+                self.too_late(unit);
                 Err(Error::CutShort { port: self.port(), address, command, got, wanted })
             }
             Err(_) => {
@@ -126,7 +125,10 @@ impl<T: Transport> Bus<T> {
         };
         // A text is read byte by byte, so its share of the wire's time is that of the longest.
         let answer = if command == Command::Read(Read::Version) { MAX_VERSION + 2 } else { buffer.len() };
-        let deadline_ns = sent_ns + self.wire_ns(sent + answer) + self.margin_ns;
+        // Only a unit that is not in use yet is waited for longer: cycles have their time.
+        let in_setup = self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_)));
+        let margin_ns = if in_setup { self.patience_ns(unit) } else { self.margin_ns };
+        let deadline_ns = sent_ns + self.wire_ns(sent + answer) + margin_ns;
         let mut got = self.line.fill(buffer, deadline_ns).map_err(|error| self.line_failed(error))?;
         let now_ns = self.line.now_ns();
         if got < buffer.len() && now_ns > deadline_ns + STOOD_STILL_NS {
@@ -137,10 +139,18 @@ impl<T: Transport> Bus<T> {
     }
 
     fn no_answer(&mut self, unit: usize, command: Command, sent_ns: u64) -> Error {
-        self.counters.timeouts += 1;
-        self.out_of_step(unit);
+        self.too_late(unit);
         let waited_us = u32::try_from((self.line.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
         Error::NoAnswer { port: self.port(), address: self.address(unit), command, waited_us }
+    }
+
+    /// The answer did not come in time, or not whole.
+    fn too_late(&mut self, unit: usize) {
+        self.counters.timeouts += 1;
+        if self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_))) {
+            self.be_more_patient(unit);
+        }
+        self.out_of_step(unit);
     }
 
     /// What this unit sent, or will still send, cannot be told from an answer: drain the line, and fence the unit.

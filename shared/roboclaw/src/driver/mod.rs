@@ -8,6 +8,8 @@
 //!   fence's answer is there, and nothing after it, no old answer can come any more.
 //! * A unit that has failed is then asked for its watchdog: it is set to a value the unit does not start with, so a unit that has
 //!   restarted is found out, and its encoders, which began again at zero, are not taken for a movement.
+//! * A unit that answers later than the margin is given more and more time, up to four times the margin, on its way back into use: a
+//!   starved computer or a slow adapter would otherwise never get through it. Cycles wait for nobody: there the margin stays.
 //! * All of it is one state machine that moves on as far as a call's deadline allows, so that a silent unit costs the others a few
 //!   cycles and not their watchdogs.
 
@@ -18,9 +20,9 @@ mod sync;
 
 use std::sync::Arc;
 
-use serial::{Transport, byte_time_ns};
+use serial::{StatusPin, Transport, byte_time_ns};
 
-pub use report::{Counters, Timed, UnitAnswer, UnitIdentity, UnitReport};
+pub use report::{Counters, StopInput, Timed, UnitAnswer, UnitIdentity, UnitReport};
 
 use crate::codec::{ADDRESSES, Version};
 use crate::error::Error;
@@ -80,6 +82,8 @@ pub struct BusConfig {
     pub margin_ns: u64,
     /// The units, in the order in which commands and answers have them.
     pub units: Vec<UnitConfig>,
+    /// A stop button's closed contact holds this pin on; an open contact or a broken wire is a stop.
+    pub stop_pin: Option<StatusPin>,
 }
 
 /// One unit, as the driver sees it.
@@ -101,6 +105,8 @@ struct Unit {
     doubtful: bool,
     /// It moves only after it was told to stand still.
     interlocked: bool,
+    /// How often its answers came too late on its way back into use, and not in time since; see [`Bus::patience_ns`].
+    patience: u8,
 }
 
 /// How far a unit is.
@@ -133,6 +139,8 @@ pub struct Bus<T> {
     slow_turn: usize,
     current_turn: usize,
     counters: Counters,
+    stop_pin: Option<StatusPin>,
+    stop: StopInput,
 }
 
 impl<T: Transport> Bus<T> {
@@ -167,6 +175,7 @@ impl<T: Transport> Bus<T> {
             told: false,
             doubtful: false,
             interlocked: true,
+            patience: 0,
         };
         Ok(Bus {
             line,
@@ -181,6 +190,8 @@ impl<T: Transport> Bus<T> {
             slow_turn: 0,
             current_turn: 0,
             counters: Counters::default(),
+            stop_pin: config.stop_pin,
+            stop: StopInput::default(),
         })
     }
 
@@ -219,9 +230,25 @@ impl<T: Transport> Bus<T> {
         self.counters
     }
 
+    /// The stop input, as it was when time was last spent on the line.
+    pub fn stop(&self) -> &StopInput {
+        &self.stop
+    }
+
     /// True where every unit is in use and the line in step: nothing is left to do between cycles.
     pub fn is_settled(&self) -> bool {
         self.step == sync::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
+    }
+
+    /// An input that cannot be read is no better than one that says stop.
+    fn look_at_stop(&mut self) {
+        if let Some(pin) = self.stop_pin {
+            self.stop = match self.line.is_on(pin) {
+                Ok(true) => StopInput::Released,
+                Ok(false) => StopInput::Pressed,
+                Err(error) => StopInput::Unreadable(Error::Line(error)),
+            };
+        }
     }
 
     fn port(&self) -> Arc<str> {

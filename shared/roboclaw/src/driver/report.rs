@@ -48,6 +48,28 @@ pub struct UnitReport {
     pub was_alive: bool,
 }
 
+/// The stop button on a status pin of a port.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum StopInput {
+    /// None is configured, or it was not looked at yet.
+    #[default]
+    Unknown,
+    /// The contact is closed: go on.
+    Released,
+    /// The contact or its wire is open: stop.
+    Pressed,
+    /// Nobody knows: stop.
+    Unreadable(Error),
+}
+
+impl StopInput {
+    /// True where the robot has to stop.
+    #[must_use]
+    pub fn says_stop(&self) -> bool {
+        matches!(self, StopInput::Pressed | StopInput::Unreadable(_))
+    }
+}
+
 /// What became of one cycle with one unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnitAnswer {

@@ -16,7 +16,14 @@ const FENCES_BEFORE_SILENT: u32 = 6;
 /// Namely twice a second: each attempt costs the other units of the line a few cycles.
 const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
 
-/// How long a call that can do nothing at the moment lets time pass: short beside a cycle.
+/// Every second answer in vain doubles the time for the next, up to four times the margin: twice because the first may have been
+/// lost and not late, four times because the other units of the line wait meanwhile, and their watchdogs with them.
+const MOST_PATIENCE: u8 = 4;
+/// Of a silent unit's attempts only each so many gets the longer time.
+const PATIENT_EVERY: u32 = 4;
+
+/// How long a call that can do nothing at the moment lets time pass, and what a step may take beside its exchange: short beside a
+/// cycle.
 const PAUSE_NS: u64 = 1_000_000;
 
 /// Bytes of one exchange on the way back into use. The longest is a version text; the others are about as long as this.
@@ -82,7 +89,9 @@ impl<T: Transport> Bus<T> {
     /// A step that has begun may end later, by the time an answer may take, and one step is always begun: where answers have lately
     /// been slow, waiting for a longer call would be waiting for ever. Call it between cycles, or in a loop to connect.
     pub fn settle(&mut self, deadline_ns: u64) -> Result<(), Error> {
-        let deadline_ns = deadline_ns.max(self.line.now_ns() + self.likely_ns(LONGEST_STEP));
+        self.look_at_stop();
+        // A clock goes on between here and there: without the pause the one step would always come a moment too late.
+        let deadline_ns = deadline_ns.max(self.line.now_ns() + self.likely_ns(LONGEST_STEP) + PAUSE_NS);
         let result = self.get_in_step(deadline_ns).and_then(|()| self.set_up_units(deadline_ns));
         if result.is_err() {
             // What is missing is time; a clock that moves only when it is waited for has to be waited for.
@@ -174,8 +183,20 @@ impl<T: Transport> Bus<T> {
         }
     }
 
+    /// How long a unit on its way back into use has to begin its answer.
+    pub(super) fn patience_ns(&self, unit: usize) -> u64 {
+        self.units.get(unit).map_or(self.margin_ns, |unit| self.margin_ns << (unit.patience / 2))
+    }
+
+    pub(super) fn be_more_patient(&mut self, unit: usize) {
+        if let Some(unit) = self.units.get_mut(unit) {
+            unit.patience = (unit.patience + 1).min(MOST_PATIENCE);
+        }
+    }
+
     fn fence_failed(&mut self, unit: usize, now_ns: u64) {
         self.counters.timeouts += 1;
+        self.be_more_patient(unit);
         self.step = Step::Draining { quiet_from_ns: now_ns };
         if let Some(unit) = self.units.get_mut(unit)
             && let Phase::Suspect { failed, .. } = unit.phase
@@ -232,8 +253,11 @@ impl<T: Transport> Bus<T> {
         self.next_fence = (self.next_fence + 1) % FENCES.len();
         let packet = read.encode(self.address(unit));
         let sent_ns = self.send(unit, &packet, Command::Read(read))?;
+        let hopeless = matches!(self.units.get(unit).map(|unit| unit.phase),
+            Some(Phase::Suspect { failed, .. }) if failed >= FENCES_BEFORE_SILENT && failed % PATIENT_EVERY != 0);
+        let margin_ns = if hopeless { self.margin_ns } else { self.patience_ns(unit) };
         // Long enough for the longest of the fences.
-        let until_ns = sent_ns + self.wire_ns(2 + 18) + self.margin_ns;
+        let until_ns = sent_ns + self.wire_ns(2 + 18) + margin_ns;
         self.step = Step::Fencing { unit, read, until_ns, window: Window::EMPTY };
         Ok(())
     }

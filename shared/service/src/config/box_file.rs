@@ -1,10 +1,12 @@
 //! The box file: which processes run, on which drives, at which rate, with which parameters.
 
-use serde::Deserialize;
+use super::{DeviceSection, Point};
+use crate::args::Slot;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// A box file as written. Paths are relative to the file's own folder.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct BoxFile {
     /// What people call this box; also the name of its domain in shared memory (a-z, 0-9, dash; at most 16).
@@ -19,6 +21,9 @@ pub struct BoxFile {
     pub runs: PathBuf,
     /// Drives and safety limits.
     pub motor_io: MotorIoSection,
+    /// When a second controller or estimator counts as a standby, and how a swap goes.
+    #[serde(default)]
+    pub arbiter: ArbiterSection,
     /// Lengths to position.
     #[serde(default)]
     pub estimator: EstimatorSection,
@@ -42,7 +47,7 @@ pub struct BoxFile {
 }
 
 /// `[motor_io]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct MotorIoSection {
     /// Serial ports and the units on them.
@@ -52,7 +57,7 @@ pub struct MotorIoSection {
     /// The drives stop their motors after this time without a packet, s; steps of 0.1.
     #[serde(default = "default_watchdog")]
     pub watchdog_s: f64,
-    /// Cycles for which the last command is used when none arrives, before the robot stops and holds.
+    /// So many cycles in a row without a command, and the robot stops and holds; until then the last one is used.
     #[serde(default = "default_ttl")]
     pub ttl_cycles: u32,
     /// Time in which pause, hold and resume ramp the plan clock between standstill and full rate, s.
@@ -79,7 +84,7 @@ pub struct MotorIoSection {
 }
 
 /// `[[motor_io.ports]]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct PortSection {
     /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` stands for the domain's folder (where the virtual box puts its ports).
@@ -89,10 +94,13 @@ pub struct PortSection {
     pub baud: u32,
     /// Drive units on this line.
     pub units: Vec<UnitSection>,
+    /// Status pin of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button holds on; no key: none. Open, or not
+    /// to be read, is an emergency stop.
+    pub stop_pin: Option<String>,
 }
 
 /// `[[motor_io.ports.units]]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct UnitSection {
     /// Packet serial address, 0x80 to 0x87.
@@ -101,10 +109,49 @@ pub struct UnitSection {
     pub cables: Vec<usize>,
 }
 
+/// `[arbiter]`.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct ArbiterSection {
+    /// Time for which a second controller or estimator has to answer well beside the one in charge to become its standby, s.
+    pub qualify_s: f64,
+    /// How far a standby's command may be from that of the controller in charge, as a share of the robot's `cable_speed_limit_m_s`.
+    pub command_bound: f64,
+    /// How far a standby's estimate may be from the one in charge, m.
+    pub estimate_bound_m: f64,
+    /// From the announcement of a swap to the cycle in which it takes effect, s.
+    pub announce_s: f64,
+    /// Time in which one command fades into another, s.
+    pub fade_s: f64,
+    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, s.
+    pub probation_s: f64,
+    /// A standby that fails so often is set aside until it is admitted again.
+    pub quarantine_falls: u8,
+    /// Time of good answers after which its failures are forgiven, s.
+    pub forgive_s: f64,
+}
+
+impl Default for ArbiterSection {
+    fn default() -> Self {
+        Self {
+            qualify_s: 1.0,
+            command_bound: 0.15,
+            estimate_bound_m: 0.02,
+            announce_s: 0.1,
+            fade_s: 0.25,
+            probation_s: 1.0,
+            quarantine_falls: 3,
+            forgive_s: 10.0,
+        }
+    }
+}
+
 /// `[estimator]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorSection {
+    /// How readings become lengths: `phi`, the paper's motor model, or `kalman`, a filter on length and velocity of each line.
+    pub method: String,
     /// Rows of the sliding window of the motor model (18)-(20).
     pub eta: usize,
     /// Pull of the motor model towards `prior`, (m/s)².
@@ -115,20 +162,37 @@ pub struct EstimatorSection {
     pub stretch: bool,
     /// Standard deviation of a measured length, m; for the covariance.
     pub sigma_length_m: f64,
+    /// `kalman`: how late the drives follow, delay and lag together, s.
+    pub drive_lag_s: f64,
+    /// `kalman`: standard deviation of the acceleration of a line that such a drive does not explain, m/s².
+    pub acceleration_sigma_m_s2: f64,
+    /// `kalman`: standard deviation of a single reading, m: about an encoder step.
+    pub reading_sigma_m: f64,
 }
 
 impl Default for EstimatorSection {
     fn default() -> Self {
-        Self { eta: 50, ridge: 1e-4, prior: [0.6, 0.4], stretch: true, sigma_length_m: 0.001 }
+        Self {
+            method: "phi".into(),
+            eta: 50,
+            ridge: 1e-4,
+            prior: [0.6, 0.4],
+            stretch: true,
+            sigma_length_m: 0.001,
+            drive_lag_s: 0.07,
+            acceleration_sigma_m_s2: 1.0,
+            reading_sigma_m: 1e-4,
+        }
     }
 }
 
 /// `[controller]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct ControllerSection {
     /// `lq-endpoint`: the paper's fixed-endpoint fixed-time law. `preview`: knows how late the drives are, and falls back
-    /// to `lq-endpoint` while its model of them does not fit.
+    /// to `lq-endpoint` while its model of them does not fit. `p-feedforward`: each line for itself, desired velocity and a
+    /// share of the length error.
     pub law: String,
     /// Delta of the law, cycles; best near 2 (delay + lag) / period + 3, unstable below a third of that.
     pub horizon_cycles: usize,
@@ -140,14 +204,17 @@ pub struct ControllerSection {
     pub distribution: String,
     /// Time constant of the loop on the redundant length mode of more than three cables, s.
     pub redundant_s: f64,
+    /// `p-feedforward`: velocity per length error, 1/s; no overshoot up to about 1 / (3 (delay + lag)), unstable from about 14
+    /// with drives of 60 ms delay and 100 ms lag.
+    pub length_gain_per_s: f64,
     /// Correct for the stretch of the lines (needs `stiffness_n` in the robot file).
     pub stretch: bool,
     /// Farther than this from where it should be the controller gives no answer, and the robot stops and holds, m.
     pub error_limit_m: f64,
     /// `preview`: how far it looks ahead beyond the delay, cycles.
     pub preview_cycles: usize,
-    /// `preview`: what a squared acceleration of the command costs against a squared length error, s⁴. The law is about as
-    /// quick as this to the power -1/4, in rad/s.
+    /// `preview`: what a squared acceleration of the command costs against a squared length error, s⁴. The feedback is about
+    /// as quick as this to the power -1/4, in rad/s; what is known beforehand is followed more quickly than that.
     pub move_penalty_s4: f64,
     /// `preview`: `[delay, lag]` of the drives, s, if known; otherwise `lq-endpoint` flies until they are identified.
     pub drive_lag_s: Option<[f64; 2]>,
@@ -166,6 +233,7 @@ impl Default for ControllerSection {
             input_weight: 1.0,
             distribution: "least-norm".into(),
             redundant_s: 0.3,
+            length_gain_per_s: 3.0,
             stretch: true,
             error_limit_m: 0.25,
             preview_cycles: 40,
@@ -178,7 +246,7 @@ impl Default for ControllerSection {
 }
 
 /// `[planner]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct PlannerSection {
     /// Cruise speed where a mission names none, m/s.
@@ -189,45 +257,63 @@ pub struct PlannerSection {
     pub check_step_m: f64,
     /// Where `nims run NAME` looks for missions.
     pub missions: PathBuf,
+    /// Which of them `nims demo` flies.
+    pub demo: PathBuf,
 }
 
 impl Default for PlannerSection {
     fn default() -> Self {
-        Self { speed_m_s: 0.2, acceleration_m_s2: 0.3, check_step_m: 0.02, missions: "../missions".into() }
+        Self {
+            speed_m_s: 0.2,
+            acceleration_m_s2: 0.3,
+            check_step_m: 0.02,
+            missions: "../missions".into(),
+            demo: "demo".into(),
+        }
     }
 }
 
 /// `[recorder]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RecorderSection {
     /// Recording stops, loudly, below this much free space, bytes.
     pub min_free_bytes: u64,
     /// Longest time before data are handed to the disk, s.
     pub flush_s: f64,
+    /// The next file of the run is begun when one has this size, bytes.
+    pub segment_bytes: u64,
+    /// And when it is this old, s.
+    pub segment_s: f64,
     /// Channels that are not recorded (names; a trailing `*` stands for any ending).
     pub exclude: Vec<String>,
 }
 
 impl Default for RecorderSection {
     fn default() -> Self {
-        Self { min_free_bytes: 500_000_000, flush_s: 0.5, exclude: Vec::new() }
+        Self {
+            min_free_bytes: 500_000_000,
+            flush_s: 0.5,
+            segment_bytes: 2_000_000_000,
+            segment_s: 900.0,
+            exclude: Vec::new(),
+        }
     }
 }
 
 /// `[motor_box]`: the virtual motor control box.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct MotorBoxSection {
-    /// Where the node hangs at the start, m.
-    pub start_m: [f64; 3],
+    /// Where the node hangs at the start, m; `[x, z]` of a planar robot.
+    pub start_m: Point,
     /// Delay between a speed command and the drive's reaction, s.
     pub delay_s: f64,
     /// First-order lag of the drive's speed, s.
     pub lag_s: f64,
     /// True line stiffness EA, N, which the robot file need not know.
     pub stiffness_n: f64,
-    /// Air drag of the node, N s²/m².
+    /// Drag of the node in air or water, N s²/m².
     pub drag_n_s2_m2: f64,
     /// Radius of the empty drum, m, and thickness of the line, m.
     pub drum_radius_m: f64,
@@ -239,12 +325,16 @@ pub struct MotorBoxSection {
     pub supply_v: f64,
     /// Seed of everything random.
     pub seed: u64,
+    /// Scene file: what stands on the ground, for a rangefinder to look at. Default: nothing.
+    pub scene: Option<PathBuf>,
+    /// Sensors on the node, behind ports of their own.
+    pub device: Vec<DeviceSection>,
 }
 
 impl Default for MotorBoxSection {
     fn default() -> Self {
         Self {
-            start_m: [4.8, 3.0, 0.3],
+            start_m: [4.8, 3.0, 0.3].into(),
             delay_s: 0.03,
             lag_s: 0.04,
             stiffness_n: 6000.0,
@@ -254,12 +344,14 @@ impl Default for MotorBoxSection {
             turnaround_s: 0.000_15,
             supply_v: 12.0,
             seed: 1,
+            scene: None,
+            device: Vec::new(),
         }
     }
 }
 
 /// `[realtime]`: degrades with one warning where it is not permitted.
-#[derive(Debug, Clone, Default, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize, Serialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct RealtimeSection {
     /// SCHED_FIFO priority of motor-io, 1 to 90; estimator and controller get one and two more. 0: ordinary scheduling.
@@ -271,7 +363,7 @@ pub struct RealtimeSection {
 }
 
 /// What a process does, which decides what its death means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Role {
     /// Virtual motor box.
@@ -291,7 +383,7 @@ pub enum Role {
 }
 
 /// `[[process]]`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct ProcessSection {
     /// Unique name, e.g. `rangefinder`.
@@ -299,15 +391,94 @@ pub struct ProcessSection {
     /// What it does; default `other`.
     #[serde(default = "default_role")]
     pub role: Role,
-    /// Program and arguments; a name without a slash is looked for beside `nims`.
-    pub command: Vec<String>,
-    /// Start it again when it dies.
+    /// Program and arguments. A name without a slash is looked for beside `nims`, then in PATH; a relative path begins at the box file's
+    /// folder, which is also where the process runs. `{name}`, `{domain}`, `{box}` and `{run}` stand for its own name, the robot's domain,
+    /// the box file and the run folder. Empty, for a controller or an estimator: the standard program.
     #[serde(default)]
-    pub restart: bool,
+    pub command: Vec<String>,
+    /// For a controller or an estimator: its slot. Default: a, or b for a standby.
+    pub slot: Option<Slot>,
+    /// A second controller or estimator, in slot b, that takes over when the first one dies.
+    #[serde(default)]
+    pub standby: bool,
+    /// For a controller or an estimator without a `command`: its law, if not the configured one.
+    pub law: Option<String>,
+    /// False: started only when it is asked for, by `nims start` or `nims swap`.
+    #[serde(default = "yes")]
+    pub start: bool,
+    /// Start it again when it dies. Default: true for a recorder and where there is a standby, otherwise false.
+    pub restart: Option<bool>,
+    /// Pause before it is started again, s; doubles each time, up to 30 s.
+    #[serde(default = "default_restart_pause")]
+    pub restart_pause_s: f64,
+    /// How often in a row.
+    #[serde(default = "default_restart_limit")]
+    pub restart_limit: u32,
+    /// A process that was ready for this long begins to count anew, s: what killed it before is over.
+    #[serde(default = "default_restart_forgive")]
+    pub restart_forgive_s: f64,
+    /// SCHED_FIFO priority, 1 to 90; 0: ordinary. The control chain has its own, in `[realtime]`.
+    #[serde(default)]
+    pub priority: u8,
+    /// Processor that it runs on; no key: any.
+    pub cpu: Option<usize>,
+}
+
+impl ProcessSection {
+    /// The slot it is for; only controllers and estimators have one.
+    #[must_use]
+    pub fn slot(&self) -> Slot {
+        self.slot.unwrap_or(if self.standby { Slot::B } else { Slot::A })
+    }
+}
+
+impl Role {
+    /// Every role that has a process of its own by default, with its name.
+    pub const STANDARD: [(&'static str, Self); 6] = [
+        ("motor-io", Self::MotorIo),
+        ("estimator", Self::Estimator),
+        ("controller", Self::Controller),
+        ("planner", Self::Planner),
+        ("recorder", Self::Recorder),
+        ("motor-box", Self::MotorBox),
+    ];
+
+    /// Its name, as it stands in configuration files and in the process table.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        Self::STANDARD.iter().find(|(_, role)| *role == self).map_or("other", |(name, _)| name)
+    }
+
+    /// Whether it has two slots, so that a process can be swapped for another while both live.
+    #[must_use]
+    pub fn has_slots(self) -> bool {
+        matches!(self, Self::Controller | Self::Estimator)
+    }
+
+    /// The name of its standard process in that slot.
+    #[must_use]
+    pub fn process_name(self, slot: Slot) -> String {
+        match slot {
+            Slot::A => self.name().to_owned(),
+            Slot::B => format!("{}-b", self.name()),
+        }
+    }
 }
 
 fn default_role() -> Role {
     Role::Other
+}
+fn yes() -> bool {
+    true
+}
+fn default_restart_pause() -> f64 {
+    0.5
+}
+fn default_restart_limit() -> u32 {
+    3
+}
+fn default_restart_forgive() -> f64 {
+    60.0
 }
 fn default_rate() -> f64 {
     100.0

@@ -1,18 +1,12 @@
 //! What the values of the configuration files may be. Each problem is one clause: key, what it is, what is accepted.
 
-use super::{BoxFile, MotorBoxSection, MotorIoSection, ProcessSection, RobotFile, Role};
+use super::{ArbiterSection, BoxFile, MotorBoxSection, MotorIoSection, ProcessSection, RobotFile, Role};
+use crate::args::Slot;
 
-/// Processes with a name of their own in every box.
-const STANDARD: [(&str, Role); 6] = [
-    ("motor-box", Role::MotorBox),
-    ("motor-io", Role::MotorIo),
-    ("estimator", Role::Estimator),
-    ("controller", Role::Controller),
-    ("planner", Role::Planner),
-    ("recorder", Role::Recorder),
-];
 /// Baud rates that the drives' set-up program offers.
 const BAUDS: [u32; 8] = [2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
+/// Inputs of a serial port beside its data.
+const STOP_PINS: [&str; 3] = ["cts", "dsr", "cd"];
 /// Longest watchdog of a drive, s: a byte of tenths.
 const WATCHDOG_MAX_S: f64 = 25.5;
 /// A name becomes part of a socket's path, which is short.
@@ -62,8 +56,14 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), String> {
             "`anchors_m` holds {anchor}; accepted: metres within 500 m of the origin (are these millimetres?)"
         ));
     }
+    number("drag_n_s2_m2", robot.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
+    for corner in robot.keep_out.iter().flatten() {
+        corner.on(robot.anchors_m.is_planar()).map_err(|why| format!("`keep_out`: {why}"))?;
+    }
+    // A node that floats is pulled down by lines from below.
+    let hangs = robot.net_weight_n.is_none_or(|weight| weight > 0.0);
     for (index, anchor) in robot.anchors_m.iter().enumerate() {
-        if anchor[2] <= robot.ground_m {
+        if hangs && anchor[2] <= robot.ground_m {
             return Err(format!(
                 "`anchors_m` number {} is at height {} m, not above `ground_m` = {} m; a node hangs below its anchors",
                 index + 1,
@@ -92,7 +92,9 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     name("name", &file.name)?;
     number("rate_hz", file.rate_hz, "10 to 250 cycles per second", |v| (10.0..=250.0).contains(&v))?;
     motor_io(&file.motor_io, cables, file.rate_hz)?;
+    arbiter(&file.arbiter)?;
 
+    choice("estimator.method", &file.estimator.method, &["phi", "kalman"])?;
     count("estimator.eta", file.estimator.eta, 2, cable_robot::motor_model::MAX_WINDOW)?;
     number("estimator.ridge", file.estimator.ridge, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
     for phi in file.estimator.prior {
@@ -100,7 +102,17 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     }
     number("estimator.sigma_length_m", file.estimator.sigma_length_m, "above 0, at most 1 m", |v| v > 0.0 && v <= 1.0)?;
 
-    choice("controller.law", &file.controller.law, &["lq-endpoint", "preview"])?;
+    number("estimator.drive_lag_s", file.estimator.drive_lag_s, "0.001 to 1 s", |v| (0.001..=1.0).contains(&v))?;
+    let sigma = file.estimator.acceleration_sigma_m_s2;
+    number("estimator.acceleration_sigma_m_s2", sigma, "0.001 to 100 m/s²", |v| (0.001..=100.0).contains(&v))?;
+    number("estimator.reading_sigma_m", file.estimator.reading_sigma_m, "0.000001 to 0.1 m", |v| {
+        (1e-6..=0.1).contains(&v)
+    })?;
+
+    choice("controller.law", &file.controller.law, &["lq-endpoint", "preview", "p-feedforward"])?;
+    number("controller.length_gain_per_s", file.controller.length_gain_per_s, "above 0, at most 50 per second", |v| {
+        v > 0.0 && v <= cable_robot::law::MAX_LENGTH_GAIN
+    })?;
     count("controller.horizon_cycles", file.controller.horizon_cycles, 1, 200)?;
     number("controller.state_weight", file.controller.state_weight, "0 or more", |v| v >= 0.0)?;
     number("controller.input_weight", file.controller.input_weight, "above 0", |v| v > 0.0)?;
@@ -123,6 +135,11 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     number("planner.acceleration_m_s2", file.planner.acceleration_m_s2, &below, |v| v > 0.0 && v <= acceleration)?;
     number("planner.check_step_m", file.planner.check_step_m, "0.001 to 0.5 m", |v| (0.001..=0.5).contains(&v))?;
 
+    number("recorder.segment_s", file.recorder.segment_s, "10 s or more", |v| v >= 10.0 && v.is_finite())?;
+    if file.recorder.segment_bytes < 10_000_000 {
+        let given = file.recorder.segment_bytes;
+        return Err(format!("`recorder.segment_bytes` is {given}; accepted: 10000000 bytes or more"));
+    }
     number("recorder.flush_s", file.recorder.flush_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
     if let Some(section) = &file.motor_box {
         motor_box(section, robot)?;
@@ -166,6 +183,17 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
     number("motor_io.supply_min_v", section.supply_min_v, "0 to 60 V", |v| (0.0..=60.0).contains(&v))
 }
 
+fn arbiter(section: &ArbiterSection) -> Result<(), String> {
+    number("arbiter.qualify_s", section.qualify_s, "0.1 to 60 s", |v| (0.1..=60.0).contains(&v))?;
+    number("arbiter.command_bound", section.command_bound, "0.001 to 1", |v| (0.001..=1.0).contains(&v))?;
+    number("arbiter.estimate_bound_m", section.estimate_bound_m, "0.0001 to 1 m", |v| (1e-4..=1.0).contains(&v))?;
+    number("arbiter.announce_s", section.announce_s, "0 to 10 s", |v| (0.0..=10.0).contains(&v))?;
+    number("arbiter.fade_s", section.fade_s, "0 to 10 s", |v| (0.0..=10.0).contains(&v))?;
+    number("arbiter.probation_s", section.probation_s, "0 to 60 s", |v| (0.0..=60.0).contains(&v))?;
+    count("arbiter.quarantine_falls", section.quarantine_falls.into(), 1, 100)?;
+    number("arbiter.forgive_s", section.forgive_s, "0.1 to 3600 s", |v| (0.1..=3600.0).contains(&v))
+}
+
 fn ports(section: &MotorIoSection, cables: usize) -> Result<(), String> {
     if section.ports.is_empty() {
         return Err("`motor_io.ports` is empty; accepted: at least one serial port with its drive units".to_owned());
@@ -182,6 +210,9 @@ fn ports(section: &MotorIoSection, cables: usize) -> Result<(), String> {
         if !BAUDS.contains(&port.baud) {
             let accepted: Vec<String> = BAUDS.iter().map(u32::to_string).collect();
             return Err(format!("`baud` of port {number} is {}; accepted: {}", port.baud, accepted.join(", ")));
+        }
+        if let Some(pin) = &port.stop_pin {
+            choice(&format!("stop_pin` of port `{number}"), pin, &STOP_PINS)?;
         }
         if port.units.is_empty() {
             return Err(format!("`units` of port {number} is empty; accepted: at least one drive unit"));
@@ -229,19 +260,21 @@ fn ports(section: &MotorIoSection, cables: usize) -> Result<(), String> {
 }
 
 fn motor_box(section: &MotorBoxSection, robot: &RobotFile) -> Result<(), String> {
-    for value in section.start_m {
+    let start_m =
+        section.start_m.on(robot.robot.anchors_m.is_planar()).map_err(|why| format!("`motor_box.start_m`: {why}"))?;
+    for value in start_m {
         number("motor_box.start_m", value, "[x, y, z] in metres", |v| v.abs() <= 1000.0)?;
     }
-    if section.start_m[2] < robot.robot.ground_m {
+    if start_m[2] < robot.robot.ground_m {
         return Err(format!(
             "`motor_box.start_m` is at height {} m, below the robot's `ground_m` of {} m",
-            section.start_m[2], robot.robot.ground_m
+            start_m[2], robot.robot.ground_m
         ));
     }
     number("motor_box.delay_s", section.delay_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
     number("motor_box.lag_s", section.lag_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
     number("motor_box.stiffness_n", section.stiffness_n, "100 to 1e7 N", |v| (100.0..=1e7).contains(&v))?;
-    number("motor_box.drag_n_s2_m2", section.drag_n_s2_m2, "0 to 100 N s²/m²", |v| (0.0..=100.0).contains(&v))?;
+    number("motor_box.drag_n_s2_m2", section.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
     number("motor_box.drum_radius_m", section.drum_radius_m, "0.001 to 1 m", |v| (0.001..=1.0).contains(&v))?;
     number("motor_box.line_diameter_m", section.line_diameter_m, "0.00001 to 0.05 m", |v| (1e-5..=0.05).contains(&v))?;
     number("motor_box.turnaround_s", section.turnaround_s, "0 to 0.1 s", |v| (0.0..=0.1).contains(&v))?;
@@ -250,30 +283,85 @@ fn motor_box(section: &MotorBoxSection, robot: &RobotFile) -> Result<(), String>
 
 fn processes(list: &[ProcessSection]) -> Result<(), String> {
     for (index, process) in list.iter().enumerate() {
-        name("process.name", &process.name)?;
-        if process.name == "nims" {
-            return Err("a process cannot be called \"nims\": that is the supervisor".to_owned());
-        }
+        process_name(&process.name, process.role, process.slot())?;
         if list[..index].iter().any(|other| other.name == process.name) {
             return Err(format!("two processes are called \"{}\"; accepted: each name once", process.name));
         }
-        if let Some((_, role)) = STANDARD.iter().find(|(standard, _)| *standard == process.name)
-            && *role != process.role
+        let takes = |other: &&ProcessSection| {
+            other.start && other.role == process.role && (!process.role.has_slots() || other.slot() == process.slot())
+        };
+        if process.role != Role::Other
+            && process.start
+            && let Some(other) = list[..index].iter().find(takes)
         {
-            return Err(format!("the process name \"{0}\" belongs to the role {0}; choose another name", process.name));
-        }
-        if process.role != Role::Other && list[..index].iter().any(|other| other.role == process.role) {
-            let role = STANDARD.iter().find(|(_, role)| *role == process.role).map_or("other", |(name, _)| name);
+            let place =
+                if process.role.has_slots() { format!(" in slot {}", process.slot().name()) } else { String::new() };
             return Err(format!(
-                "two [[process]] have the `role` \"{role}\"; accepted: one, which takes the place of the standard one"
+                "the processes \"{}\" and \"{}\" both have the `role` \"{}\"{place}; accepted: one, which takes the place of the standard one; give the other `start = false`{}",
+                other.name,
+                process.name,
+                process.role.name(),
+                if process.role.has_slots() { " or `standby = true`" } else { "" }
             ));
         }
-        if process.command.first().is_none_or(String::is_empty) {
+        process_keys(process)?;
+    }
+    Ok(())
+}
+
+/// Whether a process may have that name: the standard ones belong to their roles.
+fn process_name(given: &str, role: Role, slot: Slot) -> Result<(), String> {
+    name("process.name", given)?;
+    if given == "nims" {
+        return Err("a process cannot be called \"nims\": that is the supervisor".to_owned());
+    }
+    for (_, owner) in Role::STANDARD {
+        let of_slot = |slot| owner.process_name(slot) == given;
+        if owner != role && (of_slot(Slot::A) || owner.has_slots() && of_slot(Slot::B)) {
             return Err(format!(
-                "`command` of process \"{}\" is empty; accepted: a program and its arguments",
-                process.name
+                "the process name \"{given}\" belongs to the role {}; choose another name",
+                owner.name()
             ));
         }
+        if owner == role
+            && role.has_slots()
+            && [Slot::A, Slot::B].into_iter().any(|other| other != slot && of_slot(other))
+        {
+            return Err(format!("the process name \"{given}\" belongs to the other slot; choose another name"));
+        }
+    }
+    Ok(())
+}
+
+fn process_keys(process: &ProcessSection) -> Result<(), String> {
+    let own = &process.name;
+    let (role, slots) = (process.role, process.role.has_slots());
+    if process.command.first().is_some_and(String::is_empty) || process.command.is_empty() && !slots {
+        return Err(format!("`command` of process \"{own}\" is empty; accepted: a program and its arguments"));
+    }
+    if !slots && (process.slot.is_some() || process.standby || process.law.is_some()) {
+        return Err(format!(
+            "process \"{own}\" has `slot`, `standby` or `law`, which only the roles controller and estimator know"
+        ));
+    }
+    if process.standby && process.slot() == Slot::A {
+        return Err(format!("the standby \"{own}\" is in slot a, where the first one is; accepted: slot b"));
+    }
+    if process.law.is_some() && !process.command.is_empty() {
+        return Err(format!("process \"{own}\" has a `law` and a `command`; accepted: one of them"));
+    }
+    number("process.restart_pause_s", process.restart_pause_s, "0.1 to 30 s", |v| (0.1..=30.0).contains(&v))?;
+    count("process.restart_limit", process.restart_limit as usize, 1, 1000)?;
+    number("process.restart_forgive_s", process.restart_forgive_s, "0.1 to 3600 s", |v| (0.1..=3600.0).contains(&v))?;
+    if process.priority > 90 {
+        return Err(format!("`priority` of process \"{own}\" is {}; accepted: 0 (ordinary) to 90", process.priority));
+    }
+    if matches!(role, Role::MotorIo | Role::Estimator | Role::Controller)
+        && (process.priority > 0 || process.cpu.is_some())
+    {
+        return Err(format!(
+            "process \"{own}\" is of the control chain, whose `priority` and `cpu` stand in [realtime]"
+        ));
     }
     Ok(())
 }

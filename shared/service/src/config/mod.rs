@@ -4,11 +4,19 @@
 
 mod box_file;
 mod check;
+mod devices;
 mod load;
+mod measured;
+mod point;
 mod robot_file;
 
 pub use box_file::{
-    BoxFile, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection, PortSection,
-    ProcessSection, RealtimeSection, RecorderSection, Role, UnitSection,
+    ArbiterSection, BoxFile, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection,
+    PortSection, ProcessSection, RealtimeSection, RecorderSection, Role, UnitSection,
 };
+pub use devices::{
+    CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, PeakSection, PrismSection, SceneFile,
+};
+pub use measured::{CalibrationFile, MotorTableFile};
+pub use point::{Point, Points};
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};

@@ -1,0 +1,302 @@
+"""A sensor of nims in Python: one file, no build.
+
+    from ctypes import c_double
+    from nims_bus import Sample, Sensor
+
+    class Soil(Sample):
+        _fields_ = [("moisture_percent", c_double), ("temperature_c", c_double)]
+
+    with Sensor("soil", Soil) as sensor:
+        while sensor.running():
+            moisture, temperature = read_the_probe()
+            sensor.send(moisture_percent=moisture, temperature_c=temperature)
+
+The struct is the message: its definition for run files and its type name are derived from it, so the recorder and `nims channel echo`
+know the fields by name at once. Needs the package `iceoryx2` in exactly the version of the robot's programs.
+
+The domain of the robot is the first of: the argument `domain`, `--domain NAME`, the variable NIMS_DOMAIN, the only robot that runs here.
+`nims plug NAME -- python3 FILE` starts it as one of the robot's processes, and tells it NIMS_DOMAIN and NIMS_NAME.
+"""
+
+import ctypes
+import keyword
+import os
+import re
+import signal
+import sys
+import time
+from pathlib import Path
+
+import iceoryx2
+
+ICEORYX2 = "0.10.0"
+SHARED_MEMORY = "/dev/shm"
+# Bytes of one attribute, and how many a channel or an event has. The definition of a message begins beside its hash at the channel, and goes
+# on at events that exist for nothing else.
+ATTRIBUTE_BYTES, ATTRIBUTES = 256, 8
+# As for every channel of a sensor; whoever comes first makes the channel, so both sides have to agree.
+BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, SHEET_NODES = 256, 128, 2, 12, 40, 2, 64, 64
+PRIMITIVES = {
+    ctypes.c_double: "float64", ctypes.c_float: "float32",
+    ctypes.c_int8: "int8", ctypes.c_int16: "int16", ctypes.c_int32: "int32", ctypes.c_int64: "int64",
+    ctypes.c_uint8: "uint8", ctypes.c_uint16: "uint16", ctypes.c_uint32: "uint32", ctypes.c_uint64: "uint64",
+}
+# What readers of run files trip over as the name of a field.
+RESERVED = {"name", "type", "fields", "encode", "decode"}
+
+
+class SensorError(Exception):
+    """What is wrong, and what to do, in one sentence."""
+
+
+class Header(ctypes.Structure):
+    """Begins every sample."""
+
+    _fields_ = [
+        ("cycle", ctypes.c_uint64),
+        ("seq", ctypes.c_uint64),
+        ("stamp_ns", ctypes.c_uint64),
+        ("oldest_input_ns", ctypes.c_uint64),
+    ]
+
+
+class _WithHeader(type(ctypes.Structure)):
+    """Puts the header in front of the fields, and a filling behind them that C would put there unseen."""
+
+    def __new__(mcs, name, bases, body):
+        if bases != (ctypes.Structure,) and "_fields_" in body:
+            fields = [("header", Header), *body["_fields_"]]
+            size = sum(ctypes.sizeof(kind) for _, kind in fields)
+            if size % 8:
+                fields.append(("pad0", ctypes.c_uint8 * (8 - size % 8)))
+            body["_fields_"] = fields
+        return super().__new__(mcs, name, bases, body)
+
+
+class Sample(ctypes.Structure, metaclass=_WithHeader):
+    """Base of your message: a `_fields_` of numbers, fixed arrays of numbers, and structs of those."""
+
+    @classmethod
+    def definition(cls):
+        """The ROS 2 definition of the struct."""
+        nested = {}
+        own = _lines(cls, nested)
+        return own + "".join(f"{'=' * 80}\nMSG: nims_msgs/{name}\n{text}" for name, text in nested.items())
+
+    @classmethod
+    def type_name(cls):
+        """What both ends of a channel compare: it ends in a hash of the definition."""
+        return f"nims_msgs/{cls.__name__}/{_hash(cls.definition()):08x}"
+
+
+def _lines(struct, nested):
+    text, end = "", 0
+    if not re.fullmatch(r"[A-Z][A-Za-z0-9]*", struct.__name__):
+        raise SensorError(f"call the struct `{struct.__name__}` by a CamelCase name")
+    for name, kind in struct._fields_:
+        if not re.fullmatch(r"[a-z](?:[a-z0-9]|_(?=[a-z0-9]))*", name) or keyword.iskeyword(name) or name in RESERVED:
+            raise SensorError(f"call the field `{name}` of `{struct.__name__}` by another lower_case name: readers refuse this one")
+        at = getattr(struct, name).offset
+        if at != end:
+            raise SensorError(
+                f"there are {at - end} hidden bytes before `{name}` of `{struct.__name__}`: put wide fields first, or add pad0 = c_uint8 * {at - end} there"
+            )
+        end = at + ctypes.sizeof(kind)
+        element, length = (kind._type_, f"[{kind._length_}]") if hasattr(kind, "_length_") else (kind, "")
+        if element in PRIMITIVES:
+            ros = PRIMITIVES[element]
+        elif isinstance(element, type) and issubclass(element, ctypes.Structure):
+            ros = f"nims_msgs/{element.__name__}"
+            if element.__name__ not in nested:
+                nested[element.__name__] = ""
+                nested[element.__name__] = _lines(element, nested)
+        else:
+            raise SensorError(f"the field `{name}` of `{struct.__name__}` is no number, array of numbers or struct of those")
+        text += f"{ros}{length} {name}\n"
+    if end != ctypes.sizeof(struct):
+        raise SensorError(f"there are {ctypes.sizeof(struct) - end} hidden bytes at the end of `{struct.__name__}`: fill them with a field pad0")
+    return text
+
+
+def _hash(text):
+    """32-bit FNV-1a."""
+    value = 0x811C9DC5
+    for byte in text.encode():
+        value = (value ^ byte) * 0x01000193 & 0xFFFFFFFF
+    return value
+
+
+class Sensor:
+    """Publishes samples of one type on `sensor/NAME`."""
+
+    def __init__(self, name, message, domain=None):
+        _need_version()
+        self.channel = f"sensor/{name}"
+        self._message, self._seq, self._ended = message, 0, False
+        root = _root(domain)
+        config = iceoryx2.config.default()
+        scope = config.global_cfg
+        scope.prefix = iceoryx2.FileName.new(f"nims{_hash(root):08x}_")
+        scope.root_path = iceoryx2.Path.new(root)
+        # The robot's own programs clean up after the dead, and know what has to be removed first.
+        scope.node.cleanup_dead_nodes_on_creation = False
+        scope.node.cleanup_dead_nodes_on_destruction = False
+        scope.service.cleanup_dead_nodes_on_open = False
+        iceoryx2.set_log_level(iceoryx2.LogLevel.Fatal)
+        self._node = (
+            iceoryx2.NodeBuilder.new()
+            .name(iceoryx2.NodeName.new(name))
+            .config(config)
+            .signal_handling_mode(iceoryx2.SignalHandlingMode.Disabled)
+            .create(iceoryx2.ServiceType.Ipc)
+        )
+        try:
+            service = self._open()
+            self._publisher = _patiently(lambda: service.publisher_builder().max_loaned_samples(1).create())
+            self._notifier = self._event(self.channel)
+        except Exception as error:
+            if "IncompatibleTypes" in str(error):
+                raise SensorError(
+                    f"`{self.channel}` carries other fields than `{message.type_name()}` has: a changed type needs a new name, because the old channel"
+                    f" is still held, e.g. by the recorder: call it e.g. `{name}-2`"
+                ) from None
+            raise SensorError(f"`{self.channel}` cannot be published: {error}; other sensors of this name may run") from None
+        # Whoever looks for new channels, above all the recorder, is told.
+        self._event("system/channels").notify()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._end)
+
+    def _builder(self):
+        return (
+            self._node.service_builder(iceoryx2.ServiceName.new(self.channel))
+            .publish_subscribe(self._message)
+            .enable_safe_overflow(True)
+            .subscriber_max_buffer_size(BUFFER)
+            .subscriber_max_borrowed_samples(BORROWS)
+            .history_size(HISTORY)
+            .max_publishers(PUBLISHERS)
+            .max_subscribers(SUBSCRIBERS)
+            .max_nodes(NODES)
+        )
+
+    def _open(self):
+        text = self._message.definition()
+        first = (ATTRIBUTES - 1) * ATTRIBUTE_BYTES
+        self._sheets = [
+            self._sheet(f"schema/{_hash(text):08x}/{number}", text[at : at + ATTRIBUTES * ATTRIBUTE_BYTES])
+            for number, at in enumerate(range(first, len(text), ATTRIBUTES * ATTRIBUTE_BYTES), 1)
+        ]
+        attributes = _attributes(text[:first], [("schema.hash", f"{_hash(text):08x}")])
+        last = None
+        for _ in range(200):  # another process may be making, or unmaking, the channel in the same instant
+            for attempt in (lambda: self._builder().open(), lambda: self._builder().create_with_attributes(attributes)):
+                try:
+                    return attempt()
+                except iceoryx2.PublishSubscribeOpenError as error:
+                    last = error
+                except iceoryx2.PublishSubscribeCreateError as error:
+                    last = last or error
+            if "IncompatibleTypes" in str(last):
+                break
+            time.sleep(0.01)
+        raise last
+
+    def _event(self, channel):
+        service = (
+            self._node.service_builder(iceoryx2.ServiceName.new(channel))
+            .event()
+            .max_notifiers(EVENT_PORTS)
+            .max_listeners(EVENT_PORTS)
+            .max_nodes(EVENT_PORTS)
+            .open_or_create()
+        )
+        return service.notifier_builder().create()
+
+    def _sheet(self, name, text):
+        """A continuation of the definition, held open as long as the sensor lives."""
+        builder = lambda: self._node.service_builder(iceoryx2.ServiceName.new(name)).event().max_notifiers(1).max_listeners(1).max_nodes(SHEET_NODES)
+        last = None
+        for _ in range(200):
+            for attempt in (lambda: builder().open(), lambda: builder().create_with_attributes(_attributes(text))):
+                try:
+                    return attempt()
+                except (iceoryx2.EventOpenError, iceoryx2.EventCreateError) as error:
+                    last = error
+            time.sleep(0.01)
+        raise last
+
+    def running(self):
+        """False once the process was asked to end."""
+        self._publisher.update_connections()
+        return not self._ended
+
+    def send(self, stamp_ns=None, **fields):
+        """Publishes one sample. `stamp_ns`: when it was true, on CLOCK_MONOTONIC; default: now. Arrays take any sequence."""
+        self._seq += 1
+        stamp_ns = now_ns() if stamp_ns is None else stamp_ns
+        sample = self._message()
+        sample.header = Header(0, self._seq, stamp_ns, stamp_ns)
+        for name, value in fields.items():
+            if not hasattr(sample, name):
+                raise SensorError(f"`{self._message.__name__}` has no field `{name}`")
+            kind = dict(self._message._fields_)[name]
+            setattr(sample, name, kind(*value) if hasattr(kind, "_length_") else value)
+        self._publisher.loan_uninit().write_payload(sample).send()
+        self._notifier.notify()
+
+    def _end(self, *_):
+        self._ended = True
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        del self._publisher, self._notifier, self._sheets, self._node
+
+
+def _attributes(text, more=()):
+    attributes = iceoryx2.AttributeSpecifier.new()
+    parts = [text[at : at + ATTRIBUTE_BYTES] for at in range(0, len(text), ATTRIBUTE_BYTES)]
+    for key, value in [*more, *((f"schema.{i}", part) for i, part in enumerate(parts))]:
+        attributes = attributes.define(iceoryx2.AttributeKey.new(key), iceoryx2.AttributeValue.new(value))
+    return attributes
+
+
+def _patiently(make):
+    """A predecessor that was killed holds its place until the robot's supervisor has cleaned up after it."""
+    for _ in range(200):
+        try:
+            return make()
+        except iceoryx2.PublisherCreateError:
+            time.sleep(0.01)
+    return make()
+
+
+def now_ns():
+    """The clock of all stamps: CLOCK_MONOTONIC."""
+    return time.clock_gettime_ns(time.CLOCK_MONOTONIC)
+
+
+def _need_version():
+    from importlib.metadata import version
+
+    found = version("iceoryx2")
+    if found != ICEORYX2:
+        raise SensorError(f"the package iceoryx2 is {found}, and the robot's programs speak {ICEORYX2}: pip install iceoryx2=={ICEORYX2}")
+
+
+def _root(domain):
+    if domain is None and "--domain" in sys.argv[1:-1]:
+        domain = sys.argv[sys.argv.index("--domain") + 1]
+    domain = domain or os.environ.get("NIMS_DOMAIN")
+    beginning = f"{SHARED_MEMORY}/nims-{os.geteuid()}-"
+    if domain:
+        root = domain if domain.startswith("/") else beginning + domain
+        if not Path(root).is_dir():
+            raise SensorError(f"no robot runs in the domain `{domain}`: start it with `nims up BOX.toml`")
+        return root
+    running = [str(path.parent) for path in Path(SHARED_MEMORY).glob(f"nims-{os.geteuid()}-*/running.json")]
+    if len(running) != 1:
+        found = ", ".join(path.removeprefix(beginning) for path in running)
+        raise SensorError(f"several robots run ({found}): say which with --domain NAME" if running else "no robot runs here: start one with `nims up BOX.toml`")
+    return running[0]

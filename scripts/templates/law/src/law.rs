@@ -1,0 +1,25 @@
+//! The law itself: this is the file to change.
+
+use cable_robot::CableVec;
+use controller::{Asked, CableLaw};
+
+/// Desired velocity, and a share of what is missing in the lengths.
+pub struct MyLaw {
+    /// Velocity per length error, 1/s.
+    pub gain_per_s: f64,
+}
+
+impl Default for MyLaw {
+    fn default() -> Self {
+        Self { gain_per_s: 1.5 }
+    }
+}
+
+impl CableLaw for MyLaw {
+    /// Called in every cycle: from where the node is and should be to dL/dt of each line, m/s (above 0: pays out).
+    fn velocity(&mut self, asked: &Asked<'_>) -> Option<CableVec> {
+        let speed = asked.desired_velocities_m_s()?;
+        let (desired, actual) = (asked.desired_lengths_m()?, asked.lengths_m());
+        Some(CableVec::from_fn(speed.len(), |i| speed[i] + self.gain_per_s * (desired[i] - actual[i])))
+    }
+}

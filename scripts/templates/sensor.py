@@ -1,0 +1,29 @@
+#!/usr/bin/env python3
+"""A sensor: rename the struct, give it your fields (with units in their names), and read your device where it says so."""
+
+import os
+import time
+from ctypes import c_double
+
+from nims_bus import Sample, Sensor
+
+NAME = os.environ.get("NIMS_NAME", "example")  # the channel is sensor/NAME; `nims plug NAME` says the name
+RATE_HZ = 10.0
+
+
+class Example(Sample):
+    _fields_ = [("value_v", c_double), ("samples", c_double * 4)]
+
+
+def read_device(count):
+    """Here your device is read."""
+    return 0.1 * count, [count, count + 1, count + 2, count + 3]
+
+
+with Sensor(NAME, Example) as sensor:
+    count = 0
+    while sensor.running():
+        value, samples = read_device(count)
+        sensor.send(value_v=value, samples=samples)
+        count += 1
+        time.sleep(1.0 / RATE_HZ)

@@ -1,0 +1,36 @@
+//! A sensor: its message, and the loop that reads the device and publishes. The device itself is in `driver.rs`.
+
+mod driver;
+
+use driver::Device;
+use messages::Header;
+use service::{Args, Chassis, now_ns};
+use std::process::ExitCode;
+
+/// How often the device is read, 1/s.
+const RATE_HZ: f64 = 10.0;
+
+messages::message! {
+    /// What the device says: your fields, with their units in their names.
+    pub struct Example {
+        header: Header,
+        value_v: f64,
+        samples: [f64; 4],
+    }
+}
+
+fn main() -> ExitCode {
+    service::main("example", run)
+}
+
+fn run(_: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+    let mut device = Device::open()?;
+    let mut out = chassis.bus().publisher::<Example>(&format!("sensor/{}", chassis.name()))?;
+    let mut rhythm = chassis.rhythm(RATE_HZ)?;
+    chassis.ready()?;
+    while chassis.turn(&mut rhythm)? {
+        let (value_v, samples) = device.read()?;
+        out.send(&mut Example { header: Header::at(now_ns()), value_v, samples })?;
+    }
+    Ok(())
+}

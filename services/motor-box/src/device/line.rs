@@ -1,0 +1,39 @@
+//! A device that says its values in lines of text.
+
+#[derive(Debug)]
+pub struct Template {
+    text: String,
+}
+
+impl Template {
+    pub fn new(text: &str) -> Self {
+        Self { text: text.to_owned() }
+    }
+
+    /// The line for these values. What begins with `$` ends in the checksum of NMEA 0183: all between `$` and `*`, exclusive-or.
+    pub fn line(&self, values: &[f64]) -> String {
+        let mut line = self.text.clone();
+        for (at, value) in values.iter().enumerate() {
+            line = line.replace(&format!("{{{at}}}"), &format!("{value:.3}"));
+        }
+        if let Some(body) = line.strip_prefix('$') {
+            let sum = body.bytes().fold(0, |sum, byte| sum ^ byte);
+            line.push_str(&format!("*{sum:02X}"));
+        }
+        line.push_str("\r\n");
+        line
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_stand_where_they_belong() {
+        assert_eq!(Template::new("T={1} RH={0}").line(&[40.0, -21.25]), "T=-21.250 RH=40.000\r\n");
+        // the checksum of a widely published sentence
+        let position = "$GPGLL,5300.97914,N,00259.98174,E,125926,A";
+        assert_eq!(Template::new(position).line(&[]), format!("{position}*28\r\n"));
+    }
+}

@@ -1,0 +1,183 @@
+//! A sensor on the node behind a port of its own: it looks at the truth, and speaks as the real one does.
+
+mod line;
+mod modbus;
+mod tfmini;
+
+use std::collections::VecDeque;
+
+use plant::scene::{Field, Scene};
+use serial::Random;
+
+use self::line::Template;
+use self::modbus::Slave;
+use self::tfmini::Tfmini;
+use crate::BoxError;
+use crate::wire::Wire;
+
+/// One device.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DeviceConfig {
+    /// Name under which programs open its port.
+    pub link: std::path::PathBuf,
+    /// Speed of the wire, bits per second.
+    pub baud: u32,
+    /// Between two readings, ns.
+    pub period_ns: u64,
+    /// From the measurement to the first byte of the answer, ns.
+    pub latency_ns: u64,
+    /// Where it is on the node, m.
+    pub lever_m: [f64; 3],
+    /// Standard deviation of its values, in their unit.
+    pub noise: f64,
+    /// What it measures and speaks.
+    pub kind: DeviceKind,
+}
+
+/// What a device measures, and how it says so.
+#[derive(Debug, Clone, PartialEq)]
+pub enum DeviceKind {
+    /// Looks straight down at the scene and sends frames by itself.
+    Tfmini {
+        /// Width of its beam, rad.
+        beam_rad: f64,
+        /// What it counts in, m.
+        resolution_m: f64,
+    },
+    /// Sends lines of text by itself.
+    Line {
+        /// With `{0}`, `{1}` .. for the values.
+        template: String,
+        /// What each value is at a place.
+        fields: Vec<Field>,
+    },
+    /// Answers questions for registers.
+    Modbus {
+        /// Its address.
+        unit_id: u8,
+        /// Register of the first value; each is a float32 in two.
+        register: u16,
+        /// What each value is at a place.
+        fields: Vec<Field>,
+    },
+}
+
+#[derive(Debug)]
+enum Speech {
+    Tfmini(Tfmini),
+    Line(Template, Vec<Field>),
+    Modbus(Slave, Vec<Field>),
+}
+
+/// A device on its wire.
+#[derive(Debug)]
+pub(crate) struct Device {
+    pub wire: Wire,
+    config: DeviceConfig,
+    speech: Speech,
+    random: Random,
+    /// When it measures next, ns.
+    next_ns: u64,
+    /// Measured, and when to be said, ns.
+    measured: VecDeque<(u64, Vec<f64>)>,
+}
+
+impl Device {
+    /// Publishes its port.
+    pub fn new(config: DeviceConfig, seed: u64) -> Result<Self, BoxError> {
+        let speech = match &config.kind {
+            DeviceKind::Tfmini { beam_rad, resolution_m } => {
+                Speech::Tfmini(Tfmini { beam_rad: *beam_rad, resolution_m: *resolution_m })
+            }
+            DeviceKind::Line { template, fields } => Speech::Line(Template::new(template), fields.clone()),
+            DeviceKind::Modbus { unit_id, register, fields } => {
+                Speech::Modbus(Slave::new(*unit_id, *register), fields.clone())
+            }
+        };
+        Ok(Self {
+            wire: Wire::new(&config.link, config.baud, seed)?,
+            speech,
+            random: Random::new(!seed),
+            next_ns: config.period_ns,
+            measured: VecDeque::new(),
+            config,
+        })
+    }
+
+    /// When it has to be looked after next, if nobody asks it anything, ns.
+    pub fn next_ns(&self) -> u64 {
+        let say_ns = self.measured.front().map_or(u64::MAX, |(at_ns, _)| *at_ns);
+        self.next_ns.min(say_ns).min(self.wire.next_ns().unwrap_or(u64::MAX))
+    }
+
+    /// Whether it measures by `now_ns`.
+    pub fn is_due(&self, now_ns: u64) -> bool {
+        now_ns >= self.next_ns
+    }
+
+    /// Lives until `now_ns`, with the node at `node_m`.
+    pub fn live(&mut self, now_ns: u64, node_m: [f64; 3], scene: &Scene) -> Result<(), BoxError> {
+        if self.is_due(now_ns) {
+            // What a pause has taken is not caught up with.
+            let missed = (now_ns - self.next_ns) / self.config.period_ns;
+            self.next_ns += (missed + 1) * self.config.period_ns;
+            let place_m = std::array::from_fn(|axis| node_m[axis] + self.config.lever_m[axis]);
+            let values = self.measure(place_m, scene);
+            self.measured.push_back((now_ns + self.config.latency_ns, values));
+        }
+        self.wire.take_in(now_ns)?;
+        while let Some((at_ns, byte)) = self.wire.next_for_units(now_ns) {
+            if let Speech::Modbus(slave, _) = &mut self.speech {
+                let answer = slave.receive(at_ns, byte);
+                self.wire.answer(|wire| wire.push(at_ns, answer));
+            }
+        }
+        while let Some((at_ns, _)) = self.measured.front()
+            && *at_ns <= now_ns
+            && let Some((at_ns, values)) = self.measured.pop_front()
+        {
+            match &mut self.speech {
+                Speech::Tfmini(tfmini) => {
+                    let frame = tfmini.frame(values.first().copied().unwrap_or(f64::NAN));
+                    self.wire.answer(|wire| wire.push(at_ns, &frame));
+                }
+                Speech::Line(template, _) => {
+                    let line = template.line(&values);
+                    self.wire.answer(|wire| wire.push(at_ns, line.as_bytes()));
+                }
+                Speech::Modbus(slave, _) => slave.store(&values),
+            }
+        }
+        self.wire.hand_out(now_ns)?;
+        Ok(())
+    }
+
+    fn measure(&mut self, place_m: [f64; 3], scene: &Scene) -> Vec<f64> {
+        let true_values: Vec<f64> = match &self.speech {
+            Speech::Tfmini(tfmini) => vec![scene.distance_m(place_m, tfmini.beam_rad)],
+            Speech::Line(_, fields) | Speech::Modbus(_, fields) => {
+                fields.iter().map(|field| field.value(place_m)).collect()
+            }
+        };
+        true_values.into_iter().map(|value| value + self.config.noise * gaussian(&mut self.random)).collect()
+    }
+}
+
+/// A number of about normal distribution, mean 0 and variance 1: the sum of twelve uniform ones.
+fn gaussian(random: &mut Random) -> f64 {
+    (0..12).map(|_| (random.bits() >> 11) as f64 / (1_u64 << 53) as f64).sum::<f64>() - 6.0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_has_the_size_that_is_asked_for() {
+        let mut random = Random::new(7);
+        let values: Vec<f64> = (0..10_000).map(|_| gaussian(&mut random)).collect();
+        let mean = values.iter().sum::<f64>() / 1e4;
+        let variance = values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / 1e4;
+        assert!(mean.abs() < 0.05 && (variance - 1.0).abs() < 0.05, "{mean} {variance}");
+    }
+}

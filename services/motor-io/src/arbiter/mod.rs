@@ -1,0 +1,368 @@
+//! Whose command is used: two slots of controllers, each answering for two slots of estimators.
+//!
+//! Every cycle each slot's command and estimate is judged, and each role has one slot in charge ([`role`]). The command that is used is
+//! that of the controller in charge on the estimate in charge; where one of the two fails, a standby's answer of the same cycle is
+//! used, so that neither death nor swap costs a cycle. The change from one to another is faded ([`fade`]).
+
+pub mod fade;
+pub mod role;
+
+use crate::config::CoreConfig;
+use crate::limits::largest;
+use fade::Fade;
+use messages::{
+    CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLES, SEATS, SLOTS,
+};
+use role::{Refusal, Reply, Report, Role, Slot, Times};
+
+/// A velocity beyond this many times the limit is not a command that saturates but a command that is wrong.
+const ABSURD: f64 = 4.0;
+
+/// The command of one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Chosen {
+    /// Cable velocities, m/s; finite, zero beyond the robot's cables.
+    pub velocity_m_s: [f64; CABLES],
+    /// Controller slot.
+    pub controller: usize,
+    /// Estimator slot.
+    pub estimator: usize,
+    /// Segment it follows; 0: none.
+    pub segment: u32,
+    /// Cycles for which it may be used.
+    pub ttl_cycles: u32,
+    /// Oldest reading it rests on, ns.
+    pub oldest_input_ns: u64,
+}
+
+/// What the arbiter has to know about the cycle beside its input.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scene {
+    /// Commands for another epoch are refused.
+    pub epoch: u32,
+    /// The robot moves by commands.
+    pub moving: bool,
+    /// What the drives were told last, m/s.
+    pub sent_m_s: [f64; CABLES],
+}
+
+/// One row of a command.
+#[derive(Debug, Clone, Copy)]
+enum Row {
+    Absent,
+    Wrong(u8),
+    Good([f64; CABLES]),
+}
+
+impl Row {
+    fn good(&self) -> Option<[f64; CABLES]> {
+        if let Self::Good(velocity_m_s) = self { Some(*velocity_m_s) } else { None }
+    }
+}
+
+/// The two rows of a slot's command; `Err`: the verdict on the whole of it.
+type Rows = Result<[Row; SLOTS], u8>;
+
+/// See the module's text.
+#[derive(Debug, Clone)]
+pub struct Arbiter {
+    cables: usize,
+    absurd_m_s: f64,
+    bound_m_s: f64,
+    bound_m: f64,
+    qualify: u32,
+    roles: [Role; ROLES],
+    fade: Fade,
+    verdict: [u8; SLOTS],
+    /// Distances from the slot in charge, m/s and m; negative: nothing to compare.
+    apart: [f64; SEATS],
+    used: (usize, usize),
+}
+
+impl Arbiter {
+    /// Slot a in charge in both roles, nobody there.
+    #[must_use]
+    pub fn new(config: &CoreConfig) -> Self {
+        let times = Times {
+            qualify: config.cycles(config.qualify_s),
+            announce: config.cycles(config.announce_s),
+            probation: config.cycles(config.probation_s),
+            forgive: config.cycles(config.forgive_s),
+            falls: config.quarantine_falls,
+        };
+        Self {
+            cables: config.cable_count(),
+            absurd_m_s: ABSURD * config.cable_speed_m_s,
+            bound_m_s: config.command_bound * config.cable_speed_m_s,
+            bound_m: config.estimate_bound_m,
+            qualify: times.qualify,
+            roles: [Role::new(times), Role::new(times)],
+            fade: Fade::new(config.cycles(config.fade_s)),
+            verdict: [MotorAuthority::VERDICT_NONE; SLOTS],
+            apart: [-1.0; SEATS],
+            used: (0, 0),
+        }
+    }
+
+    /// Judges what arrived for this cycle and chooses. `follows` tells whether a command for a segment belongs to the robot's motion.
+    pub fn choose(&mut self, input: &MotorInput, scene: &Scene, follows: impl Fn(u32) -> bool) -> Option<Chosen> {
+        let cycle = input.header.cycle;
+        let rows: [Rows; SLOTS] = std::array::from_fn(|slot| self.rows(input, slot, scene, &follows));
+        let estimates: [Reply; SLOTS] = std::array::from_fn(|slot| estimate(input, slot));
+        let lead = self.in_charge();
+        self.compare(input, &rows, &estimates);
+        let usable: [bool; SLOTS] = std::array::from_fn(|e| {
+            let who = input.estimate_incarnation[e];
+            estimates[e] == Reply::Good && self.roles[ESTIMATORS].may_use(e, who, scene.moving)
+        });
+        let reports: [Report; SLOTS] = std::array::from_fn(|slot| {
+            let reply = self.reply(input, slot, &rows[slot], &usable);
+            let incarnation = if reply == Reply::Silent { 0 } else { input.command[slot].incarnation };
+            Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s) }
+        });
+        let controller = self.roles[CONTROLLERS].step(cycle, scene.moving, &reports);
+        self.note_verdicts(&reports, scene.moving);
+
+        let reports: [Report; SLOTS] = std::array::from_fn(|e| {
+            let answered = controller.is_some_and(|c| matches!(&rows[c], Ok(rows) if rows[e].good().is_some()));
+            let reply = match estimates[e] {
+                Reply::Good if !answered => Reply::Nothing,
+                other => other,
+            };
+            let incarnation = if reply == Reply::Silent { 0 } else { input.estimate_incarnation[e] };
+            Report { reply, incarnation, apart: share(self.apart[SLOTS + e], self.bound_m) }
+        });
+        let estimator = self.roles[ESTIMATORS].step(cycle, scene.moving, &reports);
+        let (Some(controller), Some(estimator)) = (controller, estimator) else {
+            return None;
+        };
+        let pair = (controller, estimator);
+        let known: [bool; SLOTS] = std::array::from_fn(|slot| {
+            self.roles[CONTROLLERS].may_use(slot, input.command[slot].incarnation, scene.moving)
+        });
+        let answers = |(c, e): (usize, usize)| {
+            rows[c].as_ref().ok().filter(|_| known[c] && usable[e]).and_then(|rows| rows[e].good())
+        };
+        // What the machines agree on has an answer; `?` only because a compiler cannot know.
+        let velocity_m_s = if scene.moving {
+            let planned = pair == self.in_charge() && self.roles.iter().any(Role::swapping) && pair != lead;
+            self.fade.step(pair, &scene.sent_m_s, planned, answers)?
+        } else {
+            self.fade.rest(Some(pair));
+            answers(pair)?
+        };
+        self.used = pair;
+        let command = &input.command[controller];
+        Some(Chosen {
+            velocity_m_s,
+            controller,
+            estimator,
+            segment: command.segment,
+            ttl_cycles: command.ttl_cycles,
+            oldest_input_ns: command.header.oldest_input_ns,
+        })
+    }
+
+    /// The verdict on a slot's command as a whole, and its rows.
+    fn rows(&self, input: &MotorInput, slot: usize, scene: &Scene, follows: &impl Fn(u32) -> bool) -> Rows {
+        let command = &input.command[slot];
+        if input.command_arrived[slot] == 0 {
+            return Err(MotorAuthority::VERDICT_ABSENT);
+        }
+        if command.epoch != scene.epoch {
+            return Err(MotorAuthority::VERDICT_EPOCH);
+        }
+        if command.incarnation == 0 {
+            return Err(MotorAuthority::VERDICT_INCARNATION);
+        }
+        if command.based_on_cycle.checked_add(1) != Some(input.header.cycle) {
+            return Err(MotorAuthority::VERDICT_STALE);
+        }
+        if scene.moving && !follows(command.segment) {
+            return Err(MotorAuthority::VERDICT_SEGMENT);
+        }
+        Ok(std::array::from_fn(|estimator| self.row(command, estimator)))
+    }
+
+    fn row(&self, command: &MotorCommand, estimator: usize) -> Row {
+        if command.valid[estimator] != 1 {
+            return Row::Absent;
+        }
+        let mut velocity_m_s = [0.0; CABLES];
+        velocity_m_s[..self.cables].copy_from_slice(&command.velocity_m_s[estimator * CABLES..][..self.cables]);
+        if !velocity_m_s.iter().all(|v| v.is_finite()) {
+            Row::Wrong(MotorAuthority::VERDICT_NOT_FINITE)
+        } else if largest(&velocity_m_s) > self.absurd_m_s {
+            Row::Wrong(MotorAuthority::VERDICT_OUT_OF_LIMITS)
+        } else {
+            Row::Good(velocity_m_s)
+        }
+    }
+
+    /// What a controller's slot came up with: good if there is a good row for an estimate that may be used.
+    fn reply(&mut self, input: &MotorInput, slot: usize, rows: &Rows, usable: &[bool; SLOTS]) -> Reply {
+        let (verdict, reply) = match rows {
+            Err(MotorAuthority::VERDICT_ABSENT) => {
+                let never = self.verdict[slot] == MotorAuthority::VERDICT_NONE && input.command_arrived[slot] == 0;
+                (if never { MotorAuthority::VERDICT_NONE } else { MotorAuthority::VERDICT_ABSENT }, Reply::Silent)
+            }
+            Err(verdict) => (*verdict, Reply::Nothing),
+            Ok(rows) if (0..SLOTS).any(|e| usable[e] && rows[e].good().is_some()) => {
+                (MotorAuthority::VERDICT_ACCEPTED, Reply::Good)
+            }
+            Ok(rows) => rows
+                .iter()
+                .find_map(|row| match row {
+                    Row::Wrong(MotorAuthority::VERDICT_NOT_FINITE) => {
+                        Some((MotorAuthority::VERDICT_NOT_FINITE, Reply::Wrong(MotorSlots::CAUSE_NOT_FINITE)))
+                    }
+                    Row::Wrong(verdict) => Some((*verdict, Reply::Wrong(MotorSlots::CAUSE_OUT_OF_LIMITS))),
+                    _ => None,
+                })
+                .unwrap_or((MotorAuthority::VERDICT_NO_ESTIMATE, Reply::Nothing)),
+        };
+        self.verdict[slot] = verdict;
+        reply
+    }
+
+    /// A good command of somebody who is not known in its slot is not accepted while the robot moves.
+    fn note_verdicts(&mut self, reports: &[Report; SLOTS], moving: bool) {
+        for (slot, report) in reports.iter().enumerate() {
+            if report.reply == Reply::Good && !self.roles[CONTROLLERS].may_use(slot, report.incarnation, moving) {
+                self.verdict[slot] = MotorAuthority::VERDICT_INCARNATION;
+            }
+        }
+    }
+
+    /// How far the slots beside those in charge are from them.
+    fn compare(&mut self, input: &MotorInput, rows: &[Rows; SLOTS], estimates: &[Reply; SLOTS]) {
+        self.apart = [-1.0; SEATS];
+        let (controller, estimator) = self.in_charge();
+        let (other, beside) = (1 - controller, 1 - estimator);
+        if let (Ok(lead), Ok(side)) = (&rows[controller], &rows[other]) {
+            // On the estimate in charge, or, where one of the two has no answer to it, on the other.
+            let both = |e: usize| Some(distance(&lead[e].good()?, &side[e].good()?));
+            self.apart[other] = both(estimator).or_else(|| both(beside)).unwrap_or(-1.0);
+        }
+        if estimates[estimator] == Reply::Good && estimates[beside] == Reply::Good {
+            let mut square = 0.0;
+            for i in 0..3 {
+                let difference =
+                    input.estimate_position_m[3 * beside + i] - input.estimate_position_m[3 * estimator + i];
+                square += difference * difference;
+            }
+            self.apart[SLOTS + beside] = square.sqrt();
+        }
+    }
+
+    /// Announces a swap; gives the cycle in which it takes effect.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn announce(&mut self, role: usize, slot: usize, cycle: u64) -> Result<u64, Refusal> {
+        if self.roles[1 - role].swapping() {
+            return Err(Refusal::UnderWay);
+        }
+        self.roles[role].announce(slot, cycle)
+    }
+
+    /// Takes a slot out of quarantine.
+    ///
+    /// # Errors
+    /// Why there is nothing to do.
+    pub fn admit(&mut self, role: usize, slot: usize) -> Result<(), Refusal> {
+        self.roles[role].admit(slot)
+    }
+
+    /// The slots in charge: controller and estimator.
+    #[must_use]
+    pub fn in_charge(&self) -> (usize, usize) {
+        (self.roles[CONTROLLERS].in_charge(), self.roles[ESTIMATORS].in_charge())
+    }
+
+    /// The slots whose command was used last.
+    #[must_use]
+    pub fn used(&self) -> (usize, usize) {
+        self.used
+    }
+
+    /// What is known of a slot of a role.
+    #[must_use]
+    pub fn slot(&self, role: usize, slot: usize) -> &Slot {
+        self.roles[role].slot(slot)
+    }
+
+    /// Distance of a slot from the one in charge, m/s or m; negative: nothing to compare.
+    #[must_use]
+    pub fn apart(&self, role: usize, slot: usize) -> f64 {
+        self.apart[SLOTS * role + slot]
+    }
+
+    /// Last verdict on each slot.
+    #[must_use]
+    pub fn verdict(&self) -> [u8; SLOTS] {
+        self.verdict
+    }
+
+    /// What there is to say in `motor/authority`.
+    pub fn describe(&self, authority: &mut MotorAuthority) {
+        let (used, (controller, estimator)) = (self.used, self.in_charge());
+        (authority.active_controller, authority.active_estimator) = (used.0 as u8, used.1 as u8);
+        authority.in_charge = [controller as u8, estimator as u8];
+        authority.verdict = self.verdict;
+        authority.fade = [1.0; ROLES];
+        if let Some(old) = self.fade.old() {
+            if old.0 != used.0 {
+                authority.fade[CONTROLLERS] = self.fade.done();
+            }
+            if old.1 != used.1 {
+                authority.fade[ESTIMATORS] = self.fade.done();
+            }
+        }
+    }
+
+    /// `motor/slots`, to go with an authority that [`Arbiter::describe`] has written to.
+    #[must_use]
+    pub fn slots(&self, authority: &MotorAuthority) -> MotorSlots {
+        let mut slots = MotorSlots {
+            header: authority.header,
+            commit_cycle: std::array::from_fn(|role| self.roles[role].commit_cycle()),
+            fade: authority.fade,
+            in_charge: authority.in_charge,
+            apart: self.apart,
+            qualify_cycles: self.qualify,
+            ..MotorSlots::default()
+        };
+        for seat in 0..SEATS {
+            let slot = self.roles[seat / SLOTS].slot(seat % SLOTS);
+            slots.phase[seat] = slot.phase() as u8;
+            slots.cause[seat] = slot.cause();
+            slots.falls[seat] = slot.falls();
+            slots.well_cycles[seat] = slot.well();
+        }
+        slots
+    }
+}
+
+/// What an estimator's slot came up with.
+fn estimate(input: &MotorInput, slot: usize) -> Reply {
+    let position = &input.estimate_position_m[3 * slot..][..3];
+    match () {
+        () if input.estimate_cycle[slot].checked_add(1) != Some(input.header.cycle) => Reply::Silent,
+        () if input.estimate_valid[slot] != 1 || input.estimate_incarnation[slot] == 0 => Reply::Nothing,
+        () if !position.iter().all(|x| x.is_finite()) => Reply::Wrong(MotorSlots::CAUSE_NOT_FINITE),
+        () => Reply::Good,
+    }
+}
+
+fn distance(one: &[f64; CABLES], other: &[f64; CABLES]) -> f64 {
+    one.iter().zip(other).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
+}
+
+/// A distance as a share of what is allowed.
+fn share(apart: f64, bound: f64) -> Option<f64> {
+    (apart >= 0.0).then_some(apart / bound)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,303 @@
+//! The deciding part of motor-io: one cycle in two halves, without a clock, without I/O.
+//!
+//! [`Core::decide`] is here; what each mode wants is in `follow`, how a motion comes to rest in `settle`, and the second half of
+//! the cycle in `observe`.
+
+mod follow;
+mod observe;
+mod settle;
+
+use crate::answer::Answer;
+use crate::arbiter::{Arbiter, Chosen, Scene};
+use crate::config::CoreConfig;
+use crate::energy::EnergyMeter;
+use crate::limits::Limits;
+use crate::motion::Motion;
+use crate::odometry::Odometry;
+use crate::plan_clock::PlanClock;
+use crate::safety::{Mode, Safety};
+use crate::watch::Watch;
+use arrayvec::ArrayVec;
+use messages::{CABLES, Energy, MotorAuthority, MotorInput, MotorSlots, MotorState};
+
+/// Requests taken in one cycle; more wait for the next.
+pub const REQUESTS: usize = 4;
+/// Time after a gap in which the drives' watchdog stopped the motors, before the motion goes on by itself, s.
+const AFTER_GAP_S: f64 = 1.0;
+/// A gap longer than this is no hiccup of a virtual machine: who knows what has happened meanwhile. Somebody has to resume, s.
+const LONGEST_GAP_S: f64 = 1.0;
+
+/// What the drives are to do in this cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveCommand {
+    /// Velocity of each cable, dL/dt, m/s; all zero: the drives hold.
+    pub speed_m_s: [f64; CABLES],
+    /// Cables that are let go: duty 0 instead of a speed.
+    pub released: [bool; CABLES],
+}
+
+impl DriveCommand {
+    /// True if nothing is to move.
+    #[must_use]
+    pub fn is_hold(&self) -> bool {
+        self.speed_m_s == [0.0; CABLES]
+    }
+}
+
+/// What the cycle came to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// For `motor/state`.
+    pub state: MotorState,
+    /// For `motor/authority`.
+    pub authority: MotorAuthority,
+    /// For `motor/slots`.
+    pub slots: MotorSlots,
+    /// For `energy`.
+    pub energy: Energy,
+}
+
+/// How the robot comes to rest in [`Mode::Stopping`].
+#[derive(Debug, Clone, Copy, Default)]
+struct Stop {
+    /// Without a controller: the vector shrinks to zero.
+    open: bool,
+    /// The motion is given up, not kept.
+    dropped: bool,
+    /// Cycles at standstill of the plan clock.
+    waited: u32,
+}
+
+/// One cable on its way.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Jog {
+    /// Cable, from 0.
+    pub(crate) cable: usize,
+    /// How far it still has to go, m.
+    pub(crate) left_m: f64,
+    /// Comes to rest where it is.
+    pub(crate) cancelled: bool,
+}
+
+/// See the crate's text. Everything it does follows from its configuration and the sequence of [`MotorInput`]s.
+#[derive(Debug, Clone)]
+pub struct Core {
+    pub(crate) config: CoreConfig,
+    pub(crate) safety: Safety,
+    pub(crate) motion: Motion,
+    pub(crate) clock: PlanClock,
+    pub(crate) limits: Limits,
+    pub(crate) odometry: Odometry,
+    pub(crate) watch: Watch,
+    pub(crate) chosen: Option<Chosen>,
+    pub(crate) pausing: bool,
+    pub(crate) jog: Option<Jog>,
+    pub(crate) arbiter: Arbiter,
+    energy: EnergyMeter,
+    stop: Stop,
+    answers: ArrayVec<Answer, REQUESTS>,
+    /// Velocities of the last command that was used, and the plan clock's rate then.
+    good: ([f64; CABLES], f64),
+    ttl_cycles: u32,
+    missing: u32,
+    settled: u32,
+    gap_wait: u32,
+    gap_s: f64,
+    unit_trouble: bool,
+    supervisor: Beat,
+    planner: Beat,
+    began: bool,
+    begin_ns: u64,
+    sent: DriveCommand,
+    sent_before: [f64; CABLES],
+    scale: f64,
+    command_age_ns: u64,
+    missed: u64,
+    late: u64,
+    skipped: u64,
+}
+
+/// A sign of life that has to change.
+#[derive(Debug, Clone, Copy, Default)]
+struct Beat {
+    value: u64,
+    unchanged: u32,
+}
+
+impl Beat {
+    fn note(&mut self, value: u64) {
+        if value == self.value {
+            self.unchanged = self.unchanged.saturating_add(1);
+        } else {
+            *self = Self { value, unchanged: 0 };
+        }
+    }
+
+    /// Was there, and is not any more.
+    fn lost(&self, cycles: u32) -> bool {
+        self.value != 0 && self.unchanged > cycles
+    }
+}
+
+impl Core {
+    /// Disarmed, position unknown, plan clock at 0.
+    #[must_use]
+    pub fn new(config: CoreConfig) -> Self {
+        Self {
+            safety: Safety::new(),
+            motion: Motion::default(),
+            clock: PlanClock::new(config.period_s),
+            limits: Limits::new(config.cable_speed_m_s, config.cable_acceleration_m_s2, config.period_s),
+            odometry: Odometry::new(&config),
+            watch: Watch::new(),
+            arbiter: Arbiter::new(&config),
+            energy: EnergyMeter::default(),
+            chosen: None,
+            pausing: false,
+            jog: None,
+            stop: Stop::default(),
+            answers: ArrayVec::new(),
+            good: ([0.0; CABLES], 0.0),
+            ttl_cycles: config.ttl_cycles,
+            missing: 0,
+            settled: 0,
+            gap_wait: 0,
+            gap_s: 0.0,
+            unit_trouble: false,
+            supervisor: Beat::default(),
+            planner: Beat::default(),
+            began: false,
+            begin_ns: 0,
+            sent: DriveCommand { speed_m_s: [0.0; CABLES], released: [true; CABLES] },
+            sent_before: [0.0; CABLES],
+            scale: 1.0,
+            command_age_ns: 0,
+            missed: 0,
+            late: 0,
+            skipped: 0,
+            config,
+        }
+    }
+
+    /// First half of a cycle: from what arrived (never from the drives' replies, which come later) to what is sent.
+    pub fn decide(&mut self, input: &MotorInput) -> DriveCommand {
+        self.answers.clear();
+        self.keep_time(input);
+        let moving = matches!(self.safety.mode(), Mode::Following | Mode::Stopping);
+        self.supervisor.note(input.supervisor_beat);
+        self.planner.note(input.planner_beat);
+        self.motion.note(input);
+        let ended = self.motion.ended(self.clock.time_s());
+        let scene = Scene { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s };
+        let motion = &self.motion;
+        self.chosen = self.arbiter.choose(input, &scene, |segment| motion.has(segment) || (ended && segment == 0));
+        for i in 0..REQUESTS {
+            if input.request_verb[i] != 0 {
+                let mut args = [0.0; 8];
+                args.copy_from_slice(&input.request_args[i * 8..][..8]);
+                let age_s = match input.request_stamp_ns[i] {
+                    0 => 0.0,
+                    made_ns => input.begin_ns.saturating_sub(made_ns) as f64 * 1e-9,
+                };
+                let answer = self.request(input, input.request_id[i], input.request_verb[i], &args, age_s);
+                self.answers.push(answer);
+            }
+        }
+        self.command_age_ns = 0;
+        let wanted = self.wanted(input);
+        self.sent_before = self.sent.speed_m_s;
+        let before = self.limits.last_speed();
+        let (speed_m_s, scale) = match self.safety.mode() {
+            Mode::EmergencyStop | Mode::Disarmed => {
+                self.limits.zero();
+                ([0.0; CABLES], 1.0)
+            }
+            _ => {
+                let last = self.limits.clone();
+                let sent = self.limits.toward(&wanted);
+                if self.keep_lengths(&wanted) && self.keep_lengths(&sent.0) {
+                    sent
+                } else {
+                    self.limits = last;
+                    self.limits.toward(&[0.0; CABLES])
+                }
+            }
+        };
+        self.scale = scale;
+        self.settle(before, &speed_m_s);
+        self.sent = DriveCommand { speed_m_s, released: self.safety.released() };
+        self.sent
+    }
+
+    /// The answers to this cycle's requests.
+    #[must_use]
+    pub fn answers(&self) -> &[Answer] {
+        &self.answers
+    }
+
+    /// Present mode.
+    #[must_use]
+    pub fn mode(&self) -> Mode {
+        self.safety.mode()
+    }
+
+    /// True while the robot moves by a controller's commands, so that one that is a little late is worth waiting for.
+    #[must_use]
+    pub fn awaits_command(&self) -> bool {
+        match self.safety.mode() {
+            Mode::Following => !self.unit_trouble && self.missing == 0,
+            Mode::Stopping => !self.stop.open && self.missing == 0,
+            _ => false,
+        }
+    }
+
+    /// The slots whose answer is worth waiting for: controller and estimator.
+    #[must_use]
+    pub fn awaited_slots(&self) -> (usize, usize) {
+        self.arbiter.in_charge()
+    }
+
+    /// What would have to be kept on disk: lengths and counts, if the lengths mean something.
+    #[must_use]
+    pub fn position(&self) -> Option<([f64; CABLES], [i64; CABLES])> {
+        (self.odometry.position() != MotorState::POSITION_UNKNOWN && !self.odometry.only_restored()).then(|| {
+            (std::array::from_fn(|i| self.odometry.length_m(i)), std::array::from_fn(|i| self.odometry.counts(i)))
+        })
+    }
+
+    /// Late ticks, gaps, and what only the first cycle brings.
+    fn keep_time(&mut self, input: &MotorInput) {
+        if !self.began {
+            self.began = true;
+            self.begin_ns = input.begin_ns;
+            if input.first_epoch != 0 {
+                self.safety.begin_epoch(input.first_epoch);
+            }
+            if input.restored == 1 {
+                self.odometry.restore(input.restored_m, input.restored_counts);
+            }
+        }
+        let period_s = self.config.period_s;
+        if input.begin_ns.saturating_sub(input.tick_ns) as f64 * 1e-9 > 0.5 * period_s {
+            self.late += 1;
+        }
+        self.gap_s = input.begin_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
+        self.begin_ns = input.begin_ns;
+        let moving = matches!(self.safety.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);
+        if moving && self.gap_s > self.config.watchdog_s {
+            // The drives stopped by themselves: from here the robot starts again, from rest.
+            self.limits.zero();
+            self.clock.stand();
+            self.cancel_jog();
+            if self.gap_s > LONGEST_GAP_S && self.safety.mode() != Mode::Jogging {
+                if self.safety.mode() == Mode::Following {
+                    self.begin_stop(false, MotorAuthority::FAULT_LONG_GAP);
+                }
+                self.stop.open = true;
+            } else if self.safety.mode() == Mode::Following {
+                self.gap_wait = self.config.cycles(AFTER_GAP_S);
+                self.safety.note_stop(MotorAuthority::FAULT_LONG_GAP);
+            }
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! `nims new-sensor`: a sensor that runs as it is, in a folder of its own (Rust) or in one file (Python).
+
+use crate::cli::NewSensor;
+use crate::failure::{Answer, Failure};
+use serde_json::{Value, json};
+use std::fs::{self, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+/// The templates, which are also compiled and tested as they stand.
+const MANIFEST: &str = include_str!("../../../scripts/templates/sensor/Cargo.toml");
+const MAIN: &str = include_str!("../../../scripts/templates/sensor/src/main.rs");
+const DRIVER: &str = include_str!("../../../scripts/templates/sensor/src/driver.rs");
+const PYTHON: &str = include_str!("../../../scripts/templates/sensor.py");
+/// What a sensor in Python needs beside it.
+const PYTHON_BUS: &str = include_str!("../../../scripts/python/nims_bus.py");
+/// Where the templates lead to nims.
+const UP: &str = "../../../shared";
+/// As for `nims plug`.
+const NAME_MAX: usize = 16;
+
+/// Writes it, and says what to do next.
+///
+/// # Errors
+/// The name cannot be used, something of that name is there already, or the sources are not.
+pub fn new_sensor(asked: &NewSensor) -> Answer<(Value, String)> {
+    let name = asked.name.as_str();
+    let usable = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
+    if !name.starts_with(|c: char| c.is_ascii_lowercase()) || name.len() > NAME_MAX || !name.bytes().all(usable) {
+        return Err(Failure::BadInput(format!(
+            "the name \"{name}\" cannot be used; accepted: 1 to {NAME_MAX} of a-z, 0-9 and `-`, beginning with a letter"
+        )));
+    }
+    let (written, next) = if asked.python { python(name)? } else { rust(name, asked.nims.as_deref())? };
+    let files: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
+    let words = format!("wrote {}\nnext, while the robot runs:\n  {}", files.join(", "), next.join("\n  "));
+    Ok((json!({ "written": files, "next": next }), words))
+}
+
+fn python(name: &str) -> Answer<(Vec<PathBuf>, Vec<String>)> {
+    let file = PathBuf::from(format!("{name}.py"));
+    write_new(&file, &renamed(PYTHON, name))?;
+    let mut written = vec![file];
+    let bus = PathBuf::from("nims_bus.py");
+    if !bus.exists() {
+        write_new(&bus, PYTHON_BUS)?;
+        written.push(bus);
+    }
+    let version = PYTHON_BUS.lines().find_map(|line| line.strip_prefix("ICEORYX2 = ")).unwrap_or_default();
+    Ok((
+        written,
+        vec![
+            format!("python3 -m venv venv && venv/bin/pip install iceoryx2=={}", version.trim_matches('"')),
+            format!("nims plug {name} -- venv/bin/python {name}.py"),
+            format!("nims channel echo sensor/{name}"),
+        ],
+    ))
+}
+
+fn rust(name: &str, nims: Option<&Path>) -> Answer<(Vec<PathBuf>, Vec<String>)> {
+    let shared = shared_of(nims)?;
+    let folder = PathBuf::from(name);
+    if folder.exists() {
+        return Err(taken(&folder));
+    }
+    let manifest = renamed(MANIFEST, name).replace(UP, &shared.display().to_string());
+    let mut written = Vec::new();
+    for (path, text) in
+        [("Cargo.toml", manifest), ("src/main.rs", renamed(MAIN, name)), ("src/driver.rs", renamed(DRIVER, name))]
+    {
+        let path = folder.join(path);
+        write_new(&path, &text)?;
+        written.push(path);
+    }
+    let next = vec![
+        format!("(cd {name} && cargo build)"),
+        format!("nims plug {name} -- {name}/target/debug/{name}"),
+        format!("nims channel echo sensor/{name}"),
+    ];
+    Ok((written, next))
+}
+
+/// The libraries that a sensor in Rust is built on: in the folder that was given, or where this program was built.
+fn shared_of(nims: Option<&Path>) -> Answer<PathBuf> {
+    let built_from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+    let root = nims.unwrap_or(&built_from);
+    let shared = root.join("shared");
+    if !shared.join("messages/Cargo.toml").is_file() {
+        return Err(Failure::BadInput(format!(
+            "the sources of nims are not in {}: say where they are with --nims FOLDER, or write it in Python with --python",
+            root.display()
+        )));
+    }
+    shared.canonicalize().map_err(Failure::not_now)
+}
+
+/// A template under another name: `example` and `Example` are what it is called there.
+fn renamed(template: &str, name: &str) -> String {
+    let camel: String = name
+        .split('-')
+        .map(|word| word.chars().take(1).flat_map(char::to_uppercase).chain(word.chars().skip(1)).collect::<String>())
+        .collect();
+    template.replace("\"example\"", &format!("\"{name}\"")).replace("Example", &camel)
+}
+
+fn write_new(path: &Path, text: &str) -> Answer {
+    let failed = |error: std::io::Error| Failure::NotNow(format!("{} cannot be written: {error}", path.display()));
+    if let Some(folder) = path.parent() {
+        fs::create_dir_all(folder).map_err(failed)?;
+    }
+    match OpenOptions::new().write(true).create_new(true).open(path) {
+        Ok(mut file) => file.write_all(text.as_bytes()).map_err(failed),
+        Err(error) if error.kind() == std::io::ErrorKind::AlreadyExists => Err(taken(path)),
+        Err(error) => Err(failed(error)),
+    }
+}
+
+fn taken(path: &Path) -> Failure {
+    Failure::BadInput(format!("{} is there already, and is not overwritten: choose another name", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn templates_take_the_name_everywhere() {
+        for template in [MANIFEST, MAIN, DRIVER, PYTHON] {
+            let text = renamed(template, "soil-probe-2");
+            assert!(!text.contains("xample"), "{text}");
+        }
+        assert!(renamed(MAIN, "soil-probe-2").contains("pub struct SoilProbe2 {"));
+        assert!(renamed(PYTHON, "soil").contains("class Soil(Sample)"));
+        assert_eq!(MANIFEST.matches(UP).count(), 2);
+    }
+}

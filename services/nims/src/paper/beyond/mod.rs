@@ -1,0 +1,27 @@
+//! Where we know better than the paper, each measured against its method in the same run.
+
+mod joint;
+mod lateral;
+mod placement;
+mod preview;
+mod stretch;
+
+pub use joint::joint;
+pub use lateral::lateral;
+pub use placement::placement;
+pub use preview::preview;
+pub use stretch::stretch;
+
+fn times(ratio: f64) -> String {
+    format!("{ratio:.1}")
+}
+
+/// The least and the largest of some ratios, in words.
+fn span(ratios: &[f64]) -> String {
+    let low = ratios.iter().fold(f64::INFINITY, |m: f64, r| m.min(*r));
+    let high = ratios.iter().fold(0.0, |m: f64, r| m.max(*r));
+    if times(low) == times(high) {
+        return format!("{} times", times(low));
+    }
+    format!("{} to {} times", times(low), times(high))
+}

@@ -1,0 +1,94 @@
+//! Figures 3 to 6 and Table II: heights of the anchors from lengths to points of the floor.
+
+mod experiment;
+mod simulated;
+
+pub use experiment::{fig5, fig6, table2};
+pub use simulated::{fig3, fig4};
+
+use super::random::Random;
+use super::stand_in;
+use anyhow::Result;
+use cable_robot::CableVec;
+use cable_robot::calibration::heights::closed_form;
+use cable_robot::calibration::{Side, survey_anchors};
+
+/// Standard deviation of a range in the simulations: the paper's text, m.
+pub const SIGMA_RANGE_M: f64 = 0.02;
+/// Standard deviation of the laser of the experiment: the paper's text, m.
+pub const SIGMA_LASER_M: f64 = 0.0015;
+/// Points are spread over this share of the triangle of the anchors.
+const REACH: f64 = 0.9;
+
+/// A triangle shrunk about its middle.
+pub fn shrunk(triangle: [[f64; 2]; 3], share: f64) -> [[f64; 2]; 3] {
+    let middle = [0, 1].map(|k| (triangle[0][k] + triangle[1][k] + triangle[2][k]) / 3.0);
+    triangle.map(|p| [0, 1].map(|k| middle[k] + share * (p[k] - middle[k])))
+}
+
+/// Points anywhere under the robot, m.
+pub fn anywhere(random: &mut Random, count: usize) -> Vec<[f64; 2]> {
+    let triangle = shrunk(stand_in::three_xy(), REACH);
+    (0..count).map(|_| random.in_triangle(triangle)).collect()
+}
+
+/// How lengths are measured.
+#[derive(Debug, Clone, Copy)]
+pub struct Encoders {
+    /// Standard deviation, m.
+    pub sigma_m: f64,
+    /// Measured over true length.
+    pub scale: f64,
+    /// What is measured at length zero, m, cable by cable.
+    pub zero_m: [f64; 3],
+}
+
+impl Encoders {
+    /// Noise only.
+    pub fn noisy(sigma_m: f64) -> Self {
+        Self { sigma_m, scale: 1.0, zero_m: [0.0; 3] }
+    }
+
+    /// Lengths to points of the floor.
+    pub fn measure(&self, random: &mut Random, points: &[[f64; 2]]) -> Vec<CableVec> {
+        let anchors = stand_in::three();
+        points
+            .iter()
+            .map(|point| {
+                CableVec::from_fn(3, |i| {
+                    let [x, y, z] = anchors[i];
+                    let (dx, dy) = (x - point[0], y - point[1]);
+                    let length = (dx * dx + dy * dy + z * z).sqrt();
+                    self.scale * length + self.zero_m[i] + self.sigma_m * random.normal()
+                })
+            })
+            .collect()
+    }
+}
+
+/// x and y of the anchors from ranges with noise, (1)-(2).
+pub fn survey(random: &mut Random, sigma_m: f64) -> Result<[[f64; 2]; 3]> {
+    let ranges = stand_in::RANGES_M.map(|range| range + sigma_m * random.normal());
+    Ok(survey_anchors(ranges, Side::Left)?)
+}
+
+/// The paper's calibration, (1)-(5). Where noise leaves a squared height below zero its height is taken as zero, which the
+/// second result says.
+pub fn calibrate(anchors_xy: &[[f64; 2]; 3], lengths: &[CableVec]) -> Result<([[f64; 3]; 3], bool)> {
+    let found = closed_form(anchors_xy, lengths)?;
+    let squared = [0, 1, 2].map(|i| found.squared_heights_m2[i]);
+    let anchors = [0, 1, 2].map(|i| [anchors_xy[i][0], anchors_xy[i][1], squared[i].max(0.0).sqrt()]);
+    Ok((anchors, squared.iter().any(|w| *w < 0.0)))
+}
+
+/// Mean over the anchors of the error of the height, and of the distance, m.
+pub fn errors(found: &[[f64; 3]; 3]) -> [f64; 2] {
+    let truth = stand_in::three();
+    let mut sums = [0.0; 2];
+    for (found, truth) in found.iter().zip(&truth) {
+        let d = [0, 1, 2].map(|k| found[k] - truth[k]);
+        sums[0] += d[2].abs() / 3.0;
+        sums[1] += (d[0] * d[0] + d[1] * d[1] + d[2] * d[2]).sqrt() / 3.0;
+    }
+    sums
+}

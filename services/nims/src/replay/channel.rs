@@ -1,0 +1,260 @@
+//! A channel of the run: its samples as types of this build, and how they compare with what is computed now.
+
+use messages::Message;
+use messages::schema::{Schema, SchemaField, Value};
+use runlog::{Recorded, RecordedChannel};
+use serde::Serialize;
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+
+/// Why a sample could not be compared.
+pub(super) type Why = &'static str;
+
+/// Another type altogether, or one that cannot be read.
+const DEFINITION: Why = "recorded by a build with another definition";
+/// What made it ended, or the recording did, before the sample that says what it was made from.
+const ALONE: Why = "the sample that says what it was made from was not recorded";
+
+/// The first sample that differs.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Difference {
+    /// Control cycle.
+    pub cycle: u64,
+    /// Since the run began, s.
+    pub time_s: f64,
+    /// Which number, e.g. `velocity_m_s[2]`.
+    pub field: String,
+    /// As it was.
+    pub recorded: String,
+    /// As it is now.
+    pub replayed: String,
+}
+
+/// How the samples of one channel compare.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct Tally {
+    /// Its name.
+    pub channel: String,
+    /// Samples in the run.
+    pub recorded: u64,
+    /// The same, bit for bit.
+    pub equal: u64,
+    /// Not the same.
+    pub different: u64,
+    /// Not compared, by reason.
+    pub not_compared: BTreeMap<Why, u64>,
+    /// The first that differs.
+    pub first: Option<Difference>,
+    /// The definition has changed since; only what both have was compared.
+    pub definition_changed: bool,
+}
+
+/// The samples of one channel.
+pub(super) struct Channel<T> {
+    tally: Tally,
+    known: Option<(Arc<RecordedChannel>, Option<Reading>)>,
+    waiting: VecDeque<(u64, T)>,
+    t0_ns: u64,
+}
+
+impl<T: Message> Channel<T> {
+    pub(super) fn new(name: &str) -> Self {
+        let tally = Tally { channel: name.to_owned(), ..Tally::default() };
+        Self { tally, known: None, waiting: VecDeque::new(), t0_ns: 0 }
+    }
+
+    /// The sample as this build knows it.
+    pub(super) fn read(&mut self, recorded: &Recorded<'_>, t0_ns: u64) -> Option<T> {
+        self.t0_ns = t0_ns;
+        self.tally.recorded += 1;
+        if !self.known.as_ref().is_some_and(|(channel, _)| Arc::ptr_eq(channel, recorded.channel)) {
+            self.known = Some((Arc::clone(recorded.channel), Reading::of::<T>(recorded.channel)));
+        }
+        let reading = self.known.as_ref().and_then(|(_, reading)| reading.as_ref());
+        let sample = reading.and_then(|reading| reading.take(recorded.sample));
+        match &sample {
+            Some(_) => self.tally.definition_changed |= reading.is_some_and(|reading| !reading.same),
+            None => self.skip(DEFINITION),
+        }
+        sample
+    }
+
+    /// Keeps a sample until everything that it rests on has been read too.
+    pub(super) fn wait(&mut self, time_ns: u64, sample: T) {
+        self.waiting.push_back((time_ns, sample));
+    }
+
+    /// The same, and within a life of its process the samples are brought into the order in which they were published: the file has them in
+    /// the order of their stamps, and the first ones of a run may have none.
+    pub(super) fn wait_in_turn(&mut self, time_ns: u64, sample: T, life: impl Fn(&T) -> u32) {
+        let later = |(_, other): &&(u64, T)| life(other) == life(&sample) && other.header().seq > sample.header().seq;
+        let behind = self.waiting.iter().rev().take_while(later).count();
+        self.waiting.insert(self.waiting.len() - behind, (time_ns, sample));
+    }
+
+    /// The next sample that was published by then.
+    pub(super) fn due(&mut self, until_ns: u64) -> Option<(u64, T)> {
+        if self.waiting.front()?.0 > until_ns { None } else { self.waiting.pop_front() }
+    }
+
+    pub(super) fn skip(&mut self, why: Why) {
+        *self.tally.not_compared.entry(why).or_default() += 1;
+    }
+
+    /// Compares every bit but `header.seq`, which publishing gives and no step.
+    pub(super) fn compare(&mut self, time_ns: u64, recorded: &T, mut replayed: T) {
+        replayed.header_mut().seq = recorded.header().seq;
+        let (was, is) = (bytemuck::bytes_of(recorded), bytemuck::bytes_of(&replayed));
+        let Some(reading) = self.known.as_ref().and_then(|(_, reading)| reading.as_ref()) else { return };
+        if reading.agree(was, is) {
+            self.tally.equal += 1;
+            return;
+        }
+        self.tally.different += 1;
+        if self.tally.first.is_none() {
+            let (cycle, time_s) = (recorded.header().cycle, self.time_s(time_ns));
+            let (field, recorded, replayed) = reading.first_difference::<T>(was, is).unwrap_or_default();
+            self.tally.first = Some(Difference { cycle, time_s, field, recorded, replayed });
+        }
+    }
+
+    /// The same for one text of a sample.
+    pub(super) fn compare_text(&mut self, time_ns: u64, cycle: u64, field: &str, recorded: &str, replayed: &str) {
+        if recorded == replayed {
+            self.tally.equal += 1;
+            return;
+        }
+        self.tally.different += 1;
+        let time_s = self.time_s(time_ns);
+        self.tally.first.get_or_insert_with(|| Difference {
+            cycle,
+            time_s,
+            field: field.to_owned(),
+            recorded: recorded.to_owned(),
+            replayed: replayed.to_owned(),
+        });
+    }
+
+    fn time_s(&self, time_ns: u64) -> f64 {
+        time_ns.saturating_sub(self.t0_ns) as f64 * 1e-9
+    }
+
+    /// The outcome where the channel carries other things too.
+    pub(super) fn end_of_some(mut self) -> Option<Tally> {
+        self.tally.recorded = self.tally.equal + self.tally.different;
+        self.end()
+    }
+
+    /// The outcome, if anything was recorded.
+    pub(super) fn end(mut self) -> Option<Tally> {
+        let tally = &mut self.tally;
+        let said = tally.equal + tally.different + tally.not_compared.values().sum::<u64>();
+        if tally.recorded > said {
+            *tally.not_compared.entry(ALONE).or_default() += tally.recorded - said;
+        }
+        (tally.recorded > 0).then_some(self.tally)
+    }
+}
+
+/// How the bytes of a recorded sample become those of this build's type: as they are or, where the definition has changed since, field by
+/// field by name. What is new is zero.
+struct Reading {
+    same: bool,
+    spans: Vec<Span>,
+}
+
+struct Span {
+    from: usize,
+    to: usize,
+    bytes: usize,
+}
+
+impl Reading {
+    fn of<T: Message>(channel: &RecordedChannel) -> Option<Self> {
+        if channel.schema == T::schema() {
+            return Some(Self { same: true, spans: Vec::new() });
+        }
+        let mut names = channel.type_name.split('/');
+        if (names.next(), names.next()) != (Some("nims_msgs"), Some(T::NAME)) {
+            return None;
+        }
+        let (was, is) = (Schema::parse(&channel.schema).ok()?, Schema::parse(T::schema()).ok()?);
+        let span = |field: &SchemaField| {
+            let old = was.field(&field.path).filter(|old| old.primitive == field.primitive)?;
+            Some(Span { from: old.offset, to: field.offset, bytes: field.size().min(old.size()) })
+        };
+        Some(Self { same: false, spans: is.fields().iter().filter_map(span).collect() })
+    }
+
+    fn take<T: Message>(&self, sample: &[u8]) -> Option<T> {
+        if self.same {
+            return (sample.len() == size_of::<T>()).then(|| bytemuck::pod_read_unaligned(sample));
+        }
+        let mut value = T::zeroed();
+        let bytes = bytemuck::bytes_of_mut(&mut value);
+        for span in &self.spans {
+            let from = sample.get(span.from..span.from + span.bytes)?;
+            bytes.get_mut(span.to..span.to + span.bytes)?.copy_from_slice(from);
+        }
+        Some(value)
+    }
+
+    fn agree(&self, was: &[u8], is: &[u8]) -> bool {
+        if self.same { was == is } else { self.spans.iter().all(|span| span.of(was) == span.of(is)) }
+    }
+
+    /// Field, recorded, replayed.
+    fn first_difference<T: Message>(&self, was: &[u8], is: &[u8]) -> Option<(String, String, String)> {
+        let schema = Schema::parse(T::schema()).ok()?;
+        schema.fields().iter().find_map(|field| {
+            if !self.same && !self.spans.iter().any(|span| span.to == field.offset) {
+                return None;
+            }
+            let bytes = field.offset..field.offset + field.size();
+            let (old, new) = (was.get(bytes.clone())?, is.get(bytes)?);
+            let at =
+                old.chunks(field.primitive.size()).zip(new.chunks(field.primitive.size())).position(|(a, b)| a != b)?;
+            let shown = |sample| Value::of(field, sample)?.numbers().nth(at).map(|number| number.to_string());
+            let name = if field.count.is_some() { format!("{}[{at}]", field.path) } else { field.path.clone() };
+            Some((name, shown(was)?, shown(is)?))
+        })
+    }
+}
+
+impl Span {
+    fn of<'a>(&self, sample: &'a [u8]) -> Option<&'a [u8]> {
+        sample.get(self.to..self.to + self.bytes)
+    }
+}
+
+/// The last samples of a channel, found by a number that they carry.
+pub(super) struct History<T> {
+    /// Number and time of each; apart from the samples, because they are searched often.
+    keys: VecDeque<(u64, u64)>,
+    samples: VecDeque<T>,
+}
+
+/// Samples kept: five seconds at 200 Hz, far more than anybody looks back.
+const KEPT: usize = 1024;
+
+impl<T> History<T> {
+    pub(super) fn new() -> Self {
+        Self { keys: VecDeque::with_capacity(KEPT), samples: VecDeque::with_capacity(KEPT) }
+    }
+
+    pub(super) fn push(&mut self, number: u64, time_ns: u64, sample: T) {
+        if self.keys.len() == KEPT {
+            self.keys.pop_front();
+            self.samples.pop_front();
+        }
+        self.keys.push_back((number, time_ns));
+        self.samples.push_back(sample);
+    }
+
+    /// The sample of this number; of several, because a process began to count anew, the one nearest in time.
+    pub(super) fn find(&self, number: u64, time_ns: u64) -> Option<&T> {
+        let of_number = self.keys.iter().enumerate().filter(|(_, (its, _))| *its == number);
+        let (at, _) = of_number.min_by_key(|(_, (_, its_ns))| its_ns.abs_diff(time_ns))?;
+        self.samples.get(at)
+    }
+}

@@ -1,0 +1,228 @@
+//! What happened, a sentence each.
+
+use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, text_of};
+use motor_io::sentences::{fault_sentences, faults_of, mode_name, mode_sentence};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// Events that are kept; a run with more than these is told by its first ones.
+const EVENTS: usize = 400;
+
+/// An event that comes again within this time is the same one, s.
+const AGAIN_S: f64 = 10.0;
+
+/// What an event is about.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Kind {
+    /// The robot's mode.
+    Mode,
+    /// A fault, or a stop with a cause.
+    Fault,
+    /// Somebody asked for something.
+    Operator,
+    /// The mission.
+    Mission,
+    /// A process.
+    Process,
+    /// A warning or an error in the log.
+    Log,
+}
+
+impl Kind {
+    /// Its name.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Mode => "mode",
+            Self::Fault => "fault",
+            Self::Operator => "operator",
+            Self::Mission => "mission",
+            Self::Process => "process",
+            Self::Log => "log",
+        }
+    }
+}
+
+/// One thing that happened.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Event {
+    /// Since the beginning of the run, s.
+    pub time_s: f64,
+    /// What it is about.
+    pub kind: Kind,
+    /// One sentence.
+    pub text: String,
+    /// How often within ten seconds; only the first time is told.
+    pub times: u32,
+}
+
+/// What happened in a run.
+#[derive(Debug, Clone, Default)]
+pub struct Events {
+    events: Vec<Event>,
+    /// How many more there were.
+    pub left_out: usize,
+    /// How many faults there were.
+    pub faults: usize,
+    mode: Option<u8>,
+    bits: u32,
+    mission: Option<(u8, u32, String)>,
+    processes: BTreeMap<String, (u8, u32)>,
+}
+
+impl Events {
+    /// All of them, in the order of their time.
+    #[must_use]
+    pub fn all(&self) -> &[Event] {
+        &self.events
+    }
+
+    fn push(&mut self, time_s: f64, kind: Kind, text: String) {
+        // what repeats itself is told once and counted; it differs in nothing but its numbers
+        let bare = |text: &str| text.chars().filter(|letter| !letter.is_ascii_digit()).collect::<String>();
+        let recent = self.events.iter_mut().rev().take(8).take_while(|event| (time_s - event.time_s).abs() < AGAIN_S);
+        let mut same = recent.filter(|event| event.kind == kind && bare(&event.text) == bare(&text));
+        if let (Some(event), true) = (same.next(), matches!(kind, Kind::Log | Kind::Mission | Kind::Operator)) {
+            event.times += 1;
+            return;
+        }
+        if self.events.len() < EVENTS {
+            self.events.push(Event { time_s, kind, text, times: 1 });
+        } else {
+            self.left_out += 1;
+        }
+    }
+
+    /// Changes of mode and new faults.
+    pub fn cycle(&mut self, time_s: f64, authority: &MotorAuthority) {
+        let fresh = authority.faults & !self.bits;
+        if fresh != 0 {
+            let new: Vec<String> = fault_sentences(fresh).collect();
+            let stem = |text: &str| text.trim_end_matches('.').to_owned();
+            for text in faults_of(authority) {
+                if new.iter().any(|new| text.starts_with(&stem(new))) {
+                    self.faults += 1;
+                    self.push(time_s, Kind::Fault, text);
+                }
+            }
+        }
+        self.bits = authority.faults;
+        if self.mode != Some(authority.mode) {
+            self.mode = Some(authority.mode);
+            let name = mode_name(authority.mode);
+            let text = format!("{}{}: {}", name[..1].to_uppercase(), &name[1..], mode_sentence(authority.mode));
+            self.push(time_s, Kind::Mode, text);
+        }
+    }
+
+    /// Requests that were answered.
+    pub fn request(&mut self, time_s: f64, request: &OperatorRequest) {
+        if request.answered != 1 {
+            return;
+        }
+        let answer = text_of(&request.answer);
+        let refused = if request.accepted == 1 { "" } else { "Refused: " };
+        if !answer.is_empty() {
+            self.push(time_s, Kind::Operator, format!("{refused}{answer}"));
+        }
+    }
+
+    /// Beginnings and ends of missions, and refusals. True if the state of a mission changed.
+    pub fn plan(&mut self, time_s: f64, status: &PlanStatus) -> bool {
+        let mission = text_of(&status.mission);
+        let now = (status.state, status.refused, mission.clone());
+        let before = self.mission.replace(now.clone());
+        if before.as_ref() == Some(&now) {
+            return false;
+        }
+        let reason = text_of(&status.reason);
+        let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
+        let what = match status.state {
+            PlanStatus::STATE_RUNNING
+                if before
+                    .as_ref()
+                    .is_some_and(|(state, _, known)| *state == PlanStatus::STATE_PAUSED && *known == mission) =>
+            {
+                format!("The mission \"{mission}\" goes on: {:.1} s left.", status.time_left_s)
+            }
+            PlanStatus::STATE_RUNNING => {
+                format!("The mission \"{mission}\" runs: {} legs, {:.1} s.", status.legs, status.time_left_s)
+            }
+            PlanStatus::STATE_PAUSED => format!("The mission \"{mission}\" is paused."),
+            PlanStatus::STATE_DONE => format!("The mission \"{mission}\" is done."),
+            PlanStatus::STATE_ABORTED => format!("The mission \"{mission}\" was given up{because}"),
+            PlanStatus::STATE_REFUSED => format!("A motion was refused{because}"),
+            _ => return false,
+        };
+        self.push(time_s, Kind::Mission, what);
+        true
+    }
+
+    /// Deaths and restarts.
+    pub fn process(&mut self, time_s: f64, process: &ProcessState) {
+        let name = text_of(&process.name);
+        let now = (process.state, process.restarts);
+        let before = self.processes.insert(name.clone(), now);
+        if before == Some(now) {
+            return;
+        }
+        let reason = text_of(&process.reason);
+        let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
+        let what = match process.state {
+            ProcessState::STATE_DIED => "has died",
+            ProcessState::STATE_SILENT => "gives no sign of life",
+            ProcessState::STATE_GAVE_UP => "died too often and is not started again",
+            ProcessState::STATE_READY if before.is_some_and(|(_, restarts)| restarts < process.restarts) => {
+                "was started again"
+            }
+            ProcessState::STATE_READY if process.restarts > 0 => "is ready again",
+            _ => return,
+        };
+        self.push(time_s, Kind::Process, format!("{name} {what}{because}"));
+    }
+
+    /// Warnings and errors.
+    pub fn log(&mut self, time_s: f64, event: &LogEvent) {
+        if event.level >= LogEvent::LEVEL_WARN {
+            let level = if event.level == LogEvent::LEVEL_WARN { "warns" } else { "reports an error" };
+            self.push(time_s, Kind::Log, format!("{} {level}: {}", text_of(&event.process), text_of(&event.text)));
+        }
+    }
+
+    /// Brings them into the order of their time.
+    pub fn close(&mut self) {
+        self.events.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fault_and_its_mode_are_told_once_with_the_cable() {
+        let mut events = Events::default();
+        let mut authority = MotorAuthority { mode: MotorAuthority::MODE_FOLLOWING, ..Default::default() };
+        events.cycle(1.0, &authority);
+        authority.faults = MotorAuthority::FAULT_SLACK;
+        authority.fault_cable[1] = 1;
+        authority.mode = MotorAuthority::MODE_FAULTED;
+        events.cycle(2.0, &authority);
+        events.cycle(2.01, &authority);
+        authority.faults |= MotorAuthority::FAULT_SUPPLY;
+        events.cycle(3.0, &authority);
+        let texts: Vec<(Kind, &str)> =
+            events.all().iter().map(|event| (event.kind, &event.text[..event.text.len().min(22)])).collect();
+        assert_eq!(
+            texts,
+            [
+                (Kind::Mode, "Following: The robot f"),
+                (Kind::Fault, "A line is slack or bro"),
+                (Kind::Mode, "Faulted: The robot is "),
+                (Kind::Fault, "The supply voltage is "),
+            ]
+        );
+        assert!(events.all()[1].text.contains("cable 2"));
+        assert_eq!(events.faults, 2);
+    }
+}

@@ -1,0 +1,134 @@
+//! Sensor readings over time and over the path.
+
+use super::trace::{Thinned, Trace};
+use messages::schema::{Schema, SchemaField, Value};
+use messages::{NodeEstimate, Reading, Sample, text_of};
+use runlog::Recorded;
+use std::collections::{BTreeMap, VecDeque};
+
+/// A silence of a sensor that is seen as one, s.
+const GAP_S: f64 = 5.0;
+/// Estimates that are kept to say where the node was at the time of a reading: more than a reading is late.
+const KEPT: usize = 1024;
+/// Values of one channel that are shown at most.
+const VALUES: usize = 4;
+
+/// What one channel has to show.
+pub struct Sensor {
+    /// Quantity and unit, or the field's name; with its curve.
+    pub values: Vec<(String, Trace)>,
+    /// Where the node was, m, and the first value.
+    pub places: Thinned<([f64; 3], f64)>,
+    /// How many samples.
+    pub samples: u64,
+    /// How many of them are marked as doubtful or stale.
+    pub doubtful: u64,
+    schema: Option<(Schema, Vec<SchemaField>)>,
+}
+
+/// Every channel `sensor/*` and `sample/*`.
+#[derive(Default)]
+pub struct Sensors {
+    channels: BTreeMap<String, Sensor>,
+    recent: VecDeque<(u64, [f64; 3])>,
+}
+
+impl Sensors {
+    /// By name.
+    #[must_use]
+    pub fn channels(&self) -> &BTreeMap<String, Sensor> {
+        &self.channels
+    }
+
+    /// Where the node is.
+    pub fn node_at(&mut self, estimate: &NodeEstimate) {
+        if self.recent.len() == KEPT {
+            self.recent.pop_front();
+        }
+        self.recent.push_back((estimate.header.stamp_ns, estimate.position_m));
+    }
+
+    /// Where the node was at that time: by the nearest estimate.
+    fn place(&self, stamp_ns: u64) -> Option<[f64; 3]> {
+        let at = self.recent.partition_point(|(stamp, _)| *stamp < stamp_ns);
+        let near = [at.checked_sub(1), Some(at)].into_iter().flatten().filter_map(|at| self.recent.get(at));
+        near.min_by_key(|(stamp, _)| stamp.abs_diff(stamp_ns)).map(|(_, place)| *place)
+    }
+
+    /// Takes a sample of a sensor in.
+    pub fn note(&mut self, time_s: f64, recorded: &Recorded<'_>) {
+        let reading = recorded.to::<Reading>();
+        let sample = recorded.to::<Sample>();
+        let place = match (&sample, &reading) {
+            (Some(sample), _) => Some(sample.position_m),
+            (None, Some(reading)) => self.place(reading.header.stamp_ns),
+            (None, None) => stamp_of(recorded.sample).and_then(|stamp_ns| self.place(stamp_ns)),
+        };
+        let sensor = self.channels.entry(recorded.channel.name.clone()).or_insert_with(|| Sensor {
+            values: Vec::new(),
+            places: Thinned::default(),
+            samples: 0,
+            doubtful: 0,
+            schema: None,
+        });
+        sensor.samples += 1;
+        let values: Vec<(String, f64)> = if let Some(reading) = reading {
+            sensor.doubtful += u64::from(reading.quality != Reading::QUALITY_GOOD);
+            let (quantity, unit) = (text_of(&reading.quantity), text_of(&reading.unit));
+            let named = match (quantity.is_empty(), unit.is_empty()) {
+                (true, _) => "value".to_owned(),
+                (false, true) => quantity,
+                (false, false) => format!("{quantity}, {unit}"),
+            };
+            let count = usize::from(reading.count).min(VALUES);
+            let name = |i: usize| if count == 1 { named.clone() } else { format!("{named} [{}]", i + 1) };
+            reading.value[..count].iter().enumerate().map(|(i, value)| (name(i), *value)).collect()
+        } else if let Some(sample) = sample {
+            sensor.doubtful += u64::from(sample.quality != Reading::QUALITY_GOOD);
+            let count = usize::from(sample.count).min(VALUES);
+            sample.value[..count].iter().enumerate().map(|(i, value)| (format!("value [{}]", i + 1), *value)).collect()
+        } else {
+            sensor.fields(recorded)
+        };
+        if let (Some(place), Some((_, value))) = (place, values.first()) {
+            sensor.places.add((place, *value));
+        }
+        for (name, value) in values {
+            let at = match sensor.values.iter().position(|(known, _)| *known == name) {
+                Some(at) => at,
+                None if sensor.values.len() < VALUES => {
+                    sensor.values.push((name, Trace::new(GAP_S)));
+                    sensor.values.len() - 1
+                }
+                None => continue,
+            };
+            sensor.values[at].1.add(time_s, value);
+        }
+    }
+}
+
+impl Sensor {
+    /// The first numbers of a type of its own: floating-point fields, or any if it has none.
+    fn fields(&mut self, recorded: &Recorded<'_>) -> Vec<(String, f64)> {
+        if self.schema.is_none() {
+            let Ok(schema) = Schema::parse(&recorded.channel.schema) else { return Vec::new() };
+            let single = |field: &&SchemaField| {
+                field.count.is_none() && !field.path.starts_with("header.") && !field.path.contains("pad")
+            };
+            let floats = |field: &&SchemaField| single(field) && field.primitive.name().starts_with("float");
+            let mut chosen: Vec<SchemaField> = schema.fields().iter().filter(floats).take(VALUES).cloned().collect();
+            if chosen.is_empty() {
+                chosen = schema.fields().iter().filter(single).take(VALUES).cloned().collect();
+            }
+            self.schema = Some((schema, chosen));
+        }
+        let Some((_, chosen)) = &self.schema else { return Vec::new() };
+        let value = |field: &SchemaField| Some(Value::of(field, recorded.sample)?.number()?.as_f64());
+        chosen.iter().filter_map(|field| Some((field.path.clone(), value(field)?))).collect()
+    }
+}
+
+/// The stamp of a sample with a header.
+fn stamp_of(sample: &[u8]) -> Option<u64> {
+    Some(u64::from_le_bytes(sample.get(16..24)?.try_into().ok()?))
+}

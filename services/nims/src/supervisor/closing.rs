@@ -1,0 +1,136 @@
+//! The end of a run: the robot at rest, the processes ended in order, the run files whole.
+
+use super::child::ending;
+use super::orphans;
+use super::{Ending, Supervisor};
+use crate::live::RUNNING_FILE;
+use crate::operate;
+use bus::clock;
+use messages::{Heartbeat, MotorAuthority, OperatorRequest};
+use serde_json::{Value, json};
+use service::config::Role;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Time for the robot to come to rest when everything ends, ns: the longest stop ramp and some.
+const REST_NS: u64 = 6_000_000_000;
+/// From the last command to standing drums, ns: several times a drive's delay and lag.
+const SETTLE_NS: u64 = 500_000_000;
+
+/// Whether the robot moves, or is about to stand.
+pub(super) fn moves(authority: &MotorAuthority) -> bool {
+    matches!(
+        authority.mode,
+        MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_JOGGING | MotorAuthority::MODE_STOPPING
+    )
+}
+
+impl Supervisor {
+    /// Brings the robot to rest, ends every process, the recorder last, and closes the run.
+    #[must_use]
+    pub fn end(mut self, because: &str) -> Ending {
+        self.come_to_rest();
+        let mode = self.last_authority.map(|authority| authority.mode);
+        let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
+        self.close(because);
+        let Self { crew, domain, bus, voice, heartbeat, table, authority, beats, server, waiter, claim, .. } = self;
+        drop((crew, voice, heartbeat, table, authority, beats, server, waiter, bus));
+        // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
+        let _ = domain.sweep();
+        let _ = domain.retire(claim);
+        Ending { run, died, mode }
+    }
+
+    /// Asks motor-io to stop on the path and waits until the robot is at rest. Whatever fails here, the drives still hold.
+    fn come_to_rest(&mut self) {
+        if !self.crew.iter_mut().any(|child| child.member.role == Role::MotorIo && child.is_alive()) {
+            return;
+        }
+        if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
+            return;
+        }
+        let stop = operate::plain(OperatorRequest::VERB_STOP);
+        let asked = self.bus.client(operate::MOTOR_IO).and_then(|mut client| client.ask(&stop, Duration::from_secs(1)));
+        if let Err(error) = asked {
+            self.voice.warn(&format!("motor-io was not asked to stop: {error}"));
+        }
+        let give_up = clock::now_ns() + REST_NS;
+        while clock::now_ns() < give_up {
+            clock::sleep_until(clock::now_ns() + 20_000_000);
+            if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
+                // The drives lag behind their commands; the run file shows them come to rest too.
+                clock::sleep_until(clock::now_ns() + SETTLE_NS);
+                return;
+            }
+        }
+        self.voice.warn("the robot has not come to rest in time; the processes end all the same, and the drives hold");
+    }
+
+    /// Ends the processes; recovers what a dead recorder left; completes the manifest.
+    pub(super) fn close(&mut self, because: &str) {
+        self.beat.state = Heartbeat::STATE_STOPPING;
+        let mut crew = std::mem::take(&mut self.crew);
+        let mut killed = Vec::new();
+        // The recorder still takes what the others say while they end, and motor-io still hears that someone is there.
+        crew.end(
+            |_| {
+                let _ = self.beat_if_due();
+            },
+            |name| killed.push(name.to_owned()),
+        );
+        self.crew = crew;
+        for name in killed {
+            self.voice.warn(&format!("{name} did not end by itself and was killed"));
+        }
+        let _ = self.publish_table();
+        let run = self.folder.path().to_path_buf();
+        self.recover(&run);
+        let processes: Vec<Value> = self
+            .crew
+            .iter()
+            .map(|child| {
+                let (member, ended) = (&child.member, child.exit.map(ending));
+                let program = std::fs::metadata(&member.program).ok();
+                json!({
+                    "name": member.name, "role": member.role.name(), "law": member.law, "pid": child.pid,
+                    "program": member.program, "version": child.version, "program_bytes": program.as_ref().map(|file| file.len()),
+                    "program_utc": program.and_then(|file| file.modified().ok()).map(utc),
+                    "restarts": child.restarts.total, "ended": ended,
+                })
+            })
+            .collect();
+        if let Err(failure) = self.folder.close(because, Value::Array(processes)) {
+            self.voice.error(&failure.to_string());
+        }
+        // Nobody is left but this process, whose names the next start wipes.
+        let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
+        let _ = orphans::note(&self.domain, &[]);
+    }
+
+    /// Closes the run files that a dead recorder left open.
+    pub(super) fn recover(&mut self, run: &Path) {
+        for part in parts(run) {
+            match runlog::recover(&part, &mut |_, _| {}) {
+                Ok(_) => self
+                    .voice
+                    .warn(&format!("{} was not closed by its recorder and has been recovered", part.display())),
+                Err(error) => self.voice.error(&format!(
+                    "{} could not be recovered: {error}; try again with `nims recover {}`",
+                    part.display(),
+                    run.display()
+                )),
+            }
+        }
+    }
+}
+
+fn utc(time: std::time::SystemTime) -> String {
+    let since = time.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    runlog::utc(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
+}
+
+/// Run files that were never closed.
+fn parts(folder: &Path) -> Vec<PathBuf> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| entry.path()).filter(|path| path.to_string_lossy().ends_with(runlog::PART_ENDING)).collect()
+}

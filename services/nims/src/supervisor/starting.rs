@@ -1,0 +1,201 @@
+//! From a box file to running processes, each started when those it needs are ready.
+
+use super::beats::Beats;
+use super::child::{Child, ending};
+use super::crew::Crew;
+use super::members::{Member, Site};
+use super::orphans::{self, Started};
+use super::restarts::Restarts;
+use super::run_folder::RunFolder;
+use super::sweeper::Sweeper;
+use super::voice::Voice;
+use super::{NAME, StopFlag, Supervisor, Wanted};
+use crate::failure::{Answer, Failure};
+use crate::live::{RUNNING_FILE, Running};
+use bus::{Bus, Domain, clock};
+use messages::{Heartbeat, put_text};
+use service::config::BoxFile;
+use std::path::Path;
+
+/// A process that has not said that it is ready by then never will, ns. Drives may need to be found and asked first.
+pub(super) const READY_NS: u64 = 20_000_000_000;
+/// Who is waited for is named after this time, ns.
+const UNEASY_NS: u64 = 3_000_000_000;
+/// How often the starting processes are looked at, ns: it adds up to the time until the robot is up.
+const LOOK_NS: u64 = 2_000_000;
+
+impl Supervisor {
+    /// Cleans the domain up, makes the run folder and starts every process, each when those that it needs are ready.
+    ///
+    /// # Errors
+    /// The domain is taken, or a process does not come up; what was started is stopped again.
+    pub fn start(wanted: &Wanted<'_>, stop: StopFlag) -> Answer<Self> {
+        // Runs, position and shared memory, also of the processes that are started.
+        bus::make_private();
+        let box_path = std::path::absolute(wanted.box_path).map_err(Failure::bad)?;
+        let file = BoxFile::load(&box_path).map_err(Failure::bad)?;
+        ports_are_there(&file)?;
+        crate::findings::can_be_built(&file)?;
+        let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
+        let claim = domain.claim()?;
+        let earlier = Running::of(&domain);
+        let orphans = orphans::end(&domain)?;
+        domain.sweep()?;
+        let folder = RunFolder::make(&file, &box_path, wanted.run, wanted.mission)?;
+        let run = folder.path().to_path_buf();
+        let site = Site { file, box_path: box_path.clone(), domain: domain.name().to_owned(), run: run.clone() };
+        let members = site.members()?;
+
+        let bus = Bus::join(&domain, NAME)?;
+        let running = Running { pid: std::process::id(), box_file: box_path, run };
+        let text = serde_json::to_string(&running).map_err(Failure::not_now)?;
+        orphans::write(&domain, RUNNING_FILE, &text)?;
+
+        let mut beat = Heartbeat {
+            pid: std::process::id(),
+            incarnation: incarnation(),
+            state: Heartbeat::STATE_STARTING,
+            ..Default::default()
+        };
+        put_text(&mut beat.name, NAME);
+        let server = bus.server(NAME)?;
+        let mut supervisor = Self {
+            crew: Crew::default(),
+            site,
+            folder,
+            stop,
+            beats: Beats::default(),
+            sweeper: Sweeper::new(&domain),
+            died: Vec::new(),
+            voice: Voice::new(&bus)?,
+            heartbeat: bus.publisher(&format!("system/heartbeat/{NAME}"))?,
+            table: bus.publisher("system/process")?,
+            authority: bus.subscriber("motor/authority")?,
+            last_authority: None,
+            beat,
+            last_beat_ns: 0,
+            last_table_ns: 0,
+            waiter: bus.waiter(&[server.event()])?,
+            server: Some(server),
+            bus,
+            domain,
+            claim,
+        };
+        if !orphans.is_empty() {
+            supervisor.voice.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
+        }
+        if let Some(earlier) = earlier {
+            supervisor.recover(&earlier.run);
+        }
+        if let Err(failure) = supervisor.bring_up(members) {
+            supervisor.close("a process did not come up");
+            return Err(failure);
+        }
+        supervisor.beat.state = Heartbeat::STATE_READY;
+        Ok(supervisor)
+    }
+
+    /// Starts all of them and waits until they are ready.
+    fn bring_up(&mut self, mut waiting: Vec<Member>) -> Answer {
+        let mut named = clock::now_ns() + UNEASY_NS;
+        loop {
+            let may_start = |member: &Member| self.is_ready_for(member) && !needs_one_of(member, &waiting);
+            let (now, later): (Vec<Member>, Vec<Member>) = waiting.iter().cloned().partition(may_start);
+            waiting = later;
+            for member in now {
+                self.launch(&member, Restarts::default())?;
+            }
+            self.look_at_beats()?;
+            self.beat_if_due()?;
+            self.refresh_table()?;
+            let mut missing = Vec::new();
+            for child in self.crew.iter_mut().filter(|child| child.member.beats) {
+                if !child.is_alive() {
+                    let status = child.exit.map(ending).unwrap_or_default();
+                    let code = child.exit.and_then(|exit| exit.code());
+                    let sentence =
+                        format!("{} did not come up: {}", child.member.name, child.last_words().unwrap_or(&status));
+                    return Err(if code == Some(2) { Failure::bad(sentence) } else { Failure::not_now(sentence) });
+                }
+                if child.ready_ns.is_none() {
+                    if clock::now_ns() >= child.started_ns + READY_NS {
+                        return Err(Failure::NotNow(format!(
+                            "{} does not become ready within {} s: see {}",
+                            child.member.name,
+                            READY_NS / 1_000_000_000,
+                            self.folder.log(&child.member.name).display()
+                        )));
+                    }
+                    missing.push(child.member.name.clone());
+                }
+            }
+            if waiting.is_empty() && missing.is_empty() {
+                return self.publish_table();
+            }
+            if self.is_stopping() {
+                return Err(Failure::NotNow("stopped while starting".to_owned()));
+            }
+            if clock::now_ns() >= named {
+                named = u64::MAX;
+                self.voice.warn(&format!("still waiting for {}", missing.join(", ")));
+            }
+            clock::sleep_until(clock::now_ns() + LOOK_NS);
+        }
+    }
+
+    /// Whether everyone it needs, among those who were started, is ready.
+    fn is_ready_for(&self, member: &Member) -> bool {
+        let needs = member.waits_for();
+        self.crew
+            .iter()
+            .filter(|child| child.member.beats && needs.contains(&child.member.role))
+            .all(|child| child.ready_ns.is_some())
+    }
+
+    /// Starts one process.
+    pub(super) fn launch(&mut self, member: &Member, restarts: Restarts) -> Answer {
+        self.beats.listen(&self.bus, &member.name)?;
+        let (child, warning) = Child::start(member, &self.site.domain, &self.folder.log(&member.name), restarts)?;
+        self.crew.enter(child);
+        if let Some(warning) = warning {
+            self.voice.warn(&format!("{}: {warning}", member.name));
+        }
+        let started: Vec<Started> = self
+            .crew
+            .iter()
+            .filter(|child| child.exit.is_none())
+            .filter_map(|child| Started::now(&child.member.name, child.pid))
+            .collect();
+        orphans::note(&self.domain, &started)
+    }
+}
+
+/// Whether it needs a role of which a process is not even started.
+fn needs_one_of(member: &Member, waiting: &[Member]) -> bool {
+    waiting.iter().any(|other| member.waits_for().contains(&other.role))
+}
+
+/// Every configured device exists; the virtual box makes its own.
+fn ports_are_there(file: &BoxFile) -> Answer {
+    for (index, port) in file.motor_io.ports.iter().enumerate() {
+        let number = index + 1;
+        if port.path.contains("{domain}") {
+            if file.motor_box.is_none() {
+                return Err(Failure::BadInput(format!(
+                    "port {number} is on the virtual motor box, and the box file has no [motor_box]: give the path of the real device, or add [motor_box]"
+                )));
+            }
+        } else if !Path::new(&port.path).exists() {
+            return Err(Failure::BadInput(format!(
+                "port {number}: there is no device {}; plug the drives in (stable names stand in /dev/serial/by-id)",
+                port.path
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// A number that tells this life of a process from its earlier ones; never 0.
+fn incarnation() -> u32 {
+    (clock::unix_ns() as u32 ^ std::process::id().rotate_left(16)).max(1)
+}

@@ -1,0 +1,52 @@
+//! What killed processes leave in shared memory takes places that their successors need; removing it can take seconds, so it is done
+//! beside the supervisor's own loop.
+
+use bus::{BusError, Domain, Swept};
+use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
+
+/// Pause before what failed is tried again, ns.
+const RETRY_NS: u64 = 2_000_000_000;
+
+/// Sweeps a domain when told to.
+pub struct Sweeper {
+    domain: Domain,
+    due_ns: Option<u64>,
+    running: Option<Receiver<Result<Swept, BusError>>>,
+}
+
+impl Sweeper {
+    /// For that domain.
+    pub fn new(domain: &Domain) -> Self {
+        Self { domain: domain.clone(), due_ns: None, running: None }
+    }
+
+    /// Something has died.
+    pub fn wanted(&mut self, now_ns: u64) {
+        self.due_ns = Some(now_ns);
+    }
+
+    /// Begins and ends sweeps; why the last one failed.
+    pub fn look(&mut self, now_ns: u64) -> Option<String> {
+        let result = match self.running.as_ref().map(Receiver::try_recv) {
+            Some(Err(TryRecvError::Empty)) => return None,
+            Some(Ok(Ok(_))) | None => None,
+            Some(Ok(Err(error))) => Some(error.to_string()),
+            Some(Err(TryRecvError::Disconnected)) => Some("the cleaner broke off".to_owned()),
+        };
+        self.running = None;
+        if result.is_some() {
+            self.due_ns = Some(now_ns + RETRY_NS);
+        } else if self.due_ns.is_some_and(|due| due <= now_ns) {
+            self.due_ns = None;
+            let (domain, (done, running)) = (self.domain.clone(), sync_channel(1));
+            let spawned = std::thread::Builder::new().name("sweeper".to_owned()).spawn(move || {
+                let _ = done.send(domain.sweep());
+            });
+            match spawned {
+                Ok(_) => self.running = Some(running),
+                Err(_) => self.due_ns = Some(now_ns + RETRY_NS),
+            }
+        }
+        result
+    }
+}

@@ -1,0 +1,197 @@
+//! One round of the supervisor: its own beat, the processes and their heartbeats, what is asked, and what is to be started again.
+
+use super::Supervisor;
+use super::beats::Change;
+use super::child::{Then, ending};
+use super::members::{Member, consequence};
+use super::restarts::{Restarts, Verdict};
+use super::starting::READY_NS;
+use crate::failure::Answer;
+use bus::clock;
+use service::config::Role;
+use std::time::Duration;
+
+/// How often the processes and their heartbeats are looked at, ns.
+const LOOK_NS: u64 = 50_000_000;
+/// The supervisor's own beat, ns: motor-io takes two seconds without one for its death.
+const BEAT_NS: u64 = 200_000_000;
+/// Pause before what failed for want of memory, processes or files is tried again, ns.
+const RETRY_NS: u64 = 2_000_000_000;
+
+impl Supervisor {
+    /// Looks after the processes for this long, or until someone wants it to end.
+    ///
+    /// # Errors
+    /// Shared memory fails.
+    pub fn watch(&mut self, time: Duration) -> Answer {
+        let deadline = clock::now_ns().saturating_add(time.as_nanos().min(u128::from(u64::MAX)) as u64);
+        loop {
+            self.look()?;
+            self.serve()?;
+            let now = clock::now_ns();
+            if now >= deadline || self.is_stopping() {
+                return Ok(());
+            }
+            self.waiter.wait_until(Some(deadline.min(now + LOOK_NS)))?;
+        }
+    }
+
+    /// One round, without what is asked.
+    pub(super) fn look(&mut self) -> Answer {
+        self.look_at_beats()?;
+        self.look_at_children()?;
+        while let Some(authority) = self.authority.latest()? {
+            self.last_authority = Some(authority);
+        }
+        self.beat_if_due()?;
+        self.refresh_table()
+    }
+
+    pub(super) fn look_at_beats(&mut self) -> Answer {
+        let changes = self.beats.look(&mut self.crew)?;
+        for change in &changes {
+            match change {
+                Change::Ready(name) => self.voice.info(&format!("{name} is ready")),
+                Change::Silent(name, seconds) => {
+                    self.voice.warn(&format!("{name} has shown no sign of life for {seconds} s"));
+                }
+                Change::Back(name) => self.voice.warn(&format!("{name} is back")),
+            }
+        }
+        if changes.is_empty() { Ok(()) } else { self.publish_table() }
+    }
+
+    fn look_at_children(&mut self) -> Answer {
+        let now = clock::now_ns();
+        let (mut ended, mut due) = (Vec::new(), Vec::new());
+        for child in self.crew.iter_mut() {
+            if child.exit.is_none() && !child.is_alive() {
+                ended.push(child.member.name.clone());
+            }
+            if child.kill_if_overdue(now) {
+                self.voice.warn(&format!("{} does not end by itself and is killed", child.member.name));
+            }
+            let starting = child.member.beats && child.ready_ns.is_none() && child.exit.is_none();
+            if starting && !child.overdue && child.asked.is_none() && now >= child.started_ns + READY_NS {
+                child.overdue = true;
+                self.voice.warn(&format!(
+                    "{} does not become ready within {} s: see {}",
+                    child.member.name,
+                    READY_NS / 1_000_000_000,
+                    self.folder.log(&child.member.name).display()
+                ));
+            }
+            if child.again_ns.is_some_and(|at| at <= now) {
+                child.again_ns = None;
+                due.push((child.member.clone(), child.restarts));
+            }
+        }
+        for name in &ended {
+            self.has_ended(name)?;
+        }
+        if !ended.is_empty() {
+            self.sweeper.wanted(now);
+            self.publish_table()?;
+        }
+        if let Some(why) = self.sweeper.look(now) {
+            self.voice.warn(&format!("what a dead process left is not removed yet: {why}"));
+        }
+        for (member, restarts) in due {
+            self.start_again(&member, restarts)?;
+        }
+        Ok(())
+    }
+
+    /// Says how a process ended, and decides what follows.
+    fn has_ended(&mut self, name: &str) -> Answer {
+        let Some(child) = self.crew.find(name) else { return Ok(()) };
+        let (member, asked) = (child.member.clone(), child.asked);
+        let how = child.exit.map(ending).unwrap_or_default();
+        match asked {
+            Some((_, then)) => {
+                self.voice.info(&format!("{name} {how}, as it was asked to"));
+                match then {
+                    Then::Stay => {}
+                    Then::Again => {
+                        let restarts = child.restarts;
+                        self.start_again(&member, restarts)?;
+                    }
+                    Then::Forget => self.forget(name)?,
+                }
+            }
+            None => {
+                let died = child.has_died();
+                let words = child.last_words().map(|words| format!(" ({words})")).unwrap_or_default();
+                let well_ns = child.ready_ns.map_or(0, |ready_ns| clock::now_ns().saturating_sub(ready_ns));
+                let verdict = child.restarts.died(&member.restart, well_ns);
+                let next = match verdict {
+                    Verdict::Never => String::new(),
+                    Verdict::After(pause_ns) => {
+                        child.again_ns = Some(clock::now_ns() + pause_ns);
+                        format!("; it is started again in {:.1} s", pause_ns as f64 * 1e-9)
+                    }
+                    Verdict::GaveUp => {
+                        child.gave_up = true;
+                        "; it has died too often to be started again by itself".to_owned()
+                    }
+                };
+                if died {
+                    let means = self.consequence_of(&member);
+                    self.voice.error(&format!("{name} {how}{words}: {means}{next}"));
+                    self.died.push(name.to_owned());
+                } else {
+                    self.voice.warn(&format!("{name} {how}{words}{next}"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes an ended process from the table.
+    pub(super) fn forget(&mut self, name: &str) -> Answer {
+        self.crew.forget(|child| child.member.name == name && child.exit.is_some());
+        self.beats.forget(name);
+        self.publish_farewell(name)
+    }
+
+    fn start_again(&mut self, member: &Member, mut restarts: Restarts) -> Answer {
+        restarts.again();
+        self.voice.warn(&format!("starting {} again", member.name));
+        // A machine without room for one more process is no reason to leave the others alone.
+        if let Err(failure) = self.launch(member, restarts) {
+            self.voice.warn(&format!("{failure}; trying again in {} s", RETRY_NS / 1_000_000_000));
+            if let Some(child) = self.crew.find(&member.name).filter(|child| child.exit.is_some()) {
+                child.again_ns = Some(clock::now_ns() + RETRY_NS);
+            }
+        }
+        self.publish_table()
+    }
+
+    /// What the death of that process means now.
+    pub(super) fn consequence_of(&self, member: &Member) -> String {
+        let other = self.crew.iter().find(|child| {
+            child.member.role == member.role
+                && child.member.slot != member.slot
+                && child.exit.is_none()
+                && child.ready_ns.is_some()
+        });
+        match (member.role, other) {
+            (Role::Controller | Role::Estimator, Some(other)) => format!("{} goes on", other.member.name),
+            _ => consequence(member.role, self.site.file.motor_io.watchdog_s),
+        }
+    }
+
+    /// Publishes the supervisor's own beat if it is due.
+    pub(super) fn beat_if_due(&mut self) -> Answer {
+        let now = clock::now_ns();
+        if now >= self.last_beat_ns + BEAT_NS {
+            self.last_beat_ns = now;
+            self.beat.beat += 1;
+            self.beat.passes = self.beat.beat;
+            self.beat.header.stamp_ns = now;
+            self.beat.header.oldest_input_ns = now;
+            self.heartbeat.send(&mut self.beat)?;
+        }
+        Ok(())
+    }
+}

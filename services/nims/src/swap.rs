@@ -1,0 +1,288 @@
+//! `nims swap`: another controller or estimator takes over while the robot moves.
+//!
+//! The new one is started in the slot that is not in charge, qualifies beside the one in charge, and takes over in a cycle that motor-io
+//! announces; the old one stays for a second, in case the new one fails, and is then ended, unless the box keeps a standby.
+
+use crate::cli::{SlottedRole, Swap};
+use crate::failure::{Answer, Failure};
+use crate::operate::{self, MOTOR_IO};
+use crate::processes;
+use crate::supervisor::Asked;
+use bus::{Bus, Subscriber, Waiter, clock};
+use messages::{MotorSlots, OperatorRequest, ProcessState, SLOTS, text_of};
+use motor_io::sentences;
+use serde_json::{Value, json};
+use service::Slot;
+use service::config::Role;
+use std::collections::BTreeMap;
+
+/// A new one has this long to qualify, s; it takes one where all is well.
+const QUALIFY_S: f64 = 20.0;
+/// From the announcement to the end of the probation, s: a little more than one where all is well.
+const SWAP_S: f64 = 10.0;
+
+/// Swaps, telling on stderr how it goes if somebody looks; the answer as JSON and as a sentence.
+///
+/// # Errors
+/// It could not be started, did not qualify, was refused, or failed just after it had taken over; each with the reason.
+pub fn swap(bus: &Bus, asked: &Swap) -> Answer<(Value, String)> {
+    let mut robot = Robot::of(bus, asked)?;
+    let lead = robot.lead()?;
+    let slot = asked.slot.map_or(1 - lead, Slot::index);
+    if slot == lead {
+        return Err(Failure::BadInput(format!(
+            "the {} in slot {} is in charge: the new one needs the other slot",
+            robot.who(),
+            name_of(slot).name()
+        )));
+    }
+    let (new, old) = (robot.role.process_name(name_of(slot)), robot.role.process_name(name_of(lead)));
+    if let Some(law) = &asked.name {
+        robot.end(&new)?;
+        robot.admit(slot)?;
+        let start = Asked::Start {
+            name: robot.role.name().to_owned(),
+            slot: Some(name_of(slot)),
+            law: (law != "default").then(|| law.clone()),
+        };
+        let (_, words) = processes::tell(bus, &start)?;
+        robot.tell(&words);
+    }
+    let outcome = robot.qualify(slot, &new).and_then(|()| robot.take_over(slot));
+    if let Err(failure) = outcome {
+        if asked.name.is_some() && !asked.keep {
+            // What does not fly is not left behind; the reason why counts more than whether this succeeds.
+            let _ = robot.end(&new);
+        }
+        return Err(failure);
+    }
+    let keep = asked.keep || robot.keeps_standby()?;
+    if !keep {
+        robot.end(&old)?;
+    }
+    let rest = if keep { format!("{old} stands by") } else { format!("{old} has ended") };
+    let sentence = format!("{new} is in charge; {rest}.");
+    Ok((json!({ "accepted": true, "answer": sentence, "slot": name_of(slot).name(), "standby": keep }), sentence))
+}
+
+fn name_of(slot: usize) -> Slot {
+    if slot == 0 { Slot::A } else { Slot::B }
+}
+
+/// What a swap looks at.
+struct Robot<'a> {
+    bus: &'a Bus,
+    index: usize,
+    role: Role,
+    slots: Subscriber<MotorSlots>,
+    processes: Subscriber<ProcessState>,
+    table: BTreeMap<String, ProcessState>,
+    waiter: Waiter,
+    newest: Option<MotorSlots>,
+    aloud: bool,
+    said: String,
+}
+
+impl<'a> Robot<'a> {
+    fn of(bus: &'a Bus, asked: &Swap) -> Answer<Self> {
+        let role = match asked.role {
+            SlottedRole::Controller => Role::Controller,
+            SlottedRole::Estimator => Role::Estimator,
+        };
+        Ok(Self {
+            bus,
+            index: asked.role.index(),
+            role,
+            slots: bus.subscriber("motor/slots")?,
+            processes: bus.subscriber("system/process")?,
+            table: BTreeMap::new(),
+            waiter: bus.waiter(&["motor/slots"])?,
+            newest: None,
+            aloud: std::io::IsTerminal::is_terminal(&std::io::stderr()),
+            said: String::new(),
+        })
+    }
+
+    fn who(&self) -> &'static str {
+        sentences::ROLE_NAMES[self.index]
+    }
+
+    /// To a terminal only, and nothing twice.
+    fn tell(&mut self, text: &str) {
+        if self.aloud && self.said != text {
+            self.said = text.to_owned();
+            eprintln!("nims: {text}");
+        }
+    }
+
+    /// Waits for the next samples; the newest account of motor-io.
+    fn look(&mut self) -> Answer<Option<MotorSlots>> {
+        self.waiter.wait_until(Some(clock::now_ns() + clock::SECOND_NS / 10))?;
+        while let Some(row) = self.processes.receive()? {
+            self.table.insert(text_of(&row.name), row);
+        }
+        self.newest = self.slots.latest()?.or(self.newest);
+        Ok(self.newest)
+    }
+
+    /// Looks until `done` says so; `None` after `seconds`.
+    fn until<T>(
+        &mut self,
+        seconds: f64,
+        mut done: impl FnMut(&mut Self, &MotorSlots) -> Answer<Option<T>>,
+    ) -> Answer<Option<T>> {
+        let give_up = clock::now_ns() + (seconds * 1e9) as u64;
+        while clock::now_ns() < give_up {
+            if let Some(slots) = self.look()?
+                && let Some(found) = done(self, &slots)?
+            {
+                return Ok(Some(found));
+            }
+        }
+        Ok(None)
+    }
+
+    /// The slot in charge.
+    fn lead(&mut self) -> Answer<usize> {
+        let role = self.index;
+        self.until(1.0, |_, slots| Ok(Some(usize::from(slots.in_charge[role]).min(SLOTS - 1))))?
+            .ok_or_else(|| Failure::NotNow("motor-io says nothing, so nothing can be swapped".to_owned()))
+    }
+
+    fn state_of(&self, process: &str) -> Option<u8> {
+        self.table.get(process).map(|row| row.state)
+    }
+
+    fn runs(&self, process: &str) -> bool {
+        use ProcessState as P;
+        let alive = [P::STATE_STARTING, P::STATE_READY, P::STATE_STOPPING, P::STATE_SILENT];
+        self.state_of(process).is_some_and(|state| alive.contains(&state))
+    }
+
+    /// Ends a process, if it runs.
+    fn end(&mut self, process: &str) -> Answer {
+        // Every row comes once a second.
+        let name = process.to_owned();
+        self.until(1.5, |robot, _| Ok(robot.table.contains_key(&name).then_some(())))?;
+        if !self.runs(process) {
+            return Ok(());
+        }
+        let (_, words) = processes::tell(self.bus, &Asked::Stop { name })?;
+        self.tell(&words);
+        Ok(())
+    }
+
+    fn seat_request(&self, verb: u8, slot: usize) -> Answer<OperatorRequest> {
+        operate::with_args(verb, &[self.index as f64, slot as f64])
+    }
+
+    /// The operator wants this slot tried, whatever it did before.
+    fn admit(&mut self, slot: usize) -> Answer {
+        operate::send(self.bus, MOTOR_IO, &self.seat_request(OperatorRequest::VERB_ADMIT, slot)?).map(|_| ())
+    }
+
+    /// Waits until the slot holds a standby.
+    fn qualify(&mut self, slot: usize, process: &str) -> Answer {
+        let seat = SLOTS * self.index + slot;
+        let process = process.to_owned();
+        let found = self.until(QUALIFY_S, |robot, slots| {
+            robot.tell(&progress(robot.index, seat, slots));
+            if robot.state_of(&process) == Some(ProcessState::STATE_GAVE_UP) {
+                return Err(Failure::NotNow(format!("{process} does not run: look at its log")));
+            }
+            Ok(match slots.phase[seat] {
+                MotorSlots::PHASE_QUALIFIED | MotorSlots::PHASE_QUARANTINED => Some(()),
+                _ => None,
+            })
+        })?;
+        if found.is_none() {
+            self.tell("it does not qualify");
+        }
+        // motor-io knows best why not, and says so when it is asked to swap.
+        Ok(())
+    }
+
+    /// Swaps, and sees it through the probation.
+    fn take_over(&mut self, slot: usize) -> Answer {
+        let (role, seat) = (self.index, SLOTS * self.index + slot);
+        let answer = operate::send(self.bus, MOTOR_IO, &self.seat_request(OperatorRequest::VERB_SWAP, slot)?)?;
+        self.tell(&answer);
+        // What was said before the request does not count.
+        let asked_in = self.newest.map_or(0, |slots| slots.header.cycle) + 2;
+        let beside = SLOTS * role + (1 - slot);
+        let done = self.until(SWAP_S, |robot, slots| {
+            if slots.header.cycle <= asked_in {
+                return Ok(None);
+            }
+            robot.tell(&progress(role, seat, slots));
+            let in_charge = usize::from(slots.in_charge[role]) == slot;
+            if !in_charge && slots.commit_cycle[role] == 0 {
+                let cause = sentences::cause_phrase(role, slots.cause[seat]);
+                let why = if cause.is_empty() { "was not there in the announced cycle" } else { cause };
+                return Err(Failure::NotNow(format!(
+                    "not swapped: the new {} {why}, and the old one goes on",
+                    robot.who()
+                )));
+            }
+            let over = slots.phase[beside] != MotorSlots::PHASE_PROBATION && slots.fade[role] >= 1.0;
+            Ok((in_charge && over).then_some(()))
+        })?;
+        done.ok_or_else(|| Failure::NotNow("the swap does not come to its end; look at nims status".to_owned()))
+    }
+
+    /// Whether the box wants a standby for this role.
+    fn keeps_standby(&self) -> Answer<bool> {
+        let file = operate::box_of(self.bus)?;
+        Ok(file.process.iter().any(|section| section.role == self.role && section.standby))
+    }
+}
+
+/// How far a slot has come, in words.
+pub(crate) fn progress(role: usize, seat: usize, slots: &MotorSlots) -> String {
+    let name = sentences::phase_name(slots.phase[seat]);
+    match slots.phase[seat] {
+        MotorSlots::PHASE_SHADOW => {
+            let unit = if role == 0 { "m/s" } else { "m" };
+            let apart = slots.apart[seat].max(0.0);
+            let (well, all) = (slots.well_cycles[seat], slots.qualify_cycles);
+            format!("{name}: {well} of {all} cycles, {apart:.3} {unit} from the one in charge")
+        }
+        MotorSlots::PHASE_SWITCHING => format!("{name}: takes over in cycle {}", slots.commit_cycle[role]),
+        MotorSlots::PHASE_ACTIVE if slots.fade[role] < 1.0 => {
+            format!("{name}: {:.0} % of the command", 100.0 * slots.fade[role])
+        }
+        _ => name.to_owned(),
+    }
+}
+
+/// Admits a slot that was set aside: `nims swap ROLE --admit`.
+///
+/// # Errors
+/// motor-io does not answer.
+pub fn admit(bus: &Bus, asked: &Swap) -> Answer<(Value, String)> {
+    let mut robot = Robot::of(bus, asked)?;
+    let slot = match asked.slot {
+        Some(slot) => slot.index(),
+        None => 1 - robot.lead()?,
+    };
+    let request = robot.seat_request(OperatorRequest::VERB_ADMIT, slot)?;
+    let sentence = operate::send(bus, MOTOR_IO, &request)?;
+    Ok((operate::accepted(&sentence), sentence))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn progress_says_where_it_is() {
+        let mut slots = MotorSlots { qualify_cycles: 100, ..MotorSlots::default() };
+        slots.phase[3] = MotorSlots::PHASE_SHADOW;
+        slots.well_cycles[3] = 40;
+        slots.apart[3] = 0.002;
+        assert_eq!(progress(1, 3, &slots), "shadow: 40 of 100 cycles, 0.002 m from the one in charge");
+        slots.phase[3] = MotorSlots::PHASE_ACTIVE;
+        slots.fade = [1.0, 0.3];
+        assert_eq!(progress(1, 3, &slots), "active: 30 % of the command");
+    }
+}

@@ -1,0 +1,605 @@
+//! The picture: a pure function of a snapshot.
+
+use super::snapshot::{Recording, Snapshot};
+use crate::processes::state_name;
+use crate::status::{mission_words, mode_name, recording_words};
+use messages::{
+    CONTROLLERS, ControlStatus, ESTIMATORS, Heartbeat, MotorAuthority, ProcessState, RecorderStatus, SLOT_NAMES, SLOTS,
+    text_of,
+};
+use motor_io::sentences;
+use ratatui::Frame;
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Paragraph, Wrap};
+
+/// What is older than this is not the present any more, s: the slowest rows come once a second.
+const OLD_S: f64 = 2.5;
+/// From this width on, channels stand beside the processes.
+const WIDE: u16 = 120;
+/// Characters of a bar.
+const BAR: usize = 12;
+
+/// Draws the robot, or that there is none.
+pub fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot) {
+    let area = frame.area();
+    let Some(domain) = &snapshot.domain else {
+        let text =
+            vec![Line::from(snapshot.waiting.clone()), Line::from(""), Line::from("Waiting for a robot; q quits.")];
+        let block = Block::bordered().title(" nims ");
+        frame.render_widget(Paragraph::new(text).wrap(Wrap { trim: true }).block(block), area);
+        return;
+    };
+    let width = usize::from(area.width.saturating_sub(2)).max(1);
+    let (robot, cables, control, processes) =
+        (robot(snapshot), cables(snapshot), control(snapshot), processes(snapshot));
+    let rows = |lines: &[Line<'_>]| {
+        let wrapped: usize = lines.iter().map(|line| line.width().max(1).div_ceil(width)).sum();
+        Constraint::Length(u16::try_from(wrapped + 2).unwrap_or(u16::MAX))
+    };
+    let wide = area.width >= WIDE;
+    let [top, middle, slots, rest] =
+        Layout::vertical([rows(&robot), rows(&cables), rows(&control), Constraint::Min(0)]).areas(area);
+    let (left, right) = if wide {
+        let [left, right] = Layout::horizontal([Constraint::Fill(3), Constraint::Fill(2)]).areas(rest);
+        (left, right)
+    } else {
+        let [left, right] = Layout::vertical([rows(&processes), Constraint::Min(0)]).areas(rest);
+        (left, right)
+    };
+    panel(frame, top, &format!(" nims {domain} — q quits "), robot);
+    panel(frame, middle, " cables ", cables);
+    panel(frame, slots, " who flies it ", control);
+    panel(frame, left, " processes ", processes);
+    panel(frame, right, " channels ", channels(snapshot, right.height.saturating_sub(2), right.width));
+}
+
+fn panel(frame: &mut Frame<'_>, area: Rect, title: &str, lines: Vec<Line<'_>>) {
+    let block = Block::bordered().border_style(Style::new().fg(Color::DarkGray)).title(title.to_owned());
+    frame.render_widget(Paragraph::new(lines).wrap(Wrap { trim: false }).block(block), area);
+}
+
+fn styled(text: impl Into<String>, color: Color) -> Span<'static> {
+    Span::styled(text.into(), Style::new().fg(color).add_modifier(Modifier::BOLD))
+}
+
+fn labelled(label: &str, mut spans: Vec<Span<'static>>) -> Line<'static> {
+    spans.insert(0, Span::styled(format!("{label:<10} "), Style::new().fg(Color::DarkGray)));
+    Line::from(spans)
+}
+
+/// Mode, faults, place, mission, cycle, recording.
+fn robot(snapshot: &Snapshot) -> Vec<Line<'static>> {
+    let mut lines = Vec::new();
+    match &snapshot.authority {
+        None => lines.push(labelled(
+            "mode",
+            vec![styled("motor-io says nothing: it does not run; nothing can move", Color::Red)],
+        )),
+        Some(authority) => {
+            let age_s = snapshot.age_s(authority.header.stamp_ns);
+            if age_s > OLD_S {
+                lines.push(labelled(
+                    "mode",
+                    vec![styled(
+                        format!(
+                            "motor-io has said nothing for {age_s:.0} s; the drives' own watchdog has stopped the motors; before that: {}",
+                            mode_name(authority.mode)
+                        ),
+                        Color::Red,
+                    )],
+                ));
+            } else {
+                lines.push(labelled(
+                    "mode",
+                    vec![
+                        styled(mode_name(authority.mode).to_uppercase(), color_of(authority.mode)),
+                        Span::raw(format!("  {}", sentences::mode_sentence(authority.mode))),
+                    ],
+                ));
+            }
+            for fault in sentences::faults_of(authority) {
+                lines.push(labelled("fault", vec![styled(fault, Color::Red)]));
+            }
+            lines.push(labelled("position", place(snapshot, authority)));
+        }
+    }
+    if let Some(plan) = &snapshot.plan {
+        let mut words = mission_words(plan);
+        if let Some(rate) = snapshot.authority.map(|authority| authority.plan_rate).filter(|rate| *rate > 0.0) {
+            words += &format!("; plan clock at {:.0} %", 100.0 * rate);
+        }
+        lines.push(labelled("mission", vec![Span::raw(words)]));
+    }
+    if let Some(authority) = &snapshot.authority {
+        lines.push(cycle(authority));
+    }
+    lines.push(recording(snapshot));
+    lines
+}
+
+fn color_of(mode: u8) -> Color {
+    match mode {
+        MotorAuthority::MODE_FAULTED | MotorAuthority::MODE_EMERGENCY_STOP => Color::Red,
+        MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_JOGGING => Color::Green,
+        MotorAuthority::MODE_STOPPING => Color::Yellow,
+        MotorAuthority::MODE_HOLDING => Color::Cyan,
+        _ => Color::Gray,
+    }
+}
+
+fn place(snapshot: &Snapshot, authority: &MotorAuthority) -> Vec<Span<'static>> {
+    let active = usize::from(authority.active_estimator).min(1);
+    let estimate = snapshot.estimate[active]
+        .filter(|estimate| snapshot.age_s(estimate.header.stamp_ns) < OLD_S && estimate.valid == 1);
+    let Some(estimate) = estimate else {
+        return vec![Span::raw(sentences::position_sentence(authority.position_known).to_owned())];
+    };
+    let [x, y, z] = estimate.position_m;
+    let error = snapshot.control[usize::from(authority.active_controller).min(1)]
+        .filter(|control| control.valid == 1 && control.segment != 0)
+        .map(|control| format!("; {:.1} mm from the setpoint", 1000.0 * control.error_norm_m));
+    vec![Span::raw(format!(
+        "node at {x:.3}, {y:.3}, {z:.3} m{}. {}",
+        error.unwrap_or_default(),
+        sentences::position_sentence(authority.position_known)
+    ))]
+}
+
+fn cycle(authority: &MotorAuthority) -> Line<'static> {
+    let counted = |count: u64, what: &str| {
+        let text = format!("{count} {what}");
+        if count == 0 { Span::raw(text) } else { styled(text, Color::Yellow) }
+    };
+    let milliseconds = |ns: u64| ns as f64 * 1e-6;
+    labelled(
+        "cycle",
+        vec![
+            Span::raw(format!("{} at {:.0} Hz; ", authority.header.cycle, 1.0 / authority.period_s)),
+            counted(authority.missed, "missed"),
+            Span::raw(", "),
+            counted(authority.late, "late"),
+            Span::raw(", "),
+            counted(authority.skipped, "skipped"),
+            Span::raw(format!(
+                "; bus {:.1} ms, woke {:.1} ms after its tick, command {:.1} ms old",
+                milliseconds(authority.bus_ns),
+                milliseconds(authority.wake_ns),
+                milliseconds(authority.command_age_ns)
+            )),
+        ],
+    )
+}
+
+fn recording(snapshot: &Snapshot) -> Line<'static> {
+    let Some(recording) = snapshot.recording else {
+        return labelled("recording", vec![styled("the recorder says nothing", Color::Yellow)]);
+    };
+    let Recording { state, bytes, lost, free_bytes, stamp_ns } = recording;
+    let age_s = snapshot.age_s(stamp_ns);
+    let words = format!(
+        "{}, {:.1} MB, {lost} lost, {:.1} GB left; {}",
+        recording_words(state),
+        bytes as f64 * 1e-6,
+        free_bytes as f64 * 1e-9,
+        snapshot.run
+    );
+    if age_s > OLD_S {
+        labelled("recording", vec![styled(format!("the recorder has said nothing for {age_s:.0} s"), Color::Red)])
+    } else if state == RecorderStatus::STATE_RECORDING {
+        labelled("recording", vec![Span::raw(words)])
+    } else {
+        labelled("recording", vec![styled(words, Color::Red)])
+    }
+}
+
+/// Length, tension and current of each line.
+fn cables(snapshot: &Snapshot) -> Vec<Line<'static>> {
+    let Some(state) = snapshot.state else { return vec![Line::from("no reading of the drives yet")] };
+    let active = snapshot.authority.map_or(0, |authority| usize::from(authority.active_estimator).min(1));
+    let estimate = snapshot.estimate[active]
+        .filter(|estimate| estimate.valid == 1 && snapshot.age_s(estimate.header.stamp_ns) < OLD_S);
+    let scale = &snapshot.scale;
+    let count = usize::from(state.cable_count).min(state.length_m.len());
+    (0..count)
+        .map(|cable| {
+            let (length, current) = (state.length_m[cable], state.current_a[cable]);
+            let mut spans = vec![Span::raw(format!("{} ", cable + 1))];
+            spans.push(bar(length / scale.length_m, Color::Blue));
+            spans.push(Span::raw(format!(" {length:8.3} m {:+7.3} m/s  ", state.velocity_m_s[cable])));
+            match estimate.map(|estimate| (estimate.tension_n[cable], estimate.slack[cable])) {
+                Some((tension, slack)) => {
+                    let [least, greatest] = scale.tension_n;
+                    let sound = slack == 0 && (least..=greatest).contains(&tension);
+                    spans.push(bar(tension / greatest, if sound { Color::Green } else { Color::Red }));
+                    let mark = if slack == 1 { " SLACK" } else { "" };
+                    spans.push(Span::raw(format!(" {tension:6.1} N{mark}  ")));
+                }
+                None => spans.push(Span::raw(format!("{:BAR$}      ? N  ", ""))),
+            }
+            let color = if current.abs() > 0.9 * scale.current_a { Color::Red } else { Color::Magenta };
+            spans.push(bar(current.abs() / scale.current_a, color));
+            spans.push(Span::raw(format!(" {current:6.2} A")));
+            if state.fresh[cable] == 0 {
+                spans.push(styled("  no reading", Color::Yellow));
+            }
+            Line::from(spans)
+        })
+        .collect()
+}
+
+/// A bar for a share of the full scale; what is no number is empty.
+fn bar(share: f64, color: Color) -> Span<'static> {
+    let filled = if share.is_finite() { (share.clamp(0.0, 1.0) * BAR as f64).round() as usize } else { 0 };
+    Span::styled("█".repeat(filled) + &"░".repeat(BAR - filled), Style::new().fg(color))
+}
+
+/// Who is in which slot, how far it is trusted, and what motor-io thinks of it.
+fn control(snapshot: &Snapshot) -> Vec<Line<'static>> {
+    let Some(authority) = snapshot.authority else { return vec![Line::from("nobody: motor-io does not run")] };
+    let mut lines = Vec::new();
+    for (slot, name) in SLOT_NAMES.iter().enumerate() {
+        let status = snapshot.control[slot].filter(|status| snapshot.age_s(status.header.stamp_ns) < OLD_S);
+        let in_charge = usize::from(authority.in_charge[CONTROLLERS]) == slot;
+        if status.is_none() && !in_charge && set_aside(snapshot, CONTROLLERS, slot).is_empty() {
+            continue;
+        }
+        let law = status.map_or("nobody", |status| law_name(status.law));
+        let words = format!("{law:<14} {}", sentences::verdict_sentence(authority.verdict[slot]));
+        lines.push(seat(snapshot, CONTROLLERS, slot, name, in_charge, words));
+    }
+    for (slot, name) in SLOT_NAMES.iter().enumerate() {
+        let estimate = snapshot.estimate[slot].filter(|estimate| snapshot.age_s(estimate.header.stamp_ns) < OLD_S);
+        let in_charge = usize::from(authority.in_charge[ESTIMATORS]) == slot;
+        let words = match estimate {
+            None if !in_charge && set_aside(snapshot, ESTIMATORS, slot).is_empty() => continue,
+            None => "nobody".to_owned(),
+            Some(estimate) if estimate.valid == 1 => {
+                format!("lengths agree within {:.1} mm", 1000.0 * estimate.residual_m)
+            }
+            Some(_) => "no valid estimate".to_owned(),
+        };
+        lines.push(seat(snapshot, ESTIMATORS, slot, name, in_charge, words));
+    }
+    lines
+}
+
+fn seat(snapshot: &Snapshot, role: usize, slot: usize, name: &str, in_charge: bool, words: String) -> Line<'static> {
+    let who = sentences::ROLE_NAMES[role];
+    let mark = if in_charge { styled("IN CHARGE", Color::Green) } else { Span::raw("         ") };
+    let mut spans = vec![Span::raw(format!("{who:<10} {name} ")), mark, Span::raw(format!(" {words}"))];
+    if let Some(slots) = &snapshot.slots {
+        spans.push(Span::raw(format!("  {}", crate::swap::progress(role, SLOTS * role + slot, slots))));
+    }
+    let cause = set_aside(snapshot, role, slot);
+    if !cause.is_empty() {
+        spans.push(styled(format!(" (it {cause})"), Color::Yellow));
+    }
+    Line::from(spans)
+}
+
+/// What last cost a slot its trust.
+fn set_aside(snapshot: &Snapshot, role: usize, slot: usize) -> &'static str {
+    snapshot.slots.map_or("", |slots| sentences::cause_phrase(role, slots.cause[SLOTS * role + slot]))
+}
+
+fn law_name(law: u8) -> &'static str {
+    match law {
+        ControlStatus::LAW_LQ_ENDPOINT => "lq-endpoint",
+        ControlStatus::LAW_PREVIEW => "preview",
+        ControlStatus::LAW_P_FEEDFORWARD => "p-feedforward",
+        _ => "a law of its own",
+    }
+}
+
+fn processes(snapshot: &Snapshot) -> Vec<Line<'static>> {
+    if snapshot.processes.is_empty() {
+        return vec![Line::from(styled("no supervisor: nobody looks after the processes", Color::Red))];
+    }
+    let newest = snapshot.processes.iter().map(|(row, _)| row.header.stamp_ns).max().unwrap_or(0);
+    let mut lines = Vec::new();
+    let age_s = snapshot.age_s(newest);
+    if age_s > OLD_S {
+        lines.push(Line::from(styled(
+            format!("the supervisor has said nothing for {age_s:.0} s; what follows was so before"),
+            Color::Red,
+        )));
+    }
+    lines.extend(snapshot.processes.iter().map(|(row, beat)| process(row, beat.as_ref())));
+    lines
+}
+
+fn process(row: &ProcessState, beat: Option<&Heartbeat>) -> Line<'static> {
+    let color = match row.state {
+        ProcessState::STATE_READY | ProcessState::STATE_RUNNING => Color::Green,
+        ProcessState::STATE_STOPPED => Color::Gray,
+        ProcessState::STATE_STARTING | ProcessState::STATE_STOPPING => Color::Yellow,
+        _ => Color::Red,
+    };
+    let law = text_of(&row.law);
+    let name = if law.is_empty() { text_of(&row.name) } else { format!("{} ({law})", text_of(&row.name)) };
+    let mut spans = vec![Span::raw(format!("{name:<20} ")), styled(format!("{:<13} ", state_name(row.state)), color)];
+    if row.pid != 0 {
+        spans.push(Span::raw(format!("{:>7} ", row.pid)));
+    }
+    if let Some(beat) = beat.filter(|_| row.exit_code == -1 && row.signal == 0) {
+        let microseconds = |ns: u64| ns as f64 * 1e-3;
+        spans.push(Span::raw(format!(
+            "{:5.0}, 99 % {:5.0} µs",
+            microseconds(beat.busy_p50_ns),
+            microseconds(beat.busy_p99_ns)
+        )));
+        if beat.lost > 0 {
+            spans.push(styled(format!(", {} lost", beat.lost), Color::Yellow));
+        }
+    }
+    if row.restarts > 0 {
+        spans.push(styled(format!(" started again {}x", row.restarts), Color::Yellow));
+    }
+    let reason = text_of(&row.reason);
+    if !reason.is_empty() {
+        spans.push(Span::raw(format!(" {reason}")));
+    }
+    Line::from(spans)
+}
+
+/// As many channels as fit: those with losses first, then the busiest.
+fn channels(snapshot: &Snapshot, height: u16, width: u16) -> Vec<Line<'static>> {
+    let mut rows: Vec<_> = snapshot.channels.iter().collect();
+    if rows.is_empty() {
+        return vec![Line::from("the recorder has counted none yet")];
+    }
+    rows.sort_by(|a, b| b.lost.cmp(&a.lost).then(b.hz.total_cmp(&a.hz)).then(a.name.cmp(&b.name)));
+    let name_width = usize::from(width.saturating_sub(21)).clamp(12, 40);
+    let height = usize::from(height);
+    let shown = if rows.len() > height { height.saturating_sub(1) } else { rows.len() };
+    let mut lines: Vec<Line<'static>> = rows
+        .iter()
+        .take(shown)
+        .map(|row| {
+            let lost =
+                if row.lost == 0 { Span::raw("0 lost") } else { styled(format!("{} lost", row.lost), Color::Yellow) };
+            Line::from(vec![Span::raw(format!("{:<name_width$} {:7.1} Hz  ", row.name, row.hz)), lost])
+        })
+        .collect();
+    if shown < rows.len() {
+        lines.push(Line::from(format!("and {} more; `nims channel hz` shows all", rows.len() - shown)));
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::snapshot::{ChannelRow, Scale};
+    use super::*;
+    use messages::{MotorSlots, MotorState, NodeEstimate, PlanStatus, put_text};
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    const NOW: u64 = 1_000_000_000_000;
+
+    fn picture(snapshot: &Snapshot, width: u16, height: u16) -> Vec<String> {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|frame| draw(frame, snapshot)).unwrap();
+        let buffer = terminal.backend().buffer().clone();
+        (0..height).map(|y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>()).collect()
+    }
+
+    fn line<'a>(picture: &'a [String], word: &str) -> &'a str {
+        picture
+            .iter()
+            .find(|line| line.contains(word))
+            .unwrap_or_else(|| panic!("no {word:?} in\n{}", picture.join("\n")))
+    }
+
+    fn row(name: &str, state: u8) -> (ProcessState, Option<Heartbeat>) {
+        let mut row = ProcessState { state, pid: 4711, exit_code: -1, ..Default::default() };
+        row.header.stamp_ns = NOW;
+        put_text(&mut row.name, name);
+        let beat = Heartbeat { busy_p50_ns: 120_000, busy_p99_ns: 450_000, pid: 4711, ..Default::default() };
+        (row, Some(beat))
+    }
+
+    fn flying() -> Snapshot {
+        let mut authority = MotorAuthority {
+            mode: MotorAuthority::MODE_FOLLOWING,
+            period_s: 0.01,
+            missed: 2,
+            bus_ns: 3_400_000,
+            command_age_ns: 12_100_000,
+            plan_rate: 1.0,
+            position_known: MotorState::POSITION_KNOWN,
+            verdict: [MotorAuthority::VERDICT_ACCEPTED, MotorAuthority::VERDICT_STALE],
+            cable_count: 3,
+            ..Default::default()
+        };
+        authority.header.cycle = 12345;
+        authority.header.stamp_ns = NOW;
+        let mut state = MotorState { cable_count: 3, fresh: [1; 8], ..Default::default() };
+        state.length_m[..3].copy_from_slice(&[5.0, 2.5, 10.0]);
+        state.current_a[0] = 4.0;
+        let mut estimate = NodeEstimate { position_m: [4.8, 3.0, 0.3], valid: 1, cable_count: 3, ..Default::default() };
+        estimate.tension_n[..3].copy_from_slice(&[30.0, 1.0, 45.0]);
+        estimate.header.stamp_ns = NOW;
+        let mut control = ControlStatus {
+            law: ControlStatus::LAW_PREVIEW,
+            valid: 1,
+            segment: 3,
+            error_norm_m: 0.0012,
+            ..Default::default()
+        };
+        control.header.stamp_ns = NOW;
+        let mut plan = PlanStatus {
+            state: PlanStatus::STATE_RUNNING,
+            leg: 2,
+            legs: 5,
+            progress: 0.43,
+            time_left_s: 12.0,
+            ..Default::default()
+        };
+        put_text(&mut plan.mission, "survey");
+        Snapshot {
+            now_ns: NOW,
+            domain: Some("demo3".to_owned()),
+            run: "runs/today".to_owned(),
+            scale: Scale { length_m: 10.0, tension_n: [2.0, 60.0], current_a: 8.0 },
+            authority: Some(authority),
+            state: Some(state),
+            estimate: [Some(estimate), None],
+            control: [Some(control), None],
+            plan: Some(plan),
+            processes: vec![
+                row("recorder", ProcessState::STATE_READY),
+                row("motor-io", ProcessState::STATE_SILENT),
+                row("planner", ProcessState::STATE_DIED),
+            ],
+            channels: vec![
+                ChannelRow { name: "motor/state".to_owned(), hz: 100.0, lost: 0 },
+                ChannelRow { name: "energy".to_owned(), hz: 10.0, lost: 7 },
+            ],
+            recording: Some(Recording {
+                state: RecorderStatus::STATE_RECORDING,
+                bytes: 2_500_000,
+                lost: 7,
+                free_bytes: 40_000_000_000,
+                stamp_ns: NOW,
+            }),
+            ..Snapshot::default()
+        }
+    }
+
+    #[test]
+    fn everything_that_matters_is_on_one_screen() {
+        for (width, height) in [(100, 40), (160, 30)] {
+            let picture = picture(&flying(), width, height);
+            for (word, with) in [
+                ("FOLLOWING", "follows its motion"),
+                ("node at", "4.800, 3.000, 0.300 m; 1.2 mm from the setpoint"),
+                ("mission", "survey, leg 2 of 5, 43 %, 12 s left"),
+                ("12345 at 100 Hz", "2 missed, 0 late, 0 skipped; bus 3.4 ms"),
+                ("recording", "2.5 MB, 7 lost, 40.0 GB left"),
+                ("controller a", "preview        The command is good."),
+                ("estimator  a", "IN CHARGE lengths agree"),
+                ("recorder  ", "ready"),
+                ("motor-io  ", "SILENT"),
+                ("planner  ", "DIED"),
+                ("motor/state", "100.0 Hz  0 lost"),
+                ("energy", "7 lost"),
+            ] {
+                let line = line(&picture, word);
+                assert!(line.contains(with), "no {with:?} in {line:?} of\n{}", picture.join("\n"));
+            }
+            // nobody is in the second slots
+            assert!(!picture.iter().any(|line| line.contains("controller b") || line.contains("estimator  b")));
+        }
+    }
+
+    #[test]
+    fn a_swap_is_followed_and_its_failure_named() {
+        let mut swapping = flying();
+        let mut second = swapping.control[0].unwrap();
+        second.law = ControlStatus::LAW_P_FEEDFORWARD;
+        swapping.control[1] = Some(second);
+        let mut slots =
+            MotorSlots { fade: [1.0; 2], well_cycles: [0, 40, 0, 0], qualify_cycles: 100, ..Default::default() };
+        slots.phase =
+            [MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_SHADOW, MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_EMPTY];
+        swapping.slots = Some(slots);
+        assert!(line(&picture(&swapping, 140, 40), "p-feedforward").contains("40 of 100 cycles"));
+        slots.phase[1] = MotorSlots::PHASE_SWITCHING;
+        slots.commit_cycle[CONTROLLERS] = 12400;
+        swapping.slots = Some(slots);
+        assert!(line(&picture(&swapping, 140, 40), "p-feedforward").contains("takes over in cycle 12400"));
+        // An estimator that came and went is not there, and still named.
+        slots.phase[3] = MotorSlots::PHASE_QUARANTINED;
+        slots.cause[3] = MotorSlots::CAUSE_ABSENT;
+        swapping.slots = Some(slots);
+        assert!(line(&picture(&swapping, 140, 40), "estimator  b").contains("quarantined (it stopped answering)"));
+    }
+
+    #[test]
+    fn bars_are_as_long_as_what_they_show() {
+        let picture = picture(&flying(), 100, 40);
+        let bars = |line: &str| -> Vec<usize> {
+            let mut counts = vec![0; 3];
+            let (mut at, mut cells) = (0, 0);
+            for symbol in line.chars().filter(|symbol| "█░".contains(*symbol)) {
+                counts[at] += usize::from(symbol == '█');
+                cells += 1;
+                if cells % BAR == 0 && at < 2 {
+                    at += 1;
+                }
+            }
+            counts
+        };
+        assert_eq!(bars(line(&picture, "5.000 m")), [6, 6, 6]);
+        assert_eq!(bars(line(&picture, "2.500 m")), [3, 0, 0]);
+        assert_eq!(bars(line(&picture, "10.000 m")), [12, 9, 0]);
+        for (share, filled) in [(f64::NAN, 0), (f64::INFINITY, 0), (-1.0, 0), (9.0, BAR)] {
+            assert_eq!(bar(share, Color::Red).content.matches('█').count(), filled, "{share}");
+        }
+    }
+
+    #[test]
+    fn what_is_not_heard_any_more_is_not_shown_as_the_present() {
+        let mut late = flying();
+        late.now_ns += 5_000_000_000;
+        let late = picture(&late, 120, 40);
+        assert!(line(&late, "motor-io has said nothing for 5 s").contains("mode"));
+        assert!(!late.iter().any(|line| line.contains("FOLLOWING") || line.contains("node at")), "{}", late.join("\n"));
+        line(&late, "the supervisor has said nothing for 5 s");
+        line(&late, "the recorder has said nothing for 5 s");
+        let alone = Snapshot { now_ns: NOW, domain: Some("x".to_owned()), ..Snapshot::default() };
+        let alone = picture(&alone, 80, 30);
+        for word in ["motor-io says nothing", "no supervisor", "the recorder says nothing", "no reading of the drives"]
+        {
+            line(&alone, word);
+        }
+    }
+
+    #[test]
+    fn every_fault_has_its_sentence() {
+        let mut faulted = flying();
+        if let Some(authority) = &mut faulted.authority {
+            authority.mode = MotorAuthority::MODE_FAULTED;
+            authority.faults = MotorAuthority::FAULT_SLACK | MotorAuthority::FAULT_SUPPLY;
+            authority.fault_cable[1] = 1;
+        }
+        let picture = picture(&faulted, 140, 40);
+        line(&picture, "FAULTED");
+        assert!(line(&picture, "A line is slack or broken").contains("(cable 2)"));
+        line(&picture, "The supply voltage is low");
+    }
+
+    #[test]
+    fn without_a_robot_it_says_so() {
+        let waiting = picture(&Snapshot::waiting(NOW, "no robot runs here: start one"), 60, 10);
+        line(&waiting, "no robot runs here: start one");
+        line(&waiting, "Waiting for a robot; q quits.");
+    }
+
+    #[test]
+    fn no_size_and_no_value_is_too_odd_to_draw() {
+        let mut odd = flying();
+        if let Some(state) = &mut odd.state {
+            state.cable_count = 255;
+            state.length_m = [f64::NAN; 8];
+            state.current_a = [f64::INFINITY; 8];
+        }
+        if let Some(authority) = &mut odd.authority {
+            (authority.active_controller, authority.active_estimator, authority.mode) = (255, 255, 255);
+            authority.verdict = [255; 2];
+            authority.in_charge = [255; 2];
+            authority.period_s = 0.0;
+        }
+        odd.slots = Some(MotorSlots { phase: [255; 4], cause: [255; 4], apart: [f64::NAN; 4], ..Default::default() });
+        odd.scale.length_m = 0.0;
+        for width in 1..60 {
+            for height in [1, 2, 3, 7, 24] {
+                picture(&odd, width, height);
+                picture(&Snapshot::waiting(NOW, "nothing"), width, height);
+            }
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! A run cycle by cycle: what belongs to one control cycle is put together while the file is read once, in memory that does not grow
+//! with the run.
+
+use cable_robot::{Segment, Setpoint};
+use messages::{
+    ControlStatus, Energy, Message, MotorAuthority, MotorState, NodeEstimate, PlanMotion, SLOTS, TruthNode,
+};
+use runlog::Recorded;
+use service::motion::segment_of;
+use std::collections::{BTreeMap, VecDeque};
+
+/// A setpoint slower than this rests, m/s: the ends of a profile, where every law is right.
+const MOVING_M_S: f64 = 1e-3;
+/// Cycles that are waited for stragglers: samples of different channels lie in the file in the order of their stamps, but for those
+/// that the recorder heard one look (10 ms) later.
+const WINDOW: usize = 128;
+/// Motions whose segments are remembered: the present one, and those that a straggler can belong to.
+const MOTIONS: usize = 4;
+
+/// What belongs to one control cycle.
+#[derive(Debug, Clone, Copy)]
+pub struct Cycle<'a> {
+    /// Mode and plan clock.
+    pub authority: &'a MotorAuthority,
+    /// Those of the next cycle; the last cycle of a run has none.
+    pub next: Option<&'a MotorAuthority>,
+    /// Encoders and drives.
+    pub state: Option<&'a MotorState>,
+    /// The estimate that was acted on, if it was valid.
+    pub estimate: Option<&'a NodeEstimate>,
+    /// The account of the controller in charge.
+    pub control: Option<&'a ControlStatus>,
+    /// Power and loss.
+    pub energy: Option<&'a Energy>,
+    /// The segment being followed; `None` unless the robot follows one.
+    pub segment: Option<&'a Segment>,
+    /// Where the node should be.
+    pub setpoint: Option<Setpoint>,
+    /// The setpoint moves.
+    pub moving: bool,
+    /// Every true sample from this cycle to the next.
+    pub truth: &'a [TruthNode],
+    segments: &'a [Segment],
+}
+
+impl Cycle<'_> {
+    /// The setpoint at the time of a true sample, which lies between two cycles.
+    #[must_use]
+    pub fn setpoint_at(&self, stamp_ns: u64) -> Option<Setpoint> {
+        let (now, then) = (self.authority, self.next?);
+        let span = then.header.stamp_ns.saturating_sub(now.header.stamp_ns).max(1) as f64;
+        let share = stamp_ns.saturating_sub(now.header.stamp_ns) as f64 / span;
+        let plan_time_s = now.plan_time_s + share * (then.plan_time_s - now.plan_time_s);
+        segment_at(self.segments, plan_time_s).map(|segment| segment.setpoint(plan_time_s))
+    }
+}
+
+#[derive(Default)]
+struct Row {
+    cycle: u64,
+    authority: Option<MotorAuthority>,
+    state: Option<MotorState>,
+    /// Per slot.
+    estimates: [Option<NodeEstimate>; SLOTS],
+    /// Per slot.
+    controls: [Option<ControlStatus>; SLOTS],
+    energy: Option<Energy>,
+}
+
+/// The segments of one motion, in the order of their start.
+#[derive(Default)]
+struct MotionSegments {
+    epoch: u32,
+    segments: Vec<Segment>,
+}
+
+/// Puts cycles together. Give it every sample of a run in order, and [`Tracker::finish`] at the end.
+#[derive(Default)]
+pub struct Tracker {
+    rows: VecDeque<Row>,
+    motions: BTreeMap<u32, MotionSegments>,
+    truth: VecDeque<TruthNode>,
+    due: Vec<TruthNode>,
+}
+
+impl Tracker {
+    /// Takes a sample in; `each` gets the cycles that are complete now. False if the channel is one of those it knows and the sample
+    /// is of another version of its type.
+    pub fn note(&mut self, recorded: &Recorded<'_>, each: &mut impl FnMut(&Cycle<'_>)) -> bool {
+        let name = recorded.channel.name.as_str();
+        let slot = usize::from(name.ends_with("/b"));
+        match name {
+            "motor/authority" => self.put(recorded, each, |row, sample| row.authority = Some(sample)),
+            "motor/state" => self.put(recorded, each, |row, sample| row.state = Some(sample)),
+            "energy" => self.put(recorded, each, |row, sample| row.energy = Some(sample)),
+            "node/estimate/a" | "node/estimate/b" => {
+                self.put(recorded, each, |row, sample| row.estimates[slot] = Some(sample))
+            }
+            "control/status/a" | "control/status/b" => {
+                self.put(recorded, each, |row, sample| row.controls[slot] = Some(sample))
+            }
+            "truth/node" => recorded.to::<TruthNode>().map(|truth| self.truth.push_back(truth)).is_some(),
+            "plan/motion" => recorded.to::<PlanMotion>().map(|motion| self.motion(&motion)).is_some(),
+            _ => true,
+        }
+    }
+
+    /// The cycles that were still waiting.
+    pub fn finish(&mut self, each: &mut impl FnMut(&Cycle<'_>)) {
+        while let Some(row) = self.rows.pop_front() {
+            self.give(&row, each);
+        }
+    }
+
+    fn put<T: Message>(
+        &mut self,
+        recorded: &Recorded<'_>,
+        each: &mut impl FnMut(&Cycle<'_>),
+        set: impl FnOnce(&mut Row, T),
+    ) -> bool {
+        let Some(sample) = recorded.to::<T>() else { return false };
+        let cycle = sample.header().cycle;
+        let last = self.rows.back().map_or(0, |row| row.cycle);
+        if cycle.saturating_add(10 * WINDOW as u64) < last {
+            // motor-io was started anew and counts from the beginning
+            self.finish(each);
+        }
+        let at = self.rows.iter().rposition(|row| row.cycle <= cycle);
+        match at {
+            Some(at) if self.rows[at].cycle == cycle => set(&mut self.rows[at], sample),
+            // a straggler of a cycle that was given away
+            None if !self.rows.is_empty() => {}
+            at => {
+                let mut row = Row { cycle, ..Row::default() };
+                set(&mut row, sample);
+                self.rows.insert(at.map_or(0, |at| at + 1), row);
+            }
+        }
+        while self.rows.len() > WINDOW {
+            if let Some(row) = self.rows.pop_front() {
+                self.give(&row, each);
+            }
+        }
+        true
+    }
+
+    fn motion(&mut self, message: &PlanMotion) {
+        if message.motion == 0 {
+            return;
+        }
+        let motion = self.motions.entry(message.motion).or_default();
+        if motion.epoch != message.epoch {
+            // another planner counts its motions from the beginning
+            *motion = MotionSegments { epoch: message.epoch, segments: Vec::new() };
+        }
+        for one in [&message.current, &message.next] {
+            let known = |segment: &Segment| segment.id == u64::from(one.id) && segment.start_s == one.start_s;
+            if one.kind == 0 || motion.segments.iter().rev().any(known) {
+                continue;
+            }
+            if let Some(segment) = segment_of(one) {
+                let at = motion.segments.partition_point(|other| other.start_s <= segment.start_s);
+                motion.segments.insert(at, segment);
+            }
+        }
+        while self.motions.len() > MOTIONS {
+            let oldest = self.motions.keys().copied().find(|number| *number != message.motion);
+            oldest.map(|number| self.motions.remove(&number));
+        }
+    }
+
+    fn give(&mut self, row: &Row, each: &mut impl FnMut(&Cycle<'_>)) {
+        let Some(authority) = &row.authority else { return };
+        let next = self.rows.front().and_then(|row| row.authority.as_ref());
+        self.due.clear();
+        let until = next.map_or(authority.header.stamp_ns, |next| next.header.stamp_ns);
+        while let Some(truth) = self.truth.front().filter(|truth| truth.header.stamp_ns < until).copied() {
+            self.truth.pop_front();
+            if truth.header.stamp_ns >= authority.header.stamp_ns {
+                self.due.push(truth);
+            }
+        }
+        let [a, b] = &row.estimates;
+        let estimate = messages::blended_estimate(Some(authority), [a.as_ref(), b.as_ref()]);
+        let following = authority.mode == MotorAuthority::MODE_FOLLOWING;
+        let motion = self.motions.get(&authority.motion).filter(|_| following);
+        let segments = motion.map_or(&[][..], |motion| &motion.segments);
+        let segment = segment_at(segments, authority.plan_time_s);
+        let setpoint = segment.map(|segment| segment.setpoint(authority.plan_time_s));
+        let moving = setpoint
+            .is_some_and(|setpoint| !setpoint.at_rest && setpoint.velocity.norm() * authority.plan_rate > MOVING_M_S);
+        each(&Cycle {
+            authority,
+            next,
+            state: row.state.as_ref(),
+            estimate: estimate.as_ref().filter(|estimate| estimate.valid == 1),
+            control: row.controls[usize::from(authority.active_controller).min(SLOTS - 1)].as_ref(),
+            energy: row.energy.as_ref(),
+            segment,
+            setpoint,
+            moving,
+            truth: &self.due,
+            segments,
+        });
+    }
+}
+
+/// Of segments in the order of their start, the one that began last.
+fn segment_at(segments: &[Segment], plan_time_s: f64) -> Option<&Segment> {
+    let begun = segments.partition_point(|segment| segment.start_s <= plan_time_s);
+    begun.checked_sub(1).and_then(|last| segments.get(last))
+}

@@ -1,0 +1,71 @@
+//! The recorder as a process, for tests.
+
+#![allow(dead_code)] // not every test needs all of it
+
+use std::fs;
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use bus::{Bus, Domain};
+use messages::Heartbeat;
+
+/// Ends the process whatever happens to the test.
+pub struct Recording(Child);
+
+impl Drop for Recording {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Recording {
+    pub fn start(domain: &Domain, run: &Path, bus: &Bus) -> Self {
+        Self::start_with(domain, run, bus, &[])
+    }
+
+    pub fn start_with(domain: &Domain, run: &Path, bus: &Bus, more: &[&str]) -> Self {
+        let mut beats = bus.subscriber::<Heartbeat>("system/heartbeat/recorder").unwrap();
+        let child = Command::new(env!("CARGO_BIN_EXE_recorder"))
+            .args(["--domain", domain.name(), "--run"])
+            .arg(run)
+            .args(more)
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        let this = Self(child);
+        until("the recorder is ready", || {
+            std::iter::from_fn(|| beats.receive().unwrap()).any(|beat| beat.state == Heartbeat::STATE_READY)
+        });
+        this
+    }
+
+    pub fn signal(&mut self, signal: rustix::process::Signal) -> Option<i32> {
+        let pid = rustix::process::Pid::from_child(&self.0);
+        rustix::process::kill_process(pid, signal).unwrap();
+        self.0.wait().unwrap().code()
+    }
+
+    /// Private memory, kB.
+    pub fn private_kb(&self) -> u64 {
+        let status = fs::read_to_string(format!("/proc/{}/status", self.0.id())).unwrap();
+        let line = status.lines().find_map(|line| line.strip_prefix("RssAnon:")).unwrap();
+        line.trim().trim_end_matches(" kB").parse().unwrap()
+    }
+
+    /// Processor time, in hundredths of a second.
+    pub fn ticks(&self) -> u64 {
+        let stat = fs::read_to_string(format!("/proc/{}/stat", self.0.id())).unwrap();
+        let fields: Vec<&str> = stat.rsplit(") ").next().unwrap().split(' ').collect();
+        fields[11].parse::<u64>().unwrap() + fields[12].parse::<u64>().unwrap()
+    }
+}
+
+pub fn until(what: &str, mut done: impl FnMut() -> bool) {
+    let begin = Instant::now();
+    while !done() {
+        assert!(begin.elapsed() < Duration::from_secs(20), "{what}: not within 20 s");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+}

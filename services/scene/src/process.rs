@@ -1,0 +1,126 @@
+//! The scene as a process: listens to what there is, and publishes what is drawn.
+
+use std::collections::BTreeMap;
+
+use bus::clock::{SECOND_NS, now_ns, unix_ns};
+use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Publisher, Tap};
+use messages::ros::{Log, MarkerArray, Path, PointCloud2, PoseStamped, TfMessage};
+use service::Chassis;
+
+use crate::{Drawing, Kind, Scene};
+
+/// Frames come 25 times a second: smooth to the eye, a quarter of the control cycle.
+const FRAME_NS: u64 = 40_000_000;
+/// What changes slowly comes twice a second.
+const SLOW_NS: u64 = SECOND_NS / 2;
+
+/// A publisher of one kind.
+enum Port {
+    Tf(Publisher<TfMessage>),
+    Pose(Publisher<PoseStamped>),
+    Path(Publisher<Path>),
+    Markers(Publisher<MarkerArray>),
+    Cloud(Publisher<PointCloud2>),
+    Log(Publisher<Log>),
+}
+
+impl Port {
+    fn open(bus: &Bus, channel: &str, kind: Kind) -> Result<Self, BusError> {
+        Ok(match kind {
+            Kind::Tf => Self::Tf(bus.publisher(channel)?),
+            Kind::Pose => Self::Pose(bus.publisher(channel)?),
+            Kind::Path => Self::Path(bus.publisher(channel)?),
+            Kind::Markers => Self::Markers(bus.publisher(channel)?),
+            Kind::Cloud => Self::Cloud(bus.publisher(channel)?),
+            Kind::Log => Self::Log(bus.publisher(channel)?),
+        })
+    }
+
+    /// A body of another length is not sent; that none is, is tested.
+    fn send(&mut self, body: &[u8]) -> Result<(), BusError> {
+        macro_rules! send {
+            ($port:expr, $kind:ty) => {
+                match <$kind>::of(body) {
+                    Some(mut sample) => $port.send(&mut sample).map(|_| ()),
+                    None => Ok(()),
+                }
+            };
+        }
+        match self {
+            Self::Tf(port) => send!(port, TfMessage),
+            Self::Pose(port) => send!(port, PoseStamped),
+            Self::Path(port) => send!(port, Path),
+            Self::Markers(port) => send!(port, MarkerArray),
+            Self::Cloud(port) => send!(port, PointCloud2),
+            Self::Log(port) => send!(port, Log),
+        }
+    }
+}
+
+/// Everything that is published.
+#[derive(Default)]
+struct Ports(BTreeMap<String, Port>);
+
+impl Ports {
+    fn send(&mut self, bus: &Bus, drawing: &Drawing) -> Result<(), BusError> {
+        if !self.0.contains_key(&drawing.channel) {
+            self.0.insert(drawing.channel.clone(), Port::open(bus, &drawing.channel, drawing.kind)?);
+        }
+        self.0.get_mut(&drawing.channel).map_or(Ok(()), |port| port.send(&drawing.body))
+    }
+}
+
+/// Runs until it is told to stop.
+///
+/// # Errors
+/// A box file that cannot be used, or a domain that cannot.
+pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
+    let robot = chassis.box_file()?.robot_file()?.robot()?;
+    let mut scene = Scene::new(&robot, unix_ns() as i64 - now_ns() as i64);
+    let (mut watch, mut taps, mut ports) = (ChannelWatch::new(), Vec::<Tap>::new(), Ports::default());
+    let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
+    let (mut frame_ns, mut slow_ns, mut search_ns) = (0, 0, 0);
+    chassis.ready()?;
+    while chassis.running() {
+        let wake = chassis.wait(&mut waiter, Some(frame_ns))?;
+        chassis.pass_begin();
+        let now = now_ns();
+        if wake.channel(0) || now >= search_ns {
+            search_ns = now + SECOND_NS;
+            for info in watch.new_channels(chassis.bus())?.into_iter().filter(|info| Scene::wants(&info.name)) {
+                match chassis.bus().tap(&info.name) {
+                    Ok(tap) => {
+                        // one that was made again, with another type perhaps, takes the place of the old one
+                        taps.retain(|old| old.info().name != info.name);
+                        taps.push(tap);
+                    }
+                    Err(BusError::NoChannel { .. }) => {}
+                    Err(error) => tracing::warn!("channel {} is not drawn: {error}", info.name),
+                }
+            }
+        }
+        for tap in &mut taps {
+            let (name, type_name) = (tap.info().name.clone(), tap.info().type_name.clone());
+            while let Some(drawn) = tap.receive(|raw| scene.note(&name, &type_name, raw.bytes))? {
+                if let Some(drawing) = drawn {
+                    ports.send(chassis.bus(), &drawing)?;
+                }
+            }
+        }
+        if now >= frame_ns {
+            frame_ns = now + FRAME_NS;
+            for drawing in scene.frame() {
+                ports.send(chassis.bus(), &drawing)?;
+            }
+        }
+        if now >= slow_ns {
+            slow_ns = now + SLOW_NS;
+            for drawing in scene.slow_frame() {
+                ports.send(chassis.bus(), &drawing)?;
+            }
+        }
+        chassis.pass_end();
+        chassis.report_lost(taps.iter().map(Tap::lost).sum());
+    }
+    Ok(())
+}

@@ -1,0 +1,28 @@
+//! A sensor on a serial port; see the library.
+#![forbid(unsafe_code)]
+
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use service::CommonArgs;
+
+/// A sensor on a serial port: publishes what it says on sensor/NAME.
+#[derive(Debug, Parser)]
+#[command(version)]
+struct Args {
+    #[command(flatten)]
+    common: CommonArgs,
+    /// Sensor file: port, protocol, values; configs/sensors holds commented examples.
+    file: PathBuf,
+}
+
+impl AsRef<CommonArgs> for Args {
+    fn as_ref(&self) -> &CommonArgs {
+        &self.common
+    }
+}
+
+fn main() -> ExitCode {
+    service::main("sensor", |args: &Args, chassis| sensor::serve(&args.file, chassis))
+}

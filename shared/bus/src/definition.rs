@@ -1,0 +1,140 @@
+//! The definition of a channel's type, as a text that travels with the channel.
+//!
+//! Whoever makes the channel states the text in its attributes: `schema.hash`, then `schema.0`, `schema.1`, ... in parts. iceoryx2 has room
+//! for 1792 bytes there. What is longer goes on in the attributes of events that exist for nothing else, `schema/HASH/1`, `schema/HASH/2`,
+//! ..., which every process that has the channel open keeps alive. So the text needs no sender, and any language can read it.
+
+use iceoryx2::node::Node;
+use iceoryx2::prelude::{AttributeSpecifier, MessagingPattern, SemanticString, Service, ServiceName, ipc};
+use iceoryx2::service::attribute::AttributeSet;
+use iceoryx2::service::builder::event::{EventCreateError, EventOpenError};
+use iceoryx2::service::port_factory::event;
+use messages::hash_of;
+
+use crate::clock::{SECOND_NS, now_ns, sleep_until};
+use crate::node::failed;
+use crate::{BusError, Domain};
+
+/// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).
+const ATTRIBUTE_BYTES: usize = 256;
+const ATTRIBUTES: usize = 8;
+/// Key of the hash of the text; its parts are numbered in each service.
+const HASH: &str = "schema.hash";
+const PART: &str = "schema.";
+/// Bytes beside the hash, and bytes of a continuation.
+const FIRST_BYTES: usize = (ATTRIBUTES - 1) * ATTRIBUTE_BYTES;
+const SHEET_BYTES: usize = ATTRIBUTES * ATTRIBUTE_BYTES;
+/// Continuations at most: 32 kB, which a thousand fields do not fill.
+const SHEETS: usize = 15;
+/// Processes that may hold a continuation open; as for every event.
+const SHEET_NODES: usize = 64;
+/// A continuation half made by another process: as for channels.
+const PATIENCE_NS: u64 = 4 * SECOND_NS;
+
+/// A continuation that is held open.
+pub(crate) type Sheet = event::PortFactory<ipc::Service>;
+
+/// What a channel of this type states.
+pub(crate) fn attributes(type_name: &str, text: &str) -> Result<AttributeSpecifier, BusError> {
+    let unfit = |why: String| BusError::Schema { type_name: type_name.to_owned(), why };
+    if !text.is_ascii() {
+        return Err(unfit("it has a character that is not ASCII".to_owned()));
+    }
+    if text.len() > FIRST_BYTES + SHEETS * SHEET_BYTES {
+        let room = FIRST_BYTES + SHEETS * SHEET_BYTES;
+        return Err(unfit(format!("it has {} bytes, and there is room for {room}", text.len())));
+    }
+    let specifier = define(AttributeSpecifier::new(), HASH, &hash(text));
+    specifier.and_then(|specifier| parts(specifier, first(text))).ok_or_else(|| unfit("a part is refused".to_owned()))
+}
+
+/// Makes, or joins, the continuations that this text needs. Before the channel itself is made: who finds the channel finds all of it.
+pub(crate) fn sheets(node: &Node<ipc::Service>, domain: &Domain, text: &str) -> Result<Vec<Sheet>, BusError> {
+    let rest = text.get(FIRST_BYTES..).unwrap_or_default();
+    (1..)
+        .zip(chunks(rest, SHEET_BYTES))
+        .map(|(number, part)| sheet(node, domain, &sheet_name(text, number), part))
+        .collect()
+}
+
+fn sheet(node: &Node<ipc::Service>, domain: &Domain, name: &str, part: &str) -> Result<Sheet, BusError> {
+    let service = ServiceName::new(name).map_err(|error| failed(name, "be named", &error))?;
+    let specifier = parts(AttributeSpecifier::new(), part);
+    let specifier = specifier.ok_or_else(|| failed(name, "be written", &"a part is refused"))?;
+    let builder = || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(SHEET_NODES);
+    let give_up = now_ns() + PATIENCE_NS;
+    loop {
+        let error = match builder().open() {
+            Ok(sheet) => return Ok(sheet),
+            Err(EventOpenError::DoesNotExist) => match builder().create_with_attributes(&specifier) {
+                Ok(sheet) => return Ok(sheet),
+                Err(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance) => None,
+                Err(error) => Some(format!("{error:?}")),
+            },
+            Err(error) => Some(format!("{error:?}")),
+        };
+        if now_ns() > give_up {
+            return Err(failed(name, "be made", &error));
+        }
+        domain.remove_half_made();
+        sleep_until(now_ns() + 2_000_000);
+    }
+}
+
+/// The text and its hash as a channel states them; the text only if it has that hash.
+pub(crate) fn read(domain: &Domain, attributes: &AttributeSet) -> (Option<String>, Option<String>) {
+    let hash_stated = value(attributes, HASH);
+    let mut text = joined(attributes);
+    let is_whole = |text: &str| hash_stated.as_ref().is_none_or(|stated| *stated == hash(text));
+    for number in 1..=SHEETS {
+        if is_whole(&text) || text.len() < FIRST_BYTES {
+            break;
+        }
+        let Some(stated) = &hash_stated else { break };
+        let details = ServiceName::new(&format!("schema/{stated}/{number}"))
+            .ok()
+            .and_then(|name| ipc::Service::details(&name, domain.config(), MessagingPattern::Event).ok().flatten());
+        let Some(details) = details else { break };
+        text.push_str(&joined(details.static_details.attributes()));
+    }
+    let whole = !text.is_empty() && is_whole(&text);
+    (whole.then_some(text), hash_stated)
+}
+
+fn hash(text: &str) -> String {
+    format!("{:08x}", hash_of(text))
+}
+
+fn sheet_name(text: &str, number: usize) -> String {
+    format!("schema/{}/{number}", hash(text))
+}
+
+fn first(text: &str) -> &str {
+    text.get(..FIRST_BYTES).unwrap_or(text)
+}
+
+/// An ASCII text in pieces.
+fn chunks(text: &str, bytes: usize) -> impl Iterator<Item = &str> {
+    text.as_bytes().chunks(bytes).filter_map(|part| std::str::from_utf8(part).ok())
+}
+
+fn parts(specifier: AttributeSpecifier, text: &str) -> Option<AttributeSpecifier> {
+    chunks(text, ATTRIBUTE_BYTES)
+        .enumerate()
+        .try_fold(specifier, |specifier, (number, part)| define(specifier, &format!("{PART}{number}"), part))
+}
+
+fn define(specifier: AttributeSpecifier, key: &str, value: &str) -> Option<AttributeSpecifier> {
+    specifier.define(&key.try_into().ok()?, &value.try_into().ok()?).ok()
+}
+
+fn joined(attributes: &AttributeSet) -> String {
+    (0..).map_while(|part| value(attributes, &format!("{PART}{part}"))).collect()
+}
+
+fn value(attributes: &AttributeSet, wanted: &str) -> Option<String> {
+    attributes
+        .iter()
+        .find(|attribute| attribute.key().as_bytes() == wanted.as_bytes())
+        .map(|attribute| String::from_utf8_lossy(attribute.value().as_bytes()).into_owned())
+}

@@ -1,0 +1,117 @@
+//! The points the lines leave from, and the space they span: all of it, or the plane y = 0.
+
+use std::ops::Deref;
+
+use nalgebra::Vector3;
+
+use crate::MAX_CABLES;
+use crate::robot::{FARTHEST_M, RobotError, refuse};
+
+/// The key of the robot file.
+const KEY: &str = "anchors_m";
+
+/// Anchors closer than this count as one point, m: no pulley is smaller.
+const COINCIDENT_M: f64 = 1e-3;
+
+/// The points the lines leave from: at least as many as there are directions, at most eight, finite and distinct.
+///
+/// A planar robot has its anchors and its node in the plane y = 0 and moves in two directions, x and z. Positions, unit
+/// vectors and forces stay vectors of space with y = 0; ranks and redundancies are counted in the plane.
+///
+/// ```
+/// use cable_robot::Anchors;
+/// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]])?;
+/// assert_eq!((anchors.len(), anchors.dimensions()), (3, 3));
+/// let planar = Anchors::planar(&[[0.0, 4.0], [6.0, 4.0], [6.0, 0.0], [0.0, 0.0]])?;
+/// assert_eq!((planar.len(), planar.dimensions()), (4, 2));
+/// assert_eq!(planar[1], cable_robot::Vector3::new(6.0, 0.0, 4.0));
+/// # Ok::<(), cable_robot::RobotError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Anchors {
+    points: [Vector3<f64>; MAX_CABLES],
+    len: usize,
+    planar: bool,
+}
+
+impl Anchors {
+    /// Checks and copies anchor positions [x, y, z], m.
+    pub fn new(points: &[[f64; 3]]) -> Result<Self, RobotError> {
+        if !(3..=MAX_CABLES).contains(&points.len()) {
+            return refuse(KEY, format!("has {} points", points.len()), "3 to 8 points [x, y, z] in metres");
+        }
+        Self::checked(points.iter().copied(), points.len(), false)
+    }
+
+    /// Checks and copies anchor positions [x, z] of a robot in the plane y = 0, m.
+    pub fn planar(points: &[[f64; 2]]) -> Result<Self, RobotError> {
+        Self::flat(points.iter().map(|[x, z]| [*x, 0.0, *z]), points.len())
+    }
+
+    /// The same from points [x, y, z], whose y has to be 0.
+    pub fn in_plane(points: &[[f64; 3]]) -> Result<Self, RobotError> {
+        if let Some(i) = points.iter().position(|p| p[1] != 0.0) {
+            let problem = format!("number {} is {} m beside the plane y = 0", i + 1, points[i][1]);
+            return refuse(KEY, problem, "points [x, z] in metres, or [x, 0, z]");
+        }
+        Self::flat(points.iter().copied(), points.len())
+    }
+
+    fn flat(points: impl Iterator<Item = [f64; 3]>, count: usize) -> Result<Self, RobotError> {
+        if !(2..=MAX_CABLES).contains(&count) {
+            return refuse(KEY, format!("has {count} points"), "2 to 8 points [x, z] in metres");
+        }
+        Self::checked(points, count, true)
+    }
+
+    fn checked(points: impl Iterator<Item = [f64; 3]>, len: usize, planar: bool) -> Result<Self, RobotError> {
+        let mut result = Self { points: [Vector3::zeros(); MAX_CABLES], len, planar };
+        for (i, p) in points.enumerate() {
+            if !p.iter().all(|v| v.is_finite() && v.abs() <= FARTHEST_M) {
+                let problem = format!("number {} is [{}, {}, {}]", i + 1, p[0], p[1], p[2]);
+                return refuse(KEY, problem, "finite coordinates in metres, at most 1e5");
+            }
+            let point = Vector3::from(p);
+            if let Some(j) = result.points[..i].iter().position(|q| (q - point).norm() < COINCIDENT_M) {
+                let problem = format!("numbers {} and {} coincide", j + 1, i + 1);
+                return refuse(KEY, problem, "points at least 1 mm apart");
+            }
+            result.points[i] = point;
+        }
+        Ok(result)
+    }
+
+    /// In how many directions the node moves: 3, or 2 in the plane y = 0.
+    pub fn dimensions(&self) -> usize {
+        if self.planar { 2 } else { 3 }
+    }
+
+    /// True if the node moves in the plane y = 0 only.
+    pub fn is_planar(&self) -> bool {
+        self.planar
+    }
+}
+
+impl Deref for Anchors {
+    type Target = [Vector3<f64>];
+    fn deref(&self) -> &[Vector3<f64>] {
+        &self.points[..self.len]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_plane_takes_points_of_its_own_only() {
+        let corners = [[0.0, 0.0, 4.0], [6.0, 0.0, 4.0], [6.0, 0.0, 0.0], [0.0, 0.0, 0.0]];
+        let planar = Anchors::in_plane(&corners).unwrap();
+        assert_eq!(planar, Anchors::planar(&corners.map(|[x, _, z]| [x, z])).unwrap());
+        // The same points in space: four lines that hold nothing sideways.
+        assert_ne!(planar, Anchors::new(&corners).unwrap());
+        for bad in [&[[0.0, 0.0, 4.0], [6.0, 0.1, 4.0]][..], &corners[..1], &[[0.0, 0.0, 4.0]; 2], &[[0.0; 3]; 9]] {
+            assert_eq!(Anchors::in_plane(bad).unwrap_err().key, "anchors_m");
+        }
+    }
+}

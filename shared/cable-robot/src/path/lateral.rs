@@ -1,0 +1,184 @@
+//! A path that also swings sideways: the straight line and three harmonics down and to the side (beyond section VIII of the
+//! paper, whose paths stay in a vertical plane).
+//!
+//! A [`Bow`] is the shape by its fraction u of the straight line, from 0 to 1:
+//! X(u) = from + (to - from) u + Σ sin(kπu) (side_k e - down_k z), k = 1..3, where e is the horizontal unit vector to the left
+//! of the way from start to end. A [`Lateral`] is the same by arc length, which has no closed form: it is integrated by
+//! Gauss's rule in panels, once.
+
+use nalgebra::Vector3;
+
+use super::{PathPoint, by_arc_length, invert};
+
+/// Harmonics in each of the two directions.
+pub const HARMONICS: usize = 3;
+
+/// Panels of the integral of the arc length: the third harmonic turns by 0.6 rad in each.
+const PANELS: usize = 16;
+
+/// Gauss-Legendre nodes and weights on -1..1, five points: exact for polynomials of degree 9.
+const GAUSS: [(f64, f64); 5] = [
+    (0.0, 0.568_888_888_888_888_9),
+    (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+    (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+    (0.906_179_845_938_664, 0.236_926_885_056_189_08),
+    (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
+];
+
+/// How a path bows out of the straight line between two points.
+///
+/// ```
+/// use cable_robot::{Vector3, path::Bow};
+/// let (from, to) = (Vector3::new(0.0, 0.0, 2.0), Vector3::new(4.0, 0.0, 2.0));
+/// let bow = Bow { from, to, down_m: [0.5, 0.0, 0.0], side_m: [0.3, 0.0, 0.0] };
+/// let middle = bow.at_fraction(0.5);
+/// // Down by half a metre, and to the left, which is +y here, by 0.3 m.
+/// assert!((middle.position - Vector3::new(2.0, 0.3, 1.5)).norm() < 1e-12);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bow {
+    /// Start, m.
+    pub from: Vector3<f64>,
+    /// End, m.
+    pub to: Vector3<f64>,
+    /// Amplitudes below the straight line, m, of half a wave, a whole one, and one and a half.
+    pub down_m: [f64; HARMONICS],
+    /// The same to the left of it, m.
+    pub side_m: [f64; HARMONICS],
+}
+
+/// A point of a bow with its derivatives over the fraction.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BowPoint {
+    /// Position, m.
+    pub position: Vector3<f64>,
+    /// dX/du, m.
+    pub first: Vector3<f64>,
+    /// d²X/du², m.
+    pub second: Vector3<f64>,
+}
+
+impl Bow {
+    /// The point at a fraction of the straight line.
+    pub fn at_fraction(&self, u: f64) -> BowPoint {
+        let chord = self.to - self.from;
+        let extent = self.extent();
+        let left = if extent > 0.0 { Vector3::new(-chord.y, chord.x, 0.0) / extent } else { Vector3::zeros() };
+        let angle = std::f64::consts::PI * u;
+        let (sin, cos) = (libm::sin(angle), libm::cos(angle));
+        let mut point = BowPoint { position: self.from + chord * u, first: chord, second: Vector3::zeros() };
+        // sin and cos of kπu by the sum formulas.
+        let (mut s, mut c) = (sin, cos);
+        for k in 0..HARMONICS {
+            let frequency = std::f64::consts::PI * (k + 1) as f64;
+            let bow = left * self.side_m[k] - Vector3::new(0.0, 0.0, self.down_m[k]);
+            point.position += bow * s;
+            point.first += bow * (frequency * c);
+            point.second -= bow * (frequency * frequency * s);
+            (s, c) = (s * cos + c * sin, c * cos - s * sin);
+        }
+        point
+    }
+
+    /// Horizontal distance from start to end, m.
+    pub fn extent(&self) -> f64 {
+        let d = self.to - self.from;
+        (d.x * d.x + d.y * d.y).sqrt()
+    }
+
+    /// Arc length, m.
+    pub fn length_m(&self) -> f64 {
+        (0..PANELS).map(|i| self.panel_m(i)).sum()
+    }
+
+    /// The same bow, its deviation from the straight line times `share`.
+    pub fn scaled(&self, share: f64) -> Self {
+        Self { down_m: self.down_m.map(|m| m * share), side_m: self.side_m.map(|m| m * share), ..*self }
+    }
+
+    /// How far the path may lie below the straight line between two of its points that are `step` of u apart, m: a bound by its
+    /// second derivative.
+    pub fn sagitta_m(&self, step: f64) -> f64 {
+        let bend = |k: usize| (std::f64::consts::PI * (k + 1) as f64).powi(2) * self.down_m[k].abs();
+        (0..HARMONICS).map(bend).sum::<f64>() * step * step / 8.0
+    }
+
+    fn panel_m(&self, i: usize) -> f64 {
+        self.part_m(i as f64 / PANELS as f64, 1.0 / PANELS as f64)
+    }
+
+    /// Arc length from u over `step` of it, m.
+    fn part_m(&self, u: f64, step: f64) -> f64 {
+        let half = 0.5 * step;
+        GAUSS.iter().map(|(at, weight)| weight * self.at_fraction(u + half * (1.0 + at)).first.norm()).sum::<f64>()
+            * half
+    }
+}
+
+/// A bow by arc length.
+///
+/// ```
+/// use cable_robot::{Path, Vector3, path::{Bow, Lateral}};
+/// let bow = Bow {
+///     from: Vector3::new(2.0, 2.0, 2.0),
+///     to: Vector3::new(7.0, 3.0, 2.2),
+///     down_m: [0.4, 0.0, 0.05],
+///     side_m: [-0.6, 0.1, 0.0],
+/// };
+/// let path = Path::Lateral(Lateral::new(bow));
+/// path.check()?;
+/// let middle = path.at(0.5 * path.length());
+/// assert!((middle.tangent.norm() - 1.0).abs() < 1e-12);
+/// # Ok::<(), cable_robot::path::PathError>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Lateral {
+    bow: Bow,
+    /// Arc length at the end of each panel, m.
+    reached_m: [f64; PANELS],
+}
+
+impl Lateral {
+    /// Integrates the arc length of a bow.
+    pub fn new(bow: Bow) -> Self {
+        let mut reached_m = [0.0; PANELS];
+        let mut sum = 0.0;
+        for (i, reached) in reached_m.iter_mut().enumerate() {
+            sum += bow.panel_m(i);
+            *reached = sum;
+        }
+        Self { bow, reached_m }
+    }
+
+    /// The shape.
+    pub fn bow(&self) -> &Bow {
+        &self.bow
+    }
+
+    /// Arc length, m.
+    pub fn length_m(&self) -> f64 {
+        self.reached_m[PANELS - 1]
+    }
+
+    /// True if it does not deviate from the straight line.
+    pub fn is_straight(&self) -> bool {
+        self.bow.down_m.iter().chain(&self.bow.side_m).all(|m| *m == 0.0)
+    }
+
+    pub(super) fn at(&self, s: f64) -> PathPoint {
+        let panel = self.reached_m.partition_point(|reached| *reached < s).min(PANELS - 1);
+        let before = if panel == 0 { 0.0 } else { self.reached_m[panel - 1] };
+        let (start, step) = (panel as f64 / PANELS as f64, 1.0 / PANELS as f64);
+        let within = invert(
+            |x| self.bow.part_m(start, x),
+            |x| self.bow.at_fraction(start + x).first.norm(),
+            s - before,
+            self.reached_m[panel] - before,
+            step,
+        );
+        let point = self.bow.at_fraction(start + within);
+        let at = by_arc_length(point.position, point.first, point.second);
+        // Rounding in the sines must not leave the node beside its target.
+        if s >= self.length_m() { PathPoint { position: self.bow.to, ..at } } else { at }
+    }
+}

@@ -1,0 +1,275 @@
+//! How a profile is found: trapezoids on straight paths, elsewhere two passes over samples that are reduced to few knots.
+
+use super::{Knot, MAX_KNOTS, Profile, ProfileError, ProfileLimits, ROUNDING};
+use crate::path::Path;
+
+/// Samples of a curved path while its profile is built. A spiral of three turns is sampled every 2 degrees.
+const SAMPLES: usize = 512;
+
+/// Shares of the acceleration limit that curvature alone may use, tried in this order. With 0.8 across, 0.6 remain
+/// along the path everywhere (0.8² + 0.6² = 1), so that no profile can run into a place it can neither hold nor leave.
+/// The lower shares leave more room between the profile and the limit and so need fewer knots.
+const ACROSS_SHARES: [f64; 4] = [0.8, 0.65, 0.5, 0.35];
+
+/// Appends, dropping what coincides with the knot before.
+struct Builder {
+    knots: [Knot; MAX_KNOTS],
+    count: usize,
+}
+
+impl Builder {
+    fn new() -> Self {
+        Self { knots: [Knot::default(); MAX_KNOTS], count: 0 }
+    }
+
+    /// False if it is full.
+    fn push(&mut self, s_m: f64, v_m_s: f64) -> bool {
+        if self.count == MAX_KNOTS {
+            return false;
+        }
+        self.knots[self.count] = Knot { s_m, v_m_s };
+        self.count += 1;
+        true
+    }
+
+    fn profile(&self) -> Result<Profile, ProfileError> {
+        Profile::from_knots(&self.knots[..self.count])
+    }
+}
+
+pub(super) fn straight(length: f64, limits: &ProfileLimits) -> Result<Profile, ProfileError> {
+    let a = limits.tangential_m_s2.min(limits.total_m_s2);
+    let (start2, end2) = (limits.start_m_s * limits.start_m_s, limits.end_m_s * limits.end_m_s);
+    let reach = 2.0 * a * length;
+    let too_fast = |end, wanted_m_s: f64, allowed2: f64| {
+        Err(ProfileError::EndTooFast { end, wanted_m_s, allowed_m_s: allowed2.sqrt() })
+    };
+    if start2 > (end2 + reach) * (1.0 + ROUNDING) {
+        return too_fast("start", limits.start_m_s, end2 + reach);
+    }
+    if end2 > (start2 + reach) * (1.0 + ROUNDING) {
+        return too_fast("end", limits.end_m_s, start2 + reach);
+    }
+    let cruise2 = limits.cruise_m_s * limits.cruise_m_s;
+    let peak2 = cruise2.min(0.5 * (start2 + end2 + reach)).max(start2.max(end2));
+    let peak = peak2.sqrt();
+    let rise = ((peak2 - start2) / (2.0 * a)).min(length);
+    let fall = ((peak2 - end2) / (2.0 * a)).min(length);
+    // Knots closer than this to their neighbour would only carry rounding.
+    let least = 1e-12 * length;
+    let mut builder = Builder::new();
+    builder.push(0.0, if rise > least { limits.start_m_s } else { peak });
+    if rise > least && rise < length - least {
+        builder.push(rise, peak);
+    }
+    if fall > least && length - fall > rise + least {
+        builder.push(length - fall, peak);
+    }
+    builder.push(length, if fall > least { limits.end_m_s } else { peak });
+    builder.profile()
+}
+
+/// A sampled curved path: limits at each sample, and v² of the profile.
+struct Samples {
+    s: [f64; SAMPLES],
+    /// Largest curvature around each sample, 1/m.
+    curvature: [f64; SAMPLES],
+    /// v², m²/s².
+    w: [f64; SAMPLES],
+}
+
+impl Samples {
+    fn of(path: &Path, length: f64) -> Self {
+        let mut samples = Self { s: [0.0; SAMPLES], curvature: [0.0; SAMPLES], w: [0.0; SAMPLES] };
+        let last = SAMPLES - 1;
+        for i in 0..SAMPLES {
+            samples.s[i] = length * i as f64 / last as f64;
+        }
+        // The sharpest point of a parabola may be much narrower than the samples are apart: one of them moves there, and
+        // then the curvature between two samples is nowhere above that at both.
+        if let Some(sharpest) = path.sharpest_m() {
+            let nearest = (sharpest / length * last as f64).round() as usize;
+            if (1..last).contains(&nearest) {
+                samples.s[nearest] = sharpest;
+            }
+        }
+        let mut at = [0.0; SAMPLES];
+        let mut between = [0.0; SAMPLES];
+        for i in 0..SAMPLES {
+            at[i] = path.curvature(samples.s[i]);
+            between[i] = if i < last { path.curvature(0.5 * (samples.s[i] + samples.s[i + 1])) } else { at[i] };
+        }
+        // Each sample answers for the stretches on both its sides.
+        for i in 0..SAMPLES {
+            let (before, after) = (i.saturating_sub(1), (i + 1).min(last));
+            samples.curvature[i] = at[i].max(at[before]).max(at[after]).max(between[before]).max(between[i]);
+        }
+        samples
+    }
+}
+
+pub(super) fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, ProfileError> {
+    let mut samples = Samples::of(path, length);
+    let mut failure = None;
+    for share in ACROSS_SHARES {
+        match passes(&mut samples, limits, share) {
+            // A start that is too fast for a lower share may have been possible with a higher one.
+            Err(e) => {
+                failure = failure.or(Some(e));
+                break;
+            }
+            Ok(()) => {
+                if let Some(profile) = reduce(&samples, limits) {
+                    return profile;
+                }
+            }
+        }
+    }
+    if let Some(error) = failure {
+        return Err(error);
+    }
+    // Too wild for 32 knots: one cruise speed that suits the sharpest place.
+    let sharpest = samples.curvature.iter().fold(0.0, |m: f64, k| m.max(*k));
+    let across = ACROSS_SHARES[0] * limits.total_m_s2;
+    let cruise_m_s = limits.cruise_m_s.min((across / sharpest).sqrt());
+    let tangential_m_s2 = limits.tangential_m_s2.min((limits.total_m_s2 * limits.total_m_s2 - across * across).sqrt());
+    for (end, wanted_m_s) in [("start", limits.start_m_s), ("end", limits.end_m_s)] {
+        if wanted_m_s > cruise_m_s {
+            return Err(ProfileError::EndTooFast { end, wanted_m_s, allowed_m_s: cruise_m_s });
+        }
+    }
+    straight(length, &ProfileLimits { cruise_m_s, tangential_m_s2, ..*limits })
+}
+
+/// Fills `w` with the fastest v² whose centripetal acceleration stays below `share` of the limit and whose slope stays
+/// below what that leaves.
+fn passes(samples: &mut Samples, limits: &ProfileLimits, share: f64) -> Result<(), ProfileError> {
+    let last = SAMPLES - 1;
+    let total = limits.total_m_s2;
+    let ceiling = |k: f64| {
+        let cruise2 = limits.cruise_m_s * limits.cruise_m_s;
+        if k * cruise2 > share * total { share * total / k } else { cruise2 }
+    };
+    let tangential = |k: f64| {
+        let across = k * ceiling(k);
+        limits.tangential_m_s2.min((total * total - across * across).max(0.0).sqrt())
+    };
+    for i in 0..SAMPLES {
+        samples.w[i] = ceiling(samples.curvature[i]);
+    }
+    let (start2, end2) = (limits.start_m_s * limits.start_m_s, limits.end_m_s * limits.end_m_s);
+    let ends = [("start", limits.start_m_s, 0), ("end", limits.end_m_s, last)];
+    for (end, wanted_m_s, i) in ends {
+        if wanted_m_s * wanted_m_s > samples.w[i] * (1.0 + ROUNDING) {
+            return Err(ProfileError::EndTooFast { end, wanted_m_s, allowed_m_s: samples.w[i].sqrt() });
+        }
+    }
+    samples.w[0] = start2;
+    samples.w[last] = end2;
+    let gain = |samples: &Samples, i: usize| {
+        let a = tangential(samples.curvature[i]).min(tangential(samples.curvature[i + 1]));
+        2.0 * a * (samples.s[i + 1] - samples.s[i])
+    };
+    for i in 0..last {
+        samples.w[i + 1] = samples.w[i + 1].min(samples.w[i] + gain(samples, i));
+    }
+    if samples.w[last] < end2 * (1.0 - ROUNDING) {
+        return Err(ProfileError::EndTooFast {
+            end: "end",
+            wanted_m_s: limits.end_m_s,
+            allowed_m_s: samples.w[last].sqrt(),
+        });
+    }
+    for i in (0..last).rev() {
+        samples.w[i] = samples.w[i].min(samples.w[i + 1] + gain(samples, i));
+    }
+    if samples.w[0] < start2 * (1.0 - ROUNDING) {
+        return Err(ProfileError::EndTooFast {
+            end: "start",
+            wanted_m_s: limits.start_m_s,
+            allowed_m_s: samples.w[0].sqrt(),
+        });
+    }
+    Ok(())
+}
+
+/// Few knots from the samples: from each knot the longest chord in v² over s that keeps to the limits themselves. None
+/// if there would be too many. The chord is not compared with the sampled profile but with the limits, so that the
+/// room that profile leaves is used to save knots.
+fn reduce(samples: &Samples, limits: &ProfileLimits) -> Option<Result<Profile, ProfileError>> {
+    let last = SAMPLES - 1;
+    let cruise2 = limits.cruise_m_s * limits.cruise_m_s * (1.0 + ROUNDING);
+    let total2 = limits.total_m_s2 * limits.total_m_s2 * (1.0 + ROUNDING);
+    let allowed = |i: usize, j: usize| {
+        let step = (samples.w[j] - samples.w[i]) / (samples.s[j] - samples.s[i]);
+        let a = 0.5 * step;
+        a.abs() <= limits.tangential_m_s2 * (1.0 + ROUNDING)
+            && (i..=j).all(|k| {
+                let w = samples.w[i] + step * (samples.s[k] - samples.s[i]);
+                let across = samples.curvature[k] * w;
+                w <= cruise2 && a * a + across * across <= total2
+            })
+    };
+    let mut builder = Builder::new();
+    let mut i = 0;
+    builder.push(0.0, limits.start_m_s);
+    while i < last {
+        // Of the chords allowed, the longest; a neighbour always is. Far ones first would cost more.
+        let mut j = i + 1;
+        let mut misses = 0;
+        for candidate in i + 2..=last {
+            // A long chord that cuts far below the samples would cost time: it may lose 1 % of the area only.
+            if allowed(i, candidate) && keeps_pace(samples, i, candidate) {
+                j = candidate;
+                misses = 0;
+            } else {
+                misses += 1;
+                if misses > 24 {
+                    break;
+                }
+            }
+        }
+        let v = if j == last { limits.end_m_s } else { samples.w[j].sqrt() };
+        if !builder.push(if j == last { samples.s[last] } else { samples.s[j] }, v) {
+            return None;
+        }
+        i = j;
+    }
+    Some(builder.profile())
+}
+
+/// True if the chord from i to j takes at most 1 % longer than the samples between.
+fn keeps_pace(samples: &Samples, i: usize, j: usize) -> bool {
+    let v = |k: usize| samples.w[k].sqrt();
+    let sampled: f64 = (i..j).map(|k| 2.0 * (samples.s[k + 1] - samples.s[k]) / (v(k) + v(k + 1))).sum();
+    let chord = 2.0 * (samples.s[j] - samples.s[i]) / (v(i) + v(j));
+    chord <= 1.01 * sampled
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::path::Spiral;
+    use nalgebra::Vector3;
+
+    #[test]
+    fn the_papers_spiral_loses_little_to_the_reduction() {
+        let path = Path::Spiral(Spiral {
+            centre: Vector3::new(4.8, 3.0, 0.8),
+            start_radius_m: 0.0,
+            end_radius_m: 0.6,
+            turns: 3.0,
+            rise_m: 1.125,
+            start_angle_rad: 0.0,
+        });
+        let limits = ProfileLimits::rest_to_rest(0.2, 0.5);
+        let profile = Profile::plan(&path, &limits).unwrap();
+        let mut samples = Samples::of(&path, path.length());
+        passes(&mut samples, &limits, 0.8).unwrap();
+        let v = |k: usize| samples.w[k].sqrt();
+        let dense: f64 = (0..SAMPLES - 1).map(|k| 2.0 * (samples.s[k + 1] - samples.s[k]) / (v(k) + v(k + 1))).sum();
+        assert!(profile.duration() < 1.03 * dense, "{} {dense}", profile.duration());
+        assert!(profile.knots().len() <= 16, "{}", profile.knots().len());
+        assert!(profile.knots().iter().any(|k| (k.v_m_s - 0.2).abs() < 1e-6), "cruise is reached");
+    }
+}

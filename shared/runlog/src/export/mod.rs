@@ -1,0 +1,252 @@
+//! A run as tables for other tools: one file per channel, whatever type it has, all files of the run as one.
+//!
+//! The columns of a table come from the channel's own definition, so a type that this build does not know is exported like any other:
+//! * `t_s`, seconds since the run began; `log_time_ns`, when the sample was published, and `publish_time_ns`, when its content was true,
+//!   both UNIX time;
+//! * one column per number, named by its path: `length_m_1` is the first of `length_m`, the fields of the header have their bare names,
+//!   padding is left out;
+//! * an array of 16 bytes or more is one column of text: what stands before the first zero, or hexadecimal digits behind `0x` where that is
+//!   no text.
+//!
+//! `.npy` holds the samples as they lay in memory instead: a structured array with the names of the definition, arrays as arrays, texts as
+//! bytes.
+
+mod csv;
+mod npy;
+mod parquet;
+mod table;
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::{RecordedChannel, RunError, RunReader};
+use table::{Table, Times};
+
+/// How a table is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Format {
+    /// Text, a line per sample. Numbers are written so that they are read back exactly.
+    Csv,
+    /// One structured array, for `numpy.load(.., mmap_mode="r")`.
+    Npy,
+    /// Columns, compressed; for pandas, polars, DuckDB and others.
+    Parquet,
+}
+
+impl Format {
+    /// Ending of the files.
+    #[must_use]
+    pub fn ending(self) -> &'static str {
+        match self {
+            Self::Csv => "csv",
+            Self::Npy => "npy",
+            Self::Parquet => "parquet",
+        }
+    }
+}
+
+/// What to export, and how.
+#[derive(Debug, Clone)]
+pub struct Wanted {
+    /// Format of the tables.
+    pub format: Format,
+    /// Folder for the tables; made if it is not there.
+    pub folder: PathBuf,
+    /// Names of channels; a trailing `*` stands for any ending. None: all.
+    pub channels: Vec<String>,
+    /// Only from this time on, s since the run began.
+    pub from_s: f64,
+    /// And before this time.
+    pub to_s: f64,
+}
+
+/// A table that was written.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Exported {
+    /// e.g. `motor/state`.
+    pub channel: String,
+    /// e.g. `nims_msgs/msg/MotorState`.
+    #[serde(rename = "type")]
+    pub type_name: String,
+    /// Its complete definition; it names the values of fields that stand for something.
+    pub definition: String,
+    /// Where it is.
+    pub file: PathBuf,
+    /// Samples in it.
+    pub samples: u64,
+    /// Names of its columns.
+    pub columns: Vec<String>,
+}
+
+/// What became of an export.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
+pub struct Export {
+    /// The tables.
+    pub tables: Vec<Exported>,
+    /// Channels without a table, and why.
+    pub left_out: Vec<(String, String)>,
+    /// Samples that stood in more than one file of the run.
+    pub repeated: u64,
+    /// Places of the run files that could not be read.
+    pub damaged: usize,
+}
+
+/// Writes rows of one table.
+trait Sink {
+    fn row(&mut self, times: Times, sample: &[u8]) -> std::io::Result<()>;
+    fn finish(self: Box<Self>) -> std::io::Result<()>;
+}
+
+struct Open {
+    sink: Box<dyn Sink>,
+    size: usize,
+    exported: Exported,
+}
+
+enum Channel {
+    Open(Box<Open>),
+    LeftOut,
+}
+
+/// Samples between two tellings of how far it is.
+const TELL: u64 = 1 << 14;
+
+/// Exports a run file or a run folder. `progress` is told how many of how many bytes are read.
+///
+/// # Errors
+/// There is no run, it has none of the wanted channels, or a table cannot be written; a table that exists already is not overwritten.
+pub fn export(run: &Path, wanted: &Wanted, progress: &mut dyn FnMut(u64, u64)) -> Result<Export, RunError> {
+    let mut reader = RunReader::open(run)?;
+    fs::create_dir_all(&wanted.folder).map_err(RunError::io(&wanted.folder, "make the folder"))?;
+    let mut channels: HashMap<usize, Channel> = HashMap::new();
+    let mut names: Vec<String> = Vec::new();
+    let mut result = Export::default();
+    let (mut begin_ns, mut read) = (None, 0_u64);
+    loop {
+        read += 1;
+        if read.is_multiple_of(TELL) {
+            progress(reader.position(), reader.bytes());
+        }
+        let clock = reader.clock();
+        let Some(recorded) = reader.next_sample()? else { break };
+        let begin = *begin_ns.get_or_insert(clock.map_or(recorded.log_time_ns, |clock| clock.t0_unix_ns));
+        let t_s = seconds_since(recorded.log_time_ns, begin);
+        if !(wanted.from_s..wanted.to_s).contains(&t_s) || !is_wanted(&wanted.channels, &recorded.channel.name) {
+            continue;
+        }
+        let channel = match channels.get_mut(&recorded.index) {
+            Some(channel) => channel,
+            None => {
+                let made = begin_table(recorded.channel, recorded.sample.len(), wanted, &mut names)?;
+                channels.entry(recorded.index).or_insert(made.unwrap_or_else(|why| {
+                    result.left_out.push((recorded.channel.name.clone(), why));
+                    Channel::LeftOut
+                }))
+            }
+        };
+        let Channel::Open(open) = channel else { continue };
+        if open.size != recorded.sample.len() {
+            return Err(RunError::Size {
+                channel: recorded.channel.name.clone(),
+                got: recorded.sample.len(),
+                expected: open.size,
+            });
+        }
+        let times = Times { t_s, log_time_ns: recorded.log_time_ns, publish_time_ns: recorded.publish_time_ns };
+        open.sink.row(times, recorded.sample).map_err(RunError::io(&open.exported.file, "write the table"))?;
+        open.exported.samples += 1;
+    }
+    progress(reader.bytes(), reader.bytes());
+    if channels.is_empty() {
+        return Err(RunError::not_a_run(run, nothing_found(&reader, wanted)));
+    }
+    for channel in channels.into_values() {
+        let Channel::Open(open) = channel else { continue };
+        let Open { sink, exported, .. } = *open;
+        sink.finish().map_err(RunError::io(&exported.file, "write the end of the table"))?;
+        result.tables.push(exported);
+    }
+    result.tables.sort_by(|a, b| a.channel.cmp(&b.channel).then_with(|| a.file.cmp(&b.file)));
+    result.repeated = reader.repeated();
+    result.damaged = reader.damage().iter().filter(|(_, damage)| !damage.torn_end).count();
+    Ok(result)
+}
+
+/// A table for a channel; or why there is none.
+fn begin_table(
+    channel: &RecordedChannel,
+    size: usize,
+    wanted: &Wanted,
+    names: &mut Vec<String>,
+) -> Result<Result<Channel, String>, RunError> {
+    let table = match Table::of(&channel.schema, size) {
+        Ok(table) => table,
+        Err(why) => return Ok(Err(why)),
+    };
+    let name = file_name(channel, names);
+    let file = wanted.folder.join(format!("{name}.{}", wanted.format.ending()));
+    names.push(name);
+    let made = fs::OpenOptions::new().write(true).create_new(true).open(&file);
+    let made = made.map_err(RunError::io(&file, "make the table"))?;
+    let columns = match wanted.format {
+        Format::Npy => npy::names(&table),
+        Format::Csv | Format::Parquet => table.names(),
+    };
+    let exported = Exported {
+        channel: channel.name.clone(),
+        type_name: channel.schema_name.clone(),
+        definition: channel.schema.clone(),
+        file: file.clone(),
+        samples: 0,
+        columns,
+    };
+    let sink: std::io::Result<Box<dyn Sink>> = match wanted.format {
+        Format::Csv => csv::Csv::begin(made, table).map(|sink| Box::new(sink) as _),
+        Format::Npy => npy::Npy::begin(made, &table).map(|sink| Box::new(sink) as _),
+        Format::Parquet => parquet::Parquet::begin(made, table, channel).map(|sink| Box::new(sink) as _),
+    };
+    let sink = sink.map_err(RunError::io(&file, "begin the table"))?;
+    Ok(Ok(Channel::Open(Box::new(Open { sink, size, exported }))))
+}
+
+/// `motor.state` for `motor/state`; with the hash of its type behind it if the channel had another type before.
+fn file_name(channel: &RecordedChannel, names: &[String]) -> String {
+    let plain = channel.name.replace('/', ".");
+    if !names.contains(&plain) {
+        return plain;
+    }
+    let hash = channel.type_name.rsplit('/').next().filter(|hash| !hash.is_empty()).unwrap_or("other");
+    let with_hash = format!("{plain}@{hash}");
+    if names.contains(&with_hash) { format!("{with_hash}-{}", names.len()) } else { with_hash }
+}
+
+fn is_wanted(patterns: &[String], name: &str) -> bool {
+    patterns.is_empty()
+        || patterns.iter().any(|pattern| match pattern.strip_suffix('*') {
+            Some(beginning) => name.starts_with(beginning),
+            None => name == pattern,
+        })
+}
+
+fn nothing_found(reader: &RunReader, wanted: &Wanted) -> String {
+    let mut names: Vec<&str> = reader.channels().iter().map(|channel| channel.name.as_str()).collect();
+    names.sort_unstable();
+    if names.is_empty() {
+        return "it holds no samples".to_owned();
+    }
+    let absent = !names.iter().any(|name| is_wanted(&wanted.channels, name));
+    if absent {
+        format!("no channel {}; there are {}", wanted.channels.join(", "), names.join(", "))
+    } else {
+        "no sample in that time".to_owned()
+    }
+}
+
+fn seconds_since(unix_ns: u64, begin_ns: u64) -> f64 {
+    // divided, so that whole milliseconds are the nearest numbers to what people write
+    let span = |from: u64, to: u64| (to - from) as f64 / 1e9;
+    if unix_ns >= begin_ns { span(begin_ns, unix_ns) } else { -span(unix_ns, begin_ns) }
+}

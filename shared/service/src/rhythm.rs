@@ -1,0 +1,44 @@
+//! A loop that turns so many times a second, for processes that ask a device and publish what it says.
+
+use bus::clock::{SECOND_NS, Schedule, now_ns};
+use bus::{BusError, Waiter};
+
+use crate::Chassis;
+
+/// Slowest and fastest rhythm, 1/s.
+const RATES_HZ: [f64; 2] = [1e-3, 1e4];
+
+/// When the next turn is due: by absolute time, without drift and without catching up. Made by [`Chassis::rhythm`].
+#[derive(Debug)]
+pub struct Rhythm {
+    waiter: Waiter,
+    schedule: Schedule,
+}
+
+impl Chassis {
+    /// A rhythm of `rate_hz` turns a second (0.001 to 10 000), from now on.
+    ///
+    /// # Errors
+    /// Those of [`Chassis::waiter`].
+    pub fn rhythm(&self, rate_hz: f64) -> Result<Rhythm, BusError> {
+        let period_ns = SECOND_NS as f64 / rate_hz.clamp(RATES_HZ[0], RATES_HZ[1]);
+        Ok(Rhythm { waiter: self.waiter(&[])?, schedule: Schedule::new(now_ns(), period_ns as u64) })
+    }
+
+    /// Sleeps until the next turn, with the housekeeping meanwhile; false once the process is to end. The whole loop of a sensor is
+    /// `while chassis.turn(&mut rhythm)? { .. }`.
+    ///
+    /// # Errors
+    /// Those of [`Chassis::wait`].
+    pub fn turn(&mut self, rhythm: &mut Rhythm) -> Result<bool, BusError> {
+        let (due_ns, _) = rhythm.schedule.next(now_ns());
+        loop {
+            self.wait(&mut rhythm.waiter, Some(due_ns))?;
+            if !self.running() || now_ns() >= due_ns {
+                break;
+            }
+        }
+        rhythm.schedule.begun(due_ns, now_ns());
+        Ok(self.running())
+    }
+}

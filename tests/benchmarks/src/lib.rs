@@ -1,0 +1,103 @@
+//! The table at the end of the benchmarks: medians as criterion stored them, and ratios of two of them.
+//!
+//! The benchmarks stand in `benches/ratios`; `scripts/bench` runs them. Nothing here asserts a time: a ratio that falls short
+//! of its goal is shown as such.
+#![forbid(unsafe_code)]
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, Result};
+
+/// A benchmark by its group and its name.
+pub type Name = [&'static str; 2];
+
+/// One line of the table.
+#[derive(Debug, Clone)]
+struct Row {
+    what: String,
+    name: Name,
+    /// How many of the thing one run of the benchmark does.
+    per_run: f64,
+    /// What it is compared with, how many of that a run does, and the least ratio that is the goal.
+    beside: Option<(Name, f64, Option<f64>)>,
+    remark: String,
+}
+
+/// Collects rows while benchmarks run, and reads their medians afterwards.
+#[derive(Debug, Clone)]
+pub struct Report {
+    folder: PathBuf,
+    rows: Vec<Row>,
+}
+
+impl Report {
+    /// For benchmarks whose results criterion keeps in `folder`.
+    pub fn new(folder: &Path) -> Self {
+        Self { folder: folder.to_owned(), rows: Vec::new() }
+    }
+
+    /// A benchmark by itself, of which one run does `per_run` things.
+    pub fn alone(&mut self, what: &str, name: Name, per_run: usize) {
+        self.rows.push(Row { what: what.into(), name, per_run: per_run as f64, beside: None, remark: String::new() });
+    }
+
+    /// A benchmark with the one it is compared with, both doing `per_run` things in a run, and the goal for the ratio.
+    pub fn pair(&mut self, what: &str, name: Name, beside: Name, per_run: usize, goal: Option<f64>) {
+        let per_run = per_run as f64;
+        let beside = Some((beside, per_run, goal));
+        self.rows.push(Row { what: what.into(), name, per_run, beside, remark: String::new() });
+    }
+
+    /// A remark on the last row.
+    pub fn remark(&mut self, text: impl Into<String>) {
+        if let Some(row) = self.rows.last_mut() {
+            row.remark = text.into();
+        }
+    }
+
+    /// Median of one thing, ns; `None` where the benchmark was not run.
+    fn median_ns(&self, [group, name]: Name, per_run: f64) -> Result<Option<f64>> {
+        let path = self.folder.join(group).join(name).join("new/estimates.json");
+        if !path.is_file() {
+            return Ok(None);
+        }
+        let text = std::fs::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let estimates: serde_json::Value =
+            serde_json::from_str(&text).with_context(|| format!("{} is no JSON", path.display()))?;
+        let median = estimates["median"]["point_estimate"].as_f64();
+        let median = median.with_context(|| format!("{} has no median", path.display()))?;
+        Ok(Some(median / per_run))
+    }
+
+    /// The table as Markdown, without rows that were not run.
+    pub fn table(&self) -> Result<String> {
+        let mut text = String::from("| what | ours | beside | ratio | goal |\n|---|---|---|---|---|\n");
+        for row in &self.rows {
+            let Some(ours) = self.median_ns(row.name, row.per_run)? else { continue };
+            let (mut beside, mut ratio, mut goal) = (String::new(), row.remark.clone(), String::new());
+            if let Some((name, per_run, least)) = row.beside {
+                let Some(theirs) = self.median_ns(name, per_run)? else { continue };
+                beside = format!("{}: {}", name[1], time(theirs));
+                ratio = format!("{:.0}", theirs / ours);
+                if let Some(least) = least {
+                    let met = if theirs / ours >= least { "met" } else { "missed" };
+                    goal = format!("{least:.0}: {met}");
+                }
+            }
+            writeln!(text, "| {} | {} | {beside} | {ratio} | {goal} |", row.what, time(ours))?;
+        }
+        Ok(text)
+    }
+}
+
+/// Nanoseconds with a fitting unit.
+fn time(ns: f64) -> String {
+    if ns < 1e3 {
+        format!("{ns:.0} ns")
+    } else if ns < 1e6 {
+        format!("{:.2} µs", ns * 1e-3)
+    } else {
+        format!("{:.2} ms", ns * 1e-6)
+    }
+}

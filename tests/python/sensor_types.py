@@ -1,0 +1,30 @@
+"""Prints the type name and the definition that scripts/python/nims_bus.py derives from a ctypes struct, for comparison with ours."""
+
+import sys
+from ctypes import c_double, c_uint8
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "python"))
+from nims_bus import Sample, SensorError  # noqa: E402
+
+
+class Spot(Sample):
+    _fields_ = [("value", c_double * 8), ("latency_s", c_double), ("count", c_uint8), ("quality", c_uint8)]
+
+
+class Hidden(Sample):
+    _fields_ = [("flag", c_uint8), ("value", c_double)]
+
+
+class Named(Sample):
+    _fields_ = [("class", c_double)]
+
+
+print(Spot.type_name())
+print(Spot.definition(), end="")
+for refused in (Hidden, Named):
+    try:
+        refused.definition()
+        print(f"{refused.__name__} was accepted")
+    except SensorError as error:
+        print(f"refused: {error}")

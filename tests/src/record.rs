@@ -1,0 +1,170 @@
+//! Flights in lockstep, written into a run file as the recorder would write them.
+
+use std::collections::HashMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::Result;
+use controller::{ControllerConfig, Law};
+use estimator::EstimatorConfig;
+use messages::{Message, OperatorRequest, SLOT_NAMES};
+use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunWriter};
+use service::config::{BoxFile, ControllerSection, EstimatorSection};
+
+use crate::lockstep::{Chain, Cycle, Lockstep, Slots};
+use crate::scenarios::Case;
+
+/// motor-io publishes `energy` once in so many cycles.
+const ENERGY_CYCLES: u64 = 10;
+/// When every such flight is said to have been flown, UNIX time, ns: the same bytes every time.
+const BEGAN_UNIX_NS: u64 = 1_767_225_600_000_000_000;
+
+/// A run file in the making.
+pub struct Tape {
+    writer: RunWriter,
+    channels: HashMap<String, (ChannelId, u64)>,
+    beat: u64,
+}
+
+impl Tape {
+    /// Begins a file with the box file at `box_path` and its robot file inside.
+    ///
+    /// # Errors
+    /// What is wrong with the files.
+    pub fn new(path: &Path, box_path: &Path) -> Result<Self> {
+        let robot = BoxFile::load(box_path)?.robot;
+        let attachment = |name: &str, path: &Path| -> Result<Attachment> {
+            Ok(Attachment { name: name.into(), media_type: "application/toml".into(), data: fs::read(path)? })
+        };
+        let attachments = [attachment("box.toml", box_path)?, attachment("robot.toml", &robot)?];
+        let clock = RunClock { t0_unix_ns: BEGAN_UNIX_NS, t0_mono_ns: 0 };
+        let writer = RunWriter::create(path, clock, &Default::default(), &attachments)?;
+        Ok(Self { writer, channels: HashMap::new(), beat: 0 })
+    }
+
+    /// Numbers a sample and writes it.
+    ///
+    /// # Errors
+    /// Those of writing.
+    pub fn write<T: Message>(&mut self, channel: &str, mut sample: T) -> Result<()> {
+        if !self.channels.contains_key(channel) {
+            let id = self.writer.add_channel(&ChannelSpec::of::<T>(channel))?;
+            self.channels.insert(channel.to_owned(), (id, 0));
+        }
+        let Some((id, seq)) = self.channels.get_mut(channel) else { return Ok(()) };
+        *seq += 1;
+        sample.header_mut().seq = *seq;
+        let stamp_ns = sample.header().stamp_ns;
+        Ok(self.writer.write(*id, *seq, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample))?)
+    }
+
+    /// A sample that was published and not recorded.
+    pub fn miss(&mut self, channel: &str) {
+        if let Some((_, seq)) = self.channels.get_mut(channel) {
+            *seq += 1;
+        }
+    }
+
+    /// Everything that a cycle produced.
+    ///
+    /// # Errors
+    /// Those of writing.
+    pub fn cycle(&mut self, cycle: &Cycle, slots: &Slots) -> Result<()> {
+        self.write("motor/input", cycle.input)?;
+        self.write("motor/state", cycle.state)?;
+        self.write("motor/authority", cycle.authority)?;
+        self.write("motor/slots", cycle.slots)?;
+        if cycle.input.header.cycle.is_multiple_of(ENERGY_CYCLES) {
+            self.write("energy", cycle.energy)?;
+        }
+        for (slot, estimate) in slots.estimates() {
+            self.write(&format!("node/estimate/{}", SLOT_NAMES[slot]), *estimate)?;
+        }
+        for said in slots.said() {
+            self.write(&format!("motor/command/{}", SLOT_NAMES[said.slot]), said.command)?;
+            self.write(&format!("control/status/{}", SLOT_NAMES[said.slot]), said.status)?;
+        }
+        if cycle.motion.beat != self.beat {
+            self.beat = cycle.motion.beat;
+            self.write("plan/motion", cycle.motion)?;
+        }
+        Ok(())
+    }
+
+    /// Closes the file.
+    ///
+    /// # Errors
+    /// Those of writing.
+    pub fn finish(self) -> Result<PathBuf> {
+        Ok(self.writer.finish(&Default::default())?)
+    }
+}
+
+/// A flight with all that happens in one: zeroing, arming, moving, a swap of the controllers, a pause, the death of the estimator in
+/// charge, a stop.
+///
+/// # Errors
+/// What is wrong with the files, or with the flight.
+pub fn fly(path: &Path, box_path: &Path, case: &Case, cycles: u64) -> Result<PathBuf> {
+    let file = BoxFile::load(box_path)?;
+    let mut scenario = case.scenario(true)?;
+    scenario.period_s = file.period_s();
+    let mission = scenario.mission.clone();
+    let [x, y, z] = scenario.plant.start_m;
+    let chain = Chain::of(&file)?;
+    let section = ControllerSection { law: "p-feedforward".into(), ..file.controller.clone() };
+    let controller = ControllerConfig { law: Law::of(&section)?, ..*chain.controller.config() };
+    let section = EstimatorSection { method: "kalman".into(), ..file.estimator.clone() };
+    let estimator = EstimatorConfig::of(&section, file.robot_file()?.robot()?, 0)?;
+    let mut lockstep = Lockstep::with(scenario, chain)?;
+    let mut tape = Tape::new(path, box_path)?;
+    let share = |percent: u64| cycles * percent / 100;
+    for cycle in 1..=cycles {
+        if cycle == 3 {
+            lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        } else if cycle == 5 {
+            lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]);
+        } else if cycle == 10 {
+            lockstep.run(&mission)?;
+        } else if cycle == share(10) {
+            lockstep.slots_mut().start_controller(1, &controller);
+            lockstep.slots_mut().start_estimator(1, &estimator, estimator.method);
+        } else if cycle == share(50) {
+            // Of the controllers, to slot b.
+            lockstep.request(OperatorRequest::VERB_SWAP, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        } else if cycle == share(65) {
+            lockstep.slots_mut().kill(messages::ESTIMATORS, 0, false);
+        } else if cycle == share(75) {
+            lockstep.request(OperatorRequest::VERB_PAUSE, [0.0; 8]);
+        } else if cycle == share(85) {
+            lockstep.request(OperatorRequest::VERB_RESUME, [0.0; 8]);
+        } else if cycle == share(95) {
+            lockstep.request(OperatorRequest::VERB_STOP, [0.0; 8]);
+        }
+        let now = lockstep.cycle()?;
+        tape.cycle(&now, lockstep.slots())?;
+    }
+    tape.finish()
+}
+
+/// A copy of a box file of `configs/boxes` (`name`, without its ending) and of its robot file in `folder`, with other words in it, such as
+/// `("controller", "law", "preview")`.
+///
+/// # Errors
+/// What is wrong with the files.
+pub fn box_with(folder: &Path, name: &str, words: &[(&str, &str, &str)]) -> Result<PathBuf> {
+    let path = format!("{}/../configs/boxes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let file = BoxFile::load(Path::new(&path))?;
+    fs::copy(&file.robot, folder.join("robot.toml"))?;
+    let mut table: toml::Table = fs::read_to_string(&path)?.parse()?;
+    table.insert("robot".into(), "robot.toml".into());
+    for (section, key, word) in words {
+        let section = table.entry(*section).or_insert_with(|| toml::Table::new().into());
+        if let Some(section) = section.as_table_mut() {
+            section.insert((*key).into(), (*word).into());
+        }
+    }
+    let path = folder.join("box.toml");
+    fs::write(&path, toml::to_string(&table)?)?;
+    Ok(path)
+}

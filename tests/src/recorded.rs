@@ -1,0 +1,76 @@
+//! Runs of any length with all that a report shows: missions in lockstep, their truth, a sensor.
+
+use anyhow::Result;
+use messages::{OperatorRequest, PlanStatus, Reading, TruthNode, put_text};
+use std::path::Path;
+
+use crate::lockstep::{Cycle, Lockstep};
+use crate::record::Tape;
+use crate::scenarios::Case;
+
+/// A sensor measures, and the planner says how far it is, once in so many cycles.
+const SLOW_CYCLES: u64 = 10;
+/// Cycles at rest before the mission is flown again.
+const REST_CYCLES: u64 = 50;
+
+/// Flies the mission again and again for so many seconds and writes what there is to be recorded. `truth`: as the virtual box does.
+///
+/// # Errors
+/// What went wrong.
+pub fn record(path: &Path, box_path: &Path, case: &Case, seconds: f64, truth: bool) -> Result<()> {
+    let scenario = case.scenario(true)?;
+    let mission = scenario.mission.clone();
+    let cycles = (seconds / scenario.period_s) as u64;
+    let [x, y, z] = scenario.plant.start_m;
+    let mut lockstep = Lockstep::new(scenario)?;
+    let mut tape = Tape::new(path, box_path)?;
+    let mut rest = 0;
+    for number in 1..=cycles {
+        match number {
+            10 => lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            20 => lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]),
+            _ => {}
+        }
+        if rest == REST_CYCLES {
+            lockstep.run(&mission)?;
+            rest = 0;
+        }
+        let now = lockstep.cycle()?;
+        let flies = [PlanStatus::STATE_READY, PlanStatus::STATE_RUNNING, PlanStatus::STATE_PAUSED];
+        rest = if number <= REST_CYCLES || flies.contains(&now.plan.state) { 0 } else { rest + 1 };
+        tape.cycle(&now, lockstep.slots())?;
+        if number.is_multiple_of(SLOW_CYCLES) {
+            let mut plan = now.plan;
+            plan.header.stamp_ns = now.state.header.stamp_ns;
+            tape.write("plan/status", plan)?;
+            tape.write("sensor/height", height(&now))?;
+        }
+        if truth {
+            tape.write("truth/node", true_node(&now))?;
+        }
+    }
+    tape.finish()?;
+    Ok(())
+}
+
+fn height(cycle: &Cycle) -> Reading {
+    let mut reading = Reading { header: cycle.state.header, count: 1, ..Reading::default() };
+    reading.value[0] = cycle.truth_m[2];
+    put_text(&mut reading.quantity, "height");
+    put_text(&mut reading.unit, "m");
+    reading
+}
+
+fn true_node(cycle: &Cycle) -> TruthNode {
+    let mut node = TruthNode {
+        header: cycle.state.header,
+        position_m: cycle.truth_m,
+        velocity_m_s: cycle.truth_m_s,
+        cable_count: cycle.state.cable_count,
+        ..TruthNode::default()
+    };
+    for (into, tension_n) in node.tension_n.iter_mut().zip(cycle.truth_n.iter()) {
+        *into = *tension_n;
+    }
+    node
+}

@@ -1,0 +1,148 @@
+//! Swaps and deaths at instants of a mission: the flight is forked at each, and what happens is compared with what must hold.
+
+use anyhow::{Context, Result, ensure};
+use cable_robot::law::PFeedforward;
+use controller::{ControllerConfig, Law};
+use estimator::{EstimatorConfig, Method};
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
+use service::config::EstimatorSection;
+
+use crate::lockstep::{Chain, Cycle, Lockstep};
+use crate::scenarios::Case;
+
+/// What happens at an instant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Blow {
+    /// A swap of the controllers is asked for.
+    SwapControllers,
+    /// A swap of the estimators is asked for.
+    SwapEstimators,
+    /// The controller in charge dies.
+    KillController,
+    /// The estimator in charge dies.
+    KillEstimator,
+}
+
+/// All of them.
+pub const BLOWS: [Blow; 4] = [Blow::SwapControllers, Blow::SwapEstimators, Blow::KillController, Blow::KillEstimator];
+
+/// Cycles that are watched after a blow: announcement, fade and a little more.
+const WATCHED: u64 = 45;
+
+/// What came of it.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Tally {
+    /// Instants tried.
+    pub instants: u64,
+    /// Cycles without a valid command.
+    pub missed: u64,
+    /// Blows after which the other slot was not in charge, or the robot did not go on.
+    pub failed: u64,
+    /// Largest change of a cable's velocity within a cycle, as a share of acceleration limit x period.
+    pub step_share: f64,
+    /// How far the velocities sent came from those of the undisturbed flight, m/s.
+    pub beside_m_s: f64,
+}
+
+/// A mission in which everything is there twice, and the slots b are standbys.
+///
+/// # Errors
+/// A configuration or a mission that cannot be.
+pub fn doubled(case: &Case, law: Option<Law>) -> Result<Lockstep> {
+    let scenario = case.scenario(true)?;
+    let Chain { controller, .. } = Chain::new(&scenario)?;
+    let plain = Law::PFeedforward(PFeedforward::new(2.0)?);
+    let config = ControllerConfig { law: law.unwrap_or(plain), ..*controller.config() };
+    let section = EstimatorSection { method: "kalman".into(), ..EstimatorSection::default() };
+    let method = Method::of(&section)?;
+    let estimator =
+        EstimatorConfig { robot: scenario.robot, method, sigma_length_m: section.sigma_length_m, incarnation: 1 };
+    let mission = scenario.mission.clone();
+    let mut lockstep = Lockstep::new(scenario)?;
+    lockstep.slots_mut().start_controller(1, &config);
+    lockstep.slots_mut().start_estimator(1, &estimator, method);
+    lockstep.zero_and_arm()?;
+    for _ in 0..150 {
+        lockstep.cycle()?;
+    }
+    lockstep.run(&mission)?;
+    Ok(lockstep)
+}
+
+/// Flies on to the end, and strikes every blow in a fork of the flight at `instants` instants, evenly spread over it.
+///
+/// # Errors
+/// The flight itself does not go as it must.
+pub fn try_all(mut lockstep: Lockstep, instants: u64, acceleration_step_m_s: f64) -> Result<[Tally; 4]> {
+    let flight = undisturbed(lockstep.fork().context("this law cannot be forked")?)?;
+    let following = |cycle: &Cycle| cycle.authority.mode == MotorAuthority::MODE_FOLLOWING;
+    let first = flight.iter().position(following).context("it never moves")?;
+    let last = flight.iter().rposition(following).context("it never moves")?.saturating_sub(WATCHED as usize + 1);
+    ensure!(first < last, "it moves for {} cycles", last.abs_diff(first));
+    let mut tallies = [Tally::default(); 4];
+    let mut done = 0;
+    for (i, now) in flight.iter().enumerate() {
+        lockstep.cycle()?;
+        let due = (i.saturating_sub(first) as u64 + 1) * instants / (last - first) as u64;
+        if i < first || i >= last || due <= done {
+            continue;
+        }
+        done = due;
+        for (blow, tally) in BLOWS.iter().zip(&mut tallies) {
+            let fork = lockstep.fork().context("this law cannot be forked")?;
+            strike(fork, *blow, done % 2 == 0, now, &flight[i + 1..], acceleration_step_m_s, tally)?;
+        }
+    }
+    Ok(tallies)
+}
+
+fn undisturbed(mut lockstep: Lockstep) -> Result<Vec<Cycle>> {
+    let mut cycles = Vec::new();
+    loop {
+        let cycle = lockstep.cycle()?;
+        let over = matches!(cycle.plan.state, PlanStatus::STATE_DONE | PlanStatus::STATE_ABORTED);
+        cycles.push(cycle);
+        if over {
+            return Ok(cycles);
+        }
+        ensure!(cycles.len() < 100_000, "the mission does not end");
+    }
+}
+
+fn strike(
+    mut lockstep: Lockstep,
+    blow: Blow,
+    unheard: bool,
+    now: &Cycle,
+    flight: &[Cycle],
+    acceleration_step_m_s: f64,
+    tally: &mut Tally,
+) -> Result<()> {
+    let role = if matches!(blow, Blow::SwapControllers | Blow::KillController) { CONTROLLERS } else { ESTIMATORS };
+    let lead = usize::from(now.authority.in_charge[role]);
+    match blow {
+        Blow::SwapControllers | Blow::SwapEstimators => {
+            let mut args = [0.0; 8];
+            (args[0], args[1]) = (role as f64, (1 - lead) as f64);
+            lockstep.request(OperatorRequest::VERB_SWAP, args);
+        }
+        Blow::KillController | Blow::KillEstimator => lockstep.slots_mut().kill(role, lead, unheard),
+    }
+    let mut sent = now.sent_m_s;
+    let mut end = *now;
+    for same in flight.iter().take(WATCHED as usize) {
+        end = lockstep.cycle()?;
+        let steps = end.sent_m_s.iter().zip(&sent).map(|(v, before)| (v - before).abs());
+        tally.step_share = steps.fold(tally.step_share, |most, step| most.max(step / acceleration_step_m_s));
+        let beside = end.sent_m_s.iter().zip(&same.sent_m_s).map(|(v, other)| (v - other).abs());
+        tally.beside_m_s = beside.fold(tally.beside_m_s, f64::max);
+        sent = end.sent_m_s;
+    }
+    tally.instants += 1;
+    tally.missed += end.authority.missed - now.authority.missed;
+    let went_on = end.authority.mode == MotorAuthority::MODE_FOLLOWING;
+    let other = usize::from(end.authority.in_charge[role]) == 1 - lead;
+    let active = end.slots.phase[SLOTS * role + 1 - lead] == MotorSlots::PHASE_ACTIVE;
+    tally.failed += u64::from(!(went_on && other && active));
+    Ok(())
+}

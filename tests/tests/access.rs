@@ -1,0 +1,110 @@
+//! Nobody else moves it: what a robot makes is its user's alone.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod live;
+
+use live::{Robot, program};
+use messages::{MotorAuthority, OperatorRequest};
+use std::fs;
+use std::os::unix::fs::MetadataExt;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+/// A user that is not this one.
+const STRANGER: &str = "65533";
+
+/// The folder and everything in it; where a link leads to counts instead of the link.
+fn all_below(folder: &Path, into: &mut Vec<PathBuf>) {
+    into.push(folder.to_owned());
+    for entry in fs::read_dir(folder).into_iter().flatten().flatten() {
+        if entry.file_type().unwrap().is_dir() {
+            all_below(&entry.path(), into);
+        } else {
+            into.push(entry.path());
+        }
+    }
+}
+
+fn open(paths: &[PathBuf]) -> Vec<String> {
+    let mode = |path: &PathBuf| fs::metadata(path).map_or(0, |found| found.mode() & 0o077);
+    paths.iter().filter(|path| mode(path) != 0).map(|path| format!("{} {:o}", path.display(), mode(path))).collect()
+}
+
+/// A command as another user.
+fn stranger(program: &Path, args: &[&str]) -> Output {
+    let ids = [format!("--reuid={STRANGER}"), format!("--regid={STRANGER}"), "--clear-groups".to_owned()];
+    Command::new("setpriv").args(ids).arg("--").arg(program).args(args).current_dir("/").output().unwrap()
+}
+
+#[test]
+fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
+    // Whatever the user's own habits are.
+    let habit = rustix::process::umask(rustix::fs::Mode::empty());
+    let mut robot = Robot::up("");
+    rustix::process::umask(habit);
+    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    robot.fly();
+    let root = robot.domain.root().to_owned();
+    let mut shared = Vec::new();
+    all_below(&root, &mut shared);
+    let ports = shared.iter().filter(|path| path.is_symlink()).count();
+    let memory: Vec<PathBuf> = fs::read_dir("/dev/shm")
+        .unwrap()
+        .map(|entry| entry.unwrap().path())
+        .filter(|path| path.file_name().unwrap().to_string_lossy().starts_with(robot.domain.prefix()))
+        .collect();
+    assert!(
+        ports >= 1 && memory.len() > 20,
+        "this test looks in the wrong place: {ports} ports, {} files",
+        memory.len()
+    );
+    assert_eq!(open(&memory), [""; 0]);
+    // What this test itself has made in the folder, it has made with the habit of its user; there the folder protects.
+    let own = std::process::id().to_string();
+    shared.retain(|path| path == &root || !path.is_dir() && !path.to_string_lossy().contains(&own));
+    assert_eq!(open(&shared), [""; 0]);
+    assert!(robot.domain.open_to_others().is_empty());
+    let mut kept = Vec::new();
+    for folder in [robot.run(), robot.folder().join("state")] {
+        all_below(&folder, &mut kept);
+    }
+    assert!(kept.iter().any(|path| path.ends_with("run.mcap.part")), "{kept:?}");
+    assert!(kept.iter().any(|path| path.to_string_lossy().contains("position-")), "{kept:?}");
+    assert_eq!(open(&kept), [""; 0]);
+
+    if !rustix::process::geteuid().is_root() {
+        println!("not root: no other user to try it as");
+        return;
+    }
+    // Where the programs can be read by everybody, a stranger has them too.
+    let copy = tempfile::tempdir().unwrap();
+    fs::set_permissions(copy.path(), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let nims = copy.path().join("nims");
+    fs::copy(program(), &nims).unwrap();
+    fs::set_permissions(&nims, std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
+    let domain = root.to_str().unwrap();
+    assert!(stranger(&nims, &["--version"]).status.success(), "a stranger can run the program");
+    for command in
+        [&["estop"][..], &["hold"], &["disarm"], &["status"], &["channel", "list"], &["fault", "unplug", "1"]]
+    {
+        let output = stranger(&nims, &[&["--domain", domain], command].concat());
+        assert!(!output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stdout));
+        let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(sentence.trim_end().lines().count(), 1, "{sentence}");
+    }
+    let pid = robot.domain.alive().iter().find(|node| node.name == "motor-io").unwrap().pid;
+    let port = fs::read_link(root.join("drive0")).unwrap();
+    let sh = Path::new("/bin/sh");
+    for path in memory.iter().chain([&port]) {
+        let path = path.display();
+        assert!(!stranger(sh, &["-c", &format!("exec head -c 1 < {path}")]).status.success(), "{path} can be read");
+        assert!(!stranger(sh, &["-c", &format!(": >> {path}")]).status.success(), "{path} can be written");
+    }
+    assert!(!stranger(sh, &["-c", &format!("kill -STOP {pid}")]).status.success());
+    assert!(!stranger(sh, &["-c", &format!("head -c 1 /proc/{pid}/mem")]).status.success());
+    robot.until("it flies on", |robot| robot.last.header.cycle > 300);
+    assert!(matches!(robot.last.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_HOLDING));
+    assert_eq!(robot.last.faults, 0);
+}

@@ -1,0 +1,71 @@
+//! What was recorded of a flight, fed again to fresh deciding parts, allocates nothing. That it gives the same bits is for `replay`.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+#[path = "../../shared/cable-robot/tests/counting/mod.rs"]
+mod counting;
+
+use cable_robot::law::PFeedforward;
+use controller::Law;
+use counting::allocations;
+use estimator::Method;
+use messages::OperatorRequest;
+use nims_tests::lockstep::{Chain, Cycle, Lockstep};
+use nims_tests::scenarios::Case;
+use service::config::EstimatorSection;
+use std::hint::black_box;
+
+/// A flight with all that happens in one: zeroing, arming, moving, a pause, going on, a stop.
+fn flight(robot: &'static str, law: Option<Law>, method: &str) -> (Chain, Vec<Cycle>) {
+    let mut scenario = Case { robot, mission: "polyline", motor_s: [0.030, 0.040] }.scenario(true).unwrap();
+    scenario.law = law.unwrap_or(scenario.law);
+    scenario.method = Method::of(&EstimatorSection { method: method.into(), ..EstimatorSection::default() }).unwrap();
+    let chain = Chain::new(&scenario).unwrap();
+    let mission = scenario.mission.clone();
+    let [x, y, z] = scenario.plant.start_m;
+    let mut lockstep = Lockstep::new(scenario).unwrap();
+    let mut cycles = Vec::new();
+    for cycle in 1..=1200 {
+        match cycle {
+            10 => lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            20 => lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]),
+            50 => drop(lockstep.run(&mission).unwrap()),
+            500 => lockstep.request(OperatorRequest::VERB_PAUSE, [0.0; 8]),
+            700 => lockstep.request(OperatorRequest::VERB_RESUME, [0.0; 8]),
+            1000 => lockstep.request(OperatorRequest::VERB_STOP, [0.0; 8]),
+            _ => {}
+        }
+        cycles.push(lockstep.cycle().unwrap());
+    }
+    (chain, cycles)
+}
+
+#[test]
+fn estimation_control_and_arbitration_allocate_nothing() {
+    // The preview law identifies the drives on the way.
+    let preview = nims_tests::laws::law(None, true).unwrap();
+    let plain = Law::PFeedforward(PFeedforward::new(2.0).unwrap());
+    for (robot, law, method) in [
+        ("lab3", None, "phi"),
+        ("lab4", None, "phi"),
+        ("lab3", Some(preview), "phi"),
+        ("lab4", Some(preview), "kalman"),
+        ("lab3", Some(plain), "kalman"),
+    ] {
+        let (mut chain, cycles) = flight(robot, law, method);
+        let count = allocations(|| {
+            for cycle in &cycles {
+                chain.core.decide(&cycle.input);
+                black_box(chain.core.observe(&cycle.input));
+                black_box(chain.estimator.step(&cycle.state, Some(&cycle.authority)));
+                black_box(chain.controller.step(&controller::Seen {
+                    estimates: [Some(&cycle.estimate), None],
+                    motion: Some(&cycle.motion),
+                    authority: Some(&cycle.authority),
+                    state: Some(&cycle.state),
+                }));
+            }
+        });
+        assert_eq!(count, 0, "{robot}, {law:?}, {method}");
+        assert!(cycles.iter().any(|cycle| cycle.control.error_norm_m > 0.0));
+    }
+}

@@ -1,0 +1,174 @@
+//! `nims new-sensor`: what it writes runs as it is; the one in Python is recorded by a recorder that was there before it.
+
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use bus::{Bus, Domain};
+use messages::{Heartbeat, hash_of};
+use runlog::info;
+
+fn project() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+fn python() -> Command {
+    let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| project().join(".venv/bin/python"), PathBuf::from);
+    assert!(python.exists(), "{}: run scripts/test, which makes it", python.display());
+    Command::new(python)
+}
+
+/// A process that ends with the test.
+struct Guard(Child);
+
+impl Drop for Guard {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+impl Guard {
+    fn end(&mut self) -> Option<i32> {
+        assert!(Command::new("kill").args(["-TERM", &self.0.id().to_string()]).status().unwrap().success());
+        self.0.wait().unwrap().code()
+    }
+}
+
+fn until(what: &str, mut done: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !done() {
+        assert!(begun.elapsed() < Duration::from_secs(30), "waited for: {what}");
+        std::thread::sleep(Duration::from_millis(10));
+    }
+}
+
+/// `nims new-sensor` in that folder: whether it was done, and what it said.
+fn new_sensor(folder: &Path, args: &[&str]) -> (bool, String) {
+    let nims = std::env::current_exe().unwrap().parent().unwrap().join("../nims");
+    let output = Command::new(nims).arg("new-sensor").args(args).current_dir(folder).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    (output.status.success(), said)
+}
+
+#[test]
+fn a_new_sensor_in_rust_is_the_tested_template_under_its_name_and_nothing_is_overwritten() {
+    let folder = tempfile::tempdir().unwrap();
+    let (done, said) = new_sensor(folder.path(), &["soil-probe"]);
+    assert!(done && said.contains("nims plug soil-probe -- soil-probe/target/debug/soil-probe"), "{said}");
+    for file in ["src/main.rs", "src/driver.rs"] {
+        let read = |path: PathBuf| std::fs::read_to_string(path).unwrap();
+        let template = read(project().join("scripts/templates/sensor").join(file));
+        let expected = template.replace("\"example\"", "\"soil-probe\"").replace("Example", "SoilProbe");
+        assert_eq!(read(folder.path().join("soil-probe").join(file)), expected);
+        assert!(expected.lines().count() < 40, "{file}");
+    }
+    let manifest: toml::Table =
+        std::fs::read_to_string(folder.path().join("soil-probe/Cargo.toml")).unwrap().parse().unwrap();
+    assert_eq!(manifest["package"]["name"].as_str(), Some("soil-probe"));
+    assert!(manifest.contains_key("workspace"), "it is not taken for a part of another workspace");
+    for library in ["messages", "service"] {
+        let path = manifest["dependencies"][library]["path"].as_str().unwrap();
+        assert!(Path::new(path).is_absolute() && Path::new(path).join("Cargo.toml").is_file(), "{path}");
+    }
+    std::fs::write(folder.path().join("leaf.py"), "mine").unwrap();
+    for args in [&["soil-probe"][..], &["leaf", "--python"]] {
+        let (done, said) = new_sensor(folder.path(), args);
+        assert!(!done && said.contains("is there already"), "{said}");
+    }
+    assert_eq!(std::fs::read_to_string(folder.path().join("leaf.py")).unwrap(), "mine");
+    for args in [&["Soil"][..], &["2soil"], &["soil/probe"], &["soil", "--nims", "/nowhere"]] {
+        let (done, said) = new_sensor(folder.path(), args);
+        assert!(!done && said.lines().count() == 1, "{said}");
+    }
+    assert!(!folder.path().join("soil").exists());
+}
+
+#[test]
+fn the_template_is_recorded_whole_under_its_own_field_names() {
+    let (domain, folder) = (Domain::for_test(), tempfile::tempdir().unwrap());
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut beats = bus.subscriber::<Heartbeat>("system/heartbeat/recorder").unwrap();
+    let recorder = std::env::current_exe().unwrap().parent().unwrap().join("../recorder");
+    let mut recorder = Guard(
+        Command::new(recorder)
+            .args(["--domain", domain.name(), "--run"])
+            .arg(folder.path())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap(),
+    );
+    until("the recorder is ready", || {
+        std::iter::from_fn(|| beats.receive().unwrap()).any(|beat| beat.state == Heartbeat::STATE_READY)
+    });
+    let (done, said) = new_sensor(folder.path(), &["example", "--python"]);
+    assert!(done && said.contains("nims plug example -- "), "{said}");
+    let start =
+        || Guard(python().arg(folder.path().join("example.py")).args(["--domain", domain.name()]).spawn().unwrap());
+    let count = || bus.tap("sensor/example").ok();
+    // One life, and a second one: a sensor that is replaced goes on on the same channel.
+    for _ in 0..2 {
+        let mut sensor = start();
+        let mut heard = 0;
+        let mut tap = None;
+        until("the sensor speaks", || {
+            tap = tap.take().or_else(count);
+            if let Some(tap) = &mut tap {
+                while tap.receive(|_| ()).unwrap().is_some() {
+                    heard += 1;
+                }
+            }
+            heard >= 5
+        });
+        assert_eq!(sensor.end(), Some(0));
+    }
+    assert_eq!(recorder.end(), Some(0));
+
+    let path = folder.path().join("run.mcap");
+    let report = info(&path).unwrap();
+    let channel =
+        report.channels.iter().find(|channel| channel.name == "sensor/example").expect("the channel is recorded");
+    assert_eq!(channel.schema, "nims_msgs/msg/Example");
+    assert!(channel.messages >= 10, "{}", channel.messages);
+    // By a foreign reader: its own names, and in both lives every sample from within the first second on.
+    let script = "import sys\nfrom mcap.reader import make_reader\nfrom mcap_ros2.decoder import DecoderFactory\n\
+        r = make_reader(open(sys.argv[1], 'rb'), decoder_factories=[DecoderFactory()])\n\
+        for _, _, _, m in r.iter_decoded_messages(topics=['/sensor/example']): print(m.header.seq, round(10 * m.value_v), list(m.samples)[3])";
+    let output = python().args(["-c", script]).arg(&path).output().unwrap();
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let mut last = 0;
+    let mut lives = 0;
+    for line in said.lines() {
+        let numbers: Vec<f64> = line.split_whitespace().map(|number| number.parse().unwrap()).collect();
+        let seq = numbers[0] as u64;
+        if lives == 0 || seq < last {
+            lives += 1;
+            assert!(seq <= 10, "{said}");
+        } else {
+            assert_eq!(seq, last + 1, "{said}");
+        }
+        assert_eq!((numbers[1], numbers[2]), (seq as f64 - 1.0, seq as f64 + 2.0));
+        last = seq;
+    }
+    assert_eq!(lives, 2, "{said}");
+}
+
+#[test]
+fn definitions_from_python_are_ours() {
+    let output = python().arg(project().join("tests/python/sensor_types.py")).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let said = String::from_utf8_lossy(&output.stdout).into_owned();
+    let (type_name, rest) = said.split_once('\n').unwrap();
+    let (definition, refusals) = rest.split_at(rest.find("refused").unwrap());
+    // Parsed by what the recorder validates plug-ins with.
+    let schema = messages::schema::Schema::parse(definition).unwrap();
+    assert_eq!(schema.size(), 32 + 64 + 8 + 2 + 6);
+    assert!(schema.has_header());
+    assert_eq!(type_name, format!("nims_msgs/Spot/{:08x}", hash_of(definition)));
+    assert!(refusals.contains("hidden bytes before `value` of `Hidden`"), "{refusals}");
+    assert!(refusals.contains("`class`"), "{refusals}");
+    assert!(!refusals.contains("accepted"), "{refusals}");
+}
