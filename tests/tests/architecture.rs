@@ -95,6 +95,7 @@ fn dependencies_point_one_way() {
         ("roboclaw", &["cable-robot", "serial"]),
         ("bus", &["messages"]),
         ("runlog", &["messages"]),
+        ("survey", &[]),
         // configuration types are made from the mathematics, samples are filled by the chassis
         ("service", &["bus", "messages", "cable-robot"]),
     ]);

@@ -1,0 +1,200 @@
+//! The fit of a plane around a cell's centre, and the choice of its radius.
+
+use super::moments::{Moments, add};
+use super::{GridCell, GridOptions, GridSpec};
+use nalgebra::{Matrix3, Vector3};
+
+/// Circles that are tried at most.
+const MOST_SCALES: usize = 8;
+/// Each is wider than the one before by this.
+const WIDER: f64 = 1.5;
+/// The narrowest circle reaches the corners of the cell and a little over them, cells.
+const NARROWEST: f64 = 0.8;
+/// Half width of the confidence intervals, standard deviations. Wider ones average more noise and blur edges more; with this one both stay
+/// below what one radius for all cells makes of them (`edges_stay_..` in the tests).
+const CONFIDENCE: f64 = 1.5;
+/// Samples beyond those that the plane takes, so that a scatter is a scatter.
+const LEAST_FREEDOM: f64 = 3.0;
+/// A slope prior that weighs next to nothing beside the samples keeps the equations solvable, relative.
+const FAINT: f64 = 1e-9;
+
+/// The radii that are tried, cells.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Scales {
+    radii: [f64; MOST_SCALES],
+    count: usize,
+    cell_m: f64,
+}
+
+impl Scales {
+    pub fn new(cell_m: f64, options: &GridOptions) -> Self {
+        let narrowest = NARROWEST.max(0.5 * options.footprint_m / cell_m);
+        let widest = (options.reach_m / cell_m).max(narrowest);
+        let mut radii = [widest; MOST_SCALES];
+        let mut count = 0;
+        let mut radius = narrowest;
+        while radius < widest / WIDER.sqrt() && count < MOST_SCALES - 1 {
+            radii[count] = radius;
+            count += 1;
+            radius *= WIDER;
+        }
+        Self { radii, count: count + 1, cell_m }
+    }
+
+    fn radii(&self) -> &[f64] {
+        &self.radii[..self.count]
+    }
+
+    /// How many cells away a sample can matter.
+    pub fn widest_cells(&self) -> usize {
+        // the samples of a cell may lie at the border that is nearer
+        (self.radii[self.count - 1] + 1.0).ceil() as usize
+    }
+}
+
+/// What a fit takes from the whole map: variance of a value of weight 1, standard deviation of a slope per cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Surroundings {
+    pub noise: f64,
+    pub slope: f64,
+}
+
+/// Weighted sums over a circle: with the weights once, and with their squares for the noise.
+struct Circle {
+    once: [f64; 6],
+    twice: [f64; 6],
+    values: [f64; 3],
+    square: f64,
+    places_m2: [f64; 3],
+    /// Sum of the weights without q.
+    weight: f64,
+}
+
+impl Circle {
+    /// `None` without a sample in it.
+    fn around(spec: &GridSpec, moments: &[Moments], at: usize, radius: f64) -> Option<Self> {
+        let (column, row) = ((at % spec.columns) as isize, (at / spec.columns) as isize);
+        let reach = (radius + 0.5).ceil() as isize;
+        let mut circle =
+            Self { once: [0.0; 6], twice: [0.0; 6], values: [0.0; 3], square: 0.0, places_m2: [0.0; 3], weight: 0.0 };
+        let within = |i: isize, count: usize| (i - reach).max(0)..(i + reach + 1).min(count as isize);
+        for r in within(row, spec.rows) {
+            for c in within(column, spec.columns) {
+                let cell = &moments[spec.index(c as usize, r as usize)];
+                if cell.count == 0 {
+                    continue;
+                }
+                let offset = [(c - column) as f64, (r - row) as f64];
+                let mean = cell.mean();
+                let (x, y) = (offset[0] + mean[0], offset[1] + mean[1]);
+                let inside = 1.0 - (x * x + y * y) / (radius * radius);
+                if inside <= 0.0 {
+                    continue;
+                }
+                let weight = inside * inside * cell.share();
+                let (design, values) = cell.shifted(offset);
+                add(&mut circle.once, weight, &design);
+                add(&mut circle.twice, weight * weight, &design);
+                add(&mut circle.values, weight, &values);
+                circle.square += weight * cell.square;
+                add(&mut circle.places_m2, weight, &cell.places_m2);
+                circle.weight += weight * f64::from(cell.count);
+            }
+        }
+        (circle.weight > 0.0).then_some(circle)
+    }
+}
+
+/// A plane, in cells.
+struct Fit {
+    value: f64,
+    slope: [f64; 2],
+    /// Variance of the value from noise and from the slope that is not known.
+    variance: f64,
+    /// Mean square of the residuals over what noise of variance 1 would leave, and how many samples beyond the plane's own that rests on.
+    residual: f64,
+    freedom: f64,
+}
+
+fn symmetric([a, b, c, d, e, f]: [f64; 6]) -> Matrix3<f64> {
+    Matrix3::new(a, b, c, b, d, e, c, e, f)
+}
+
+fn fit(circle: &Circle, around: &Surroundings) -> Option<Fit> {
+    let once = symmetric(circle.once);
+    let twice = symmetric(circle.twice);
+    let values = Vector3::from(circle.values);
+    let faint = FAINT * circle.once[0];
+    // weight of the prior in units of a sample's; where nothing varies, slopes are zero
+    let prior = if around.slope > 0.0 { (around.noise / (around.slope * around.slope)).max(faint) } else { faint };
+    let held = Matrix3::from_diagonal(&Vector3::new(0.0, prior, prior));
+    let inverse = (once + held).cholesky()?.inverse();
+    let plane = inverse * values;
+    let by_noise = inverse * twice * inverse;
+    let by_slope = inverse * held * held * inverse;
+    let variance = around.noise * by_noise[(0, 0)] + around.slope * around.slope * by_slope[(0, 0)];
+    let squares = (circle.square - 2.0 * plane.dot(&values) + (plane.transpose() * once * plane)[(0, 0)]).max(0.0);
+    let freedom = circle.weight - 2.0 * (inverse * twice).trace() + (by_noise * once).trace();
+    Some(Fit {
+        value: plane[0],
+        slope: [plane[1], plane[2]],
+        variance,
+        residual: if freedom > 0.0 { squares / freedom } else { 0.0 },
+        freedom,
+    })
+    .filter(|fit| fit.value.is_finite() && fit.variance.is_finite())
+}
+
+/// The residual of the narrowest fit around a cell that has enough samples for one, over what noise of variance 1 leaves; NaN if none has.
+pub(super) fn residual(spec: &GridSpec, scales: &Scales, moments: &[Moments], at: usize, slope: f64) -> f64 {
+    // as if there were no noise: the prior gives way to the samples
+    let around = Surroundings { noise: 0.0, slope };
+    let fits = scales.radii().iter().filter_map(|radius| fit(&Circle::around(spec, moments, at, *radius)?, &around));
+    fits.into_iter().find(|fit| fit.freedom >= LEAST_FREEDOM).map_or(f64::NAN, |fit| fit.residual)
+}
+
+/// What the samples say about a cell; the value is relative to that of the sums.
+pub(super) fn cell(
+    spec: &GridSpec,
+    scales: &Scales,
+    moments: &[Moments],
+    at: usize,
+    around: &Surroundings,
+) -> Option<GridCell> {
+    let mut tried = [(0.0, 0.0); MOST_SCALES];
+    let mut count = 0;
+    let mut chosen = None;
+    let mut common = [f64::NEG_INFINITY, f64::INFINITY];
+    for radius in scales.radii() {
+        let Some(circle) = Circle::around(spec, moments, at, *radius) else { continue };
+        let Some(fit) = fit(&circle, around) else { continue };
+        let half = CONFIDENCE * fit.variance.sqrt();
+        common = [common[0].max(fit.value - half), common[1].min(fit.value + half)];
+        if common[0] > common[1] && chosen.is_some() {
+            break;
+        }
+        tried[count] = (*radius, fit.value);
+        count += 1;
+        chosen = Some((*radius, circle, fit));
+    }
+    let (radius, circle, fit) = chosen?;
+    let gradient_per_m = fit.slope.map(|slope| slope / scales.cell_m);
+    let [gx, gy] = gradient_per_m;
+    let [xx, xy, yy] = circle.places_m2.map(|sum| sum / circle.once[0]);
+    let by_place = (gx * gx * xx + 2.0 * gx * gy * xy + gy * gy * yy).max(0.0);
+    // what a bend of the ground does to the value grows with the square of the radius, so two radii tell how much it is
+    let bend = |(narrower, value): &(f64, f64)| (value - fit.value) / (1.0 - (narrower / radius) * (narrower / radius));
+    let bent = tried[..count - 1].iter().rev().take(2).map(bend).fold(0.0, |most: f64, one| most.max(one.abs()));
+    // a scatter that chance explains is noise; what is beyond it does not average out
+    let chance = around.noise * (1.0 + 2.0 * (2.0 / fit.freedom.max(1.0)).sqrt());
+    let structure =
+        if fit.freedom >= 1.0 { (fit.residual - chance).max(0.0) * circle.weight / circle.once[0] } else { 0.0 };
+    Some(GridCell {
+        value: fit.value,
+        sigma: (fit.variance + by_place + structure + bent * bent).sqrt(),
+        gradient_per_m,
+        structure: structure.sqrt(),
+        radius_m: radius * scales.cell_m,
+        samples: moments[at].count,
+    })
+}

@@ -1,0 +1,31 @@
+//! From readings to maps: what many samples of a quantity, taken at known places, say about the field they were taken from.
+//!
+//! [`grid`] is a regular map of a scalar in the plane with a standard deviation for every cell. It takes one sample at a time, as a live
+//! map needs it, and says where another sample would help most.
+//!
+//! Invariants:
+//! * No clock, no I/O, no messages: times are numbers, and the same samples in the same order give the same bits.
+//! * Adding a sample and making the map anew allocate nothing.
+//! * What is not known is `None`, never a number that looks like one.
+//!
+//! ```
+//! use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};
+//!
+//! let spec = GridSpec::covering([0.0, 0.0], [1.0, 1.0], 0.1)?;
+//! let mut map = GridMap::new(spec, GridOptions::default())?;
+//! for i in 0..100 {
+//!     let (x, y) = (0.01 * f64::from(i), 0.5);
+//!     map.add(&GridSample::at([x, y], 20.0 + 3.0 * x));
+//! }
+//! map.refresh();
+//! let cell = map.at([0.55, 0.55]).expect("a sample was near");
+//! assert!((cell.value - 21.65).abs() < 0.01 && cell.sigma > 0.0);
+//! assert!(map.at([0.05, 0.95]).is_none(), "no sample was near");
+//! # Ok::<(), survey::SurveyError>(())
+//! ```
+#![forbid(unsafe_code)]
+
+mod error;
+pub mod grid;
+
+pub use error::SurveyError;
