@@ -4,7 +4,7 @@
 
 mod live;
 
-use live::{Robot, program, root};
+use live::{Robot, program, root, steadily};
 use messages::{MotorAuthority, OperatorRequest};
 use motor_box::{BoxFault, FaultRequest};
 use nims::fault::{ROWS, Row, page};
@@ -102,74 +102,75 @@ fn row(kind: &str, of: &str) -> &'static Row {
 /// What breaks on the wire, and what becomes of processes: one robot after the other fault, in real time.
 #[test]
 fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_table_says() {
-    let mut robot = Robot::up("");
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    steadily(|| {
+        let mut robot = Robot::up("");
+        robot.arm();
 
-    robot.fly();
-    let skipped = robot.last.skipped;
-    robot.fault(row("noise", "").example);
-    let until = robot.last.header.cycle + 200;
-    robot.until("a noisy flight", |robot| robot.last.header.cycle > until);
-    println!("noise: {} cycles skipped in two seconds, faults {:#x}", robot.last.skipped - skipped, robot.last.faults);
-    assert_eq!(robot.last.faults & motor_io::faults::HARD, 0, "it goes on");
-    assert!(robot.last.skipped > skipped, "the noise has spoilt nothing");
-
-    for (kind, repair) in
-        [("silence", "silence 1 off"), ("late", "late 1 off"), ("mute", ""), ("unplug", "plug 1"), ("reboot", "")]
-    {
-        let row = row(kind, "");
         robot.fly();
-        found_after(&mut robot, row, |robot| robot.fault(row.example));
-        if !repair.is_empty() {
-            robot.fault(repair);
+        let skipped = robot.last.skipped;
+        robot.fault(row("noise", "").example);
+        let until = robot.last.header.cycle + 200;
+        robot.until("a noisy flight", |robot| robot.last.header.cycle > until);
+        println!(
+            "noise: {} cycles skipped in two seconds, faults {:#x}",
+            robot.last.skipped - skipped,
+            robot.last.faults
+        );
+        assert_eq!(robot.last.faults & motor_io::faults::HARD, 0, "it goes on");
+        assert!(robot.last.skipped > skipped, "the noise has spoilt nothing");
+
+        for (kind, repair) in
+            [("silence", "silence 1 off"), ("late", "late 1 off"), ("mute", ""), ("unplug", "plug 1"), ("reboot", "")]
+        {
+            let row = row(kind, "");
+            robot.fly();
+            found_after(&mut robot, row, |robot| robot.fault(row.example));
+            if !repair.is_empty() {
+                robot.fault(repair);
+            }
+            if kind == "reboot" {
+                robot.until("its restart", |robot| robot.last.faults & MotorAuthority::FAULT_UNIT_REBOOT != 0);
+            }
+            robot.reset();
         }
-        if kind == "reboot" {
-            robot.until("its restart", |robot| robot.last.faults & MotorAuthority::FAULT_UNIT_REBOOT != 0);
-        }
+
+        // The button of a unit: an emergency stop that no reset ends while it is pressed, and nothing moves when it is released.
+        let pressed = row("estop", "");
+        robot.fly();
+        found_after(&mut robot, pressed, |robot| robot.fault(pressed.example));
+        let (accepted, sentence) = robot.request("motor-io", OperatorRequest::VERB_RESET, &[], "").unwrap();
+        assert!(!accepted && sentence.contains("emergency stop button"), "{sentence}");
+        robot.fault("estop 1 128 off");
+        let until = robot.last.header.cycle + 50;
+        robot.until("it stays stopped", |robot| robot.last.header.cycle > until);
+        assert_eq!(robot.last.mode, MotorAuthority::MODE_EMERGENCY_STOP, "released is not reset");
         robot.reset();
-    }
 
-    // The button of a unit: an emergency stop that no reset ends while it is pressed, and nothing moves when it is released.
-    let pressed = row("estop", "");
-    robot.fly();
-    found_after(&mut robot, pressed, |robot| robot.fault(pressed.example));
-    let (accepted, sentence) = robot.request("motor-io", OperatorRequest::VERB_RESET, &[], "").unwrap();
-    assert!(!accepted && sentence.contains("emergency stop button"), "{sentence}");
-    robot.fault("estop 1 128 off");
-    let until = robot.last.header.cycle + 50;
-    robot.until("it stays stopped", |robot| robot.last.header.cycle > until);
-    assert_eq!(robot.last.mode, MotorAuthority::MODE_EMERGENCY_STOP, "released is not reset");
-    robot.reset();
-
-    for process in ["controller", "estimator"] {
-        let row = row("stop", process);
-        robot.fly();
-        found_after(&mut robot, row, |robot| robot.signal(process, Signal::STOP));
-        robot.signal(process, Signal::CONT);
-        std::thread::sleep(Duration::from_millis(300));
-        robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
-        robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
-    }
-
-    robot.fly();
-    for process in ["controller", "estimator"] {
-        for kind in ["slow", "nan", "frozen"] {
-            let row = row(kind, process);
-            // Where the machine lets another process wait just then, the robot stops for that one, rightly: then once more.
-            let found = (0..3).any(|_| found_in(&mut robot, row, process, kind));
-            assert!(found, "{}: three times another fault", row.example);
+        for process in ["controller", "estimator"] {
+            let row = row("stop", process);
+            robot.fly();
+            found_after(&mut robot, row, |robot| robot.signal(process, Signal::STOP));
+            robot.signal(process, Signal::CONT);
+            std::thread::sleep(Duration::from_millis(300));
+            robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+            robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
         }
-    }
 
-    robot.fly();
-    found_after(&mut robot, row("kill", "controller"), |robot| robot.signal("controller", Signal::KILL));
-    let mut newest = None;
-    while let Some(truth) = robot.truth.receive().unwrap() {
-        newest = Some(truth);
-    }
-    let truth = newest.unwrap();
-    assert!(truth.tension_n[..3].iter().all(|tension| *tension > 1.0), "{:?}", truth.tension_n);
+        robot.fly();
+        for process in ["controller", "estimator"] {
+            for kind in ["slow", "nan", "frozen"] {
+                let row = row(kind, process);
+                // Where the machine lets another process wait just then, the robot stops for that one, rightly: then once more.
+                let found = (0..3).any(|_| found_in(&mut robot, row, process, kind));
+                assert!(found, "{}: three times another fault", row.example);
+            }
+        }
+
+        robot.fly();
+        found_after(&mut robot, row("kill", "controller"), |robot| robot.signal("controller", Signal::KILL));
+        robot.look();
+        assert!(robot.seen.tension_n[..3].iter().all(|tension| *tension > 1.0), "{:?}", robot.seen.tension_n);
+    });
 }
 
 /// The command itself: refusals before anything is asked, faults that pass by themselves, processes that stand still for a while.

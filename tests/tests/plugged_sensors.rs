@@ -7,7 +7,7 @@
 
 mod live;
 
-use live::{Robot, root};
+use live::{Robot, root, steadily};
 use messages::{Header, MotorAuthority, MotorState, OperatorRequest};
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
@@ -45,8 +45,7 @@ fn fly_for_long(robot: &mut Robot) {
             "[[leg]]\npolyline = { points_m = [[5.6, 3.4, 0.6], [4.8, 4.0, 0.9], [4.0, 3.4, 0.6], [4.8, 3.0, 0.3]] }\n";
     }
     std::fs::write(robot.folder().join("fro.toml"), mission).unwrap();
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    robot.arm();
     // A cycle without readings has no estimate, and then the planner has nowhere to begin.
     robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     for _ in 0..50 {
@@ -96,104 +95,107 @@ fn lives(run: &Path, channel: &str) -> u64 {
 
 #[test]
 fn sensors_are_replaced_in_flight_at_no_cost() {
-    let rounds: u64 = std::env::var("NIMS_REPLACEMENTS").map_or(3, |count| count.parse().unwrap());
-    let python = python();
-    let path = |path: &Path| path.to_str().unwrap().to_owned();
-    let mut robot = Robot::up(STANDBYS);
-    for file in ["templates/sensor.py", "python/nims_bus.py"] {
-        let from = root().join("scripts").join(file);
-        std::fs::copy(&from, robot.folder().join(from.file_name().unwrap())).unwrap();
-    }
-    let text = std::fs::read_to_string(robot.folder().join("sensor.py")).unwrap();
-    std::fs::write(robot.folder().join("other.py"), text.replace("value_v", "value_a")).unwrap();
-    fly_for_long(&mut robot);
-    let begun = robot.last.header.cycle;
-    robot.until("quiet flight", |robot| robot.last.header.cycle > begun + QUIET_CYCLES);
-    let first = robot.last.header.cycle;
+    steadily(|| {
+        let rounds: u64 = std::env::var("NIMS_REPLACEMENTS").map_or(3, |count| count.parse().unwrap());
+        let python = python();
+        let path = |path: &Path| path.to_str().unwrap().to_owned();
+        let mut robot = Robot::up(STANDBYS);
+        for file in ["templates/sensor.py", "python/nims_bus.py"] {
+            let from = root().join("scripts").join(file);
+            std::fs::copy(&from, robot.folder().join(from.file_name().unwrap())).unwrap();
+        }
+        let text = std::fs::read_to_string(robot.folder().join("sensor.py")).unwrap();
+        std::fs::write(robot.folder().join("other.py"), text.replace("value_v", "value_a")).unwrap();
+        fly_for_long(&mut robot);
+        let begun = robot.last.header.cycle;
+        robot.until("quiet flight", |robot| robot.last.header.cycle > begun + QUIET_CYCLES);
+        let first = robot.last.header.cycle;
 
-    // Both appear under their own names, with their own fields, and nothing else is started again.
-    robot.told(&["plug", "soil", "--", "my-sensor"]);
-    robot.told(&["plug", "leaf", "--", &path(&python), "sensor.py"]);
-    for name in ["soil", "leaf"] {
-        let channel = format!("sensor/{name}");
-        let mut subscriber = robot.bus.subscriber::<Example>(&channel).unwrap();
-        robot.until("a sample", |_| true);
-        let said = robot.told(&["channel", "echo", &channel, "-n", "3"]);
-        assert_eq!(said.lines().filter(|line| line.contains("\"value_v\":")).count(), 3, "{said}");
-        assert!(subscriber.latest().unwrap().is_some());
-        assert!(robot.told(&["channel", "list"]).contains(&format!("{channel}  ")));
-    }
-    let mut killed = 0;
-    for round in 0..rounds {
-        let mut samples = robot.bus.subscriber::<Example>("sensor/soil").unwrap();
-        match round % 3 {
-            0 => {
-                robot.told(&["plug", "soil", "--replace", "--", "my-sensor"]);
+        // Both appear under their own names, with their own fields, and nothing else is started again.
+        robot.told(&["plug", "soil", "--", "my-sensor"]);
+        robot.told(&["plug", "leaf", "--", &path(&python), "sensor.py"]);
+        for name in ["soil", "leaf"] {
+            let channel = format!("sensor/{name}");
+            let mut subscriber = robot.bus.subscriber::<Example>(&channel).unwrap();
+            robot.until("a sample", |_| true);
+            let said = robot.told(&["channel", "echo", &channel, "-n", "3"]);
+            assert_eq!(said.lines().filter(|line| line.contains("\"value_v\":")).count(), 3, "{said}");
+            assert!(subscriber.latest().unwrap().is_some());
+            assert!(robot.told(&["channel", "list"]).contains(&format!("{channel}  ")));
+        }
+        let mut killed = 0;
+        for round in 0..rounds {
+            let mut samples = robot.bus.subscriber::<Example>("sensor/soil").unwrap();
+            match round % 3 {
+                0 => {
+                    robot.told(&["plug", "soil", "--replace", "--", "my-sensor"]);
+                }
+                1 => {
+                    killed += 1;
+                    robot.signal("soil", Signal::KILL);
+                    robot
+                        .until("its end is known", |robot| robot.domain.alive().iter().all(|node| node.name != "soil"));
+                    // In another language, under the same name and of the same type.
+                    robot.told(&["plug", "soil", "--replace", "--", &path(&python), "sensor.py"]);
+                }
+                _ => {
+                    robot.told(&["restart", "soil"]);
+                }
             }
-            1 => {
-                killed += 1;
-                robot.signal("soil", Signal::KILL);
-                robot.until("its end is known", |robot| robot.domain.alive().iter().all(|node| node.name != "soil"));
-                // In another language, under the same name and of the same type.
-                robot.told(&["plug", "soil", "--replace", "--", &path(&python), "sensor.py"]);
+            while samples.latest().unwrap().is_some() {}
+            let now = robot.last.header.cycle;
+            let give_up = bus::clock::now_ns() + 20_000_000_000;
+            while samples.receive().unwrap().is_none_or(|sample| sample.header.seq < 3) {
+                assert!(bus::clock::now_ns() < give_up, "round {round}: it does not speak");
+                std::thread::sleep(std::time::Duration::from_millis(20));
             }
-            _ => {
-                robot.told(&["restart", "soil"]);
+            robot.until("the next cycle", |robot| robot.last.header.cycle > now);
+            if robot.last.mode != MotorAuthority::MODE_FOLLOWING {
+                // Whether that was the machine's doing is seen below.
+                robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
             }
         }
-        while samples.latest().unwrap().is_some() {}
-        let now = robot.last.header.cycle;
-        let give_up = bus::clock::now_ns() + 20_000_000_000;
-        while samples.receive().unwrap().is_none_or(|sample| sample.header.seq < 3) {
-            assert!(bus::clock::now_ns() < give_up, "round {round}: it does not speak");
-            std::thread::sleep(std::time::Duration::from_millis(20));
+        // Whoever is in the control cycle holds no channel of a sensor, so that none can hold it up.
+        for channel in robot.bus.channels().unwrap().iter().filter(|channel| channel.name.starts_with("sensor/")) {
+            let holders: Vec<&str> = channel.holders.iter().map(|node| node.name.as_str()).collect();
+            let own = channel.name.trim_start_matches("sensor/");
+            assert!(
+                holders.iter().all(|name| [own, "recorder", "observer"].contains(name)),
+                "{}: {holders:?}",
+                channel.name
+            );
         }
-        robot.until("the next cycle", |robot| robot.last.header.cycle > now);
-        if robot.last.mode != MotorAuthority::MODE_FOLLOWING {
-            // Whether that was the machine's doing is seen below.
-            robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
-        }
-    }
-    // Whoever is in the control cycle holds no channel of a sensor, so that none can hold it up.
-    for channel in robot.bus.channels().unwrap().iter().filter(|channel| channel.name.starts_with("sensor/")) {
-        let holders: Vec<&str> = channel.holders.iter().map(|node| node.name.as_str()).collect();
-        let own = channel.name.trim_start_matches("sensor/");
-        assert!(
-            holders.iter().all(|name| [own, "recorder", "observer"].contains(name)),
-            "{}: {holders:?}",
-            channel.name
-        );
-    }
-    // Other fields under the old name: refused, with what to do; under a new one they are welcome.
-    let output = robot.nims(&["plug", "leaf", "--replace", "--", &path(&python), "other.py"]);
-    let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
-    assert!(!output.status.success() && sentence.contains("a changed type needs a new name"), "{sentence}");
-    robot.told(&["plug", "leaf-2", "--", &path(&python), "other.py"]);
-    robot.told(&["channel", "echo", "sensor/leaf-2", "-n", "1"]);
-    robot.told(&["unplug", "soil"]);
-    robot.told(&["unplug", "leaf-2"]);
-    robot.look();
-    let last = robot.last.header.cycle;
-    robot.until("quiet flight", |robot| robot.last.header.cycle > last + QUIET_CYCLES);
-    assert_eq!(robot.down(Signal::INT), Some(1), "a run in which a sensor was killed is no success");
-    let run = robot.run();
+        // Other fields under the old name: refused, with what to do; under a new one they are welcome.
+        let output = robot.nims(&["plug", "leaf", "--replace", "--", &path(&python), "other.py"]);
+        let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && sentence.contains("a changed type needs a new name"), "{sentence}");
+        robot.told(&["plug", "leaf-2", "--", &path(&python), "other.py"]);
+        robot.told(&["channel", "echo", "sensor/leaf-2", "-n", "1"]);
+        robot.told(&["unplug", "soil"]);
+        robot.told(&["unplug", "leaf-2"]);
+        robot.look();
+        let last = robot.last.header.cycle;
+        robot.until("quiet flight", |robot| robot.last.header.cycle > last + QUIET_CYCLES);
+        assert_eq!(robot.down(Signal::INT), Some(1), "a run in which a sensor was killed is no success");
+        let run = robot.run();
 
-    let (quiet, disturbed) =
-        (missed(&run, begun, first) + missed(&run, last, last + QUIET_CYCLES), missed(&run, first, last));
-    println!("cycles missed: {disturbed} of {}; {quiet} in quiet flight", last - first);
-    // A machine that misses cycles with nothing new on it is too busy to say anything about sensors.
-    assert!(disturbed == 0 || quiet > 0, "{disturbed} cycles missed, and none in quiet flight");
-    assert_eq!(lives(&run, "sensor/soil"), rounds + 1);
-    assert_eq!(lives(&run, "sensor/leaf"), 1);
-    let report = runlog::info(&run).unwrap();
-    let lossy: Vec<_> = report.channels.iter().filter(|channel| channel.lost > 0).collect();
-    assert!(lossy.is_empty(), "{lossy:?}");
-    let schema = |name: &str| {
-        report.channels.iter().find(|channel| channel.name == format!("sensor/{name}")).unwrap().schema.clone()
-    };
-    assert_eq!((schema("soil"), schema("leaf")), ("nims_msgs/msg/Example".into(), "nims_msgs/msg/Example".into()));
-    // Two types of one name in one file are told apart.
-    assert!(schema("leaf-2").starts_with("nims_msgs/msg/ExampleX"), "{}", schema("leaf-2"));
-    let states = runlog::read_channel::<MotorState>(&run, "motor/state").unwrap();
-    println!("{rounds} replacements ({killed} by SIGKILL) in {} cycles", states.len());
+        let (quiet, disturbed) =
+            (missed(&run, begun, first) + missed(&run, last, last + QUIET_CYCLES), missed(&run, first, last));
+        println!("cycles missed: {disturbed} of {}; {quiet} in quiet flight", last - first);
+        // A machine that misses cycles with nothing new on it is too busy to say anything about sensors.
+        assert!(disturbed == 0 || quiet > 0, "{disturbed} cycles missed, and none in quiet flight");
+        assert_eq!(lives(&run, "sensor/soil"), rounds + 1);
+        assert_eq!(lives(&run, "sensor/leaf"), 1);
+        let report = runlog::info(&run).unwrap();
+        let lossy: Vec<_> = report.channels.iter().filter(|channel| channel.lost > 0).collect();
+        assert!(lossy.is_empty(), "{lossy:?}");
+        let schema = |name: &str| {
+            report.channels.iter().find(|channel| channel.name == format!("sensor/{name}")).unwrap().schema.clone()
+        };
+        assert_eq!((schema("soil"), schema("leaf")), ("nims_msgs/msg/Example".into(), "nims_msgs/msg/Example".into()));
+        // Two types of one name in one file are told apart.
+        assert!(schema("leaf-2").starts_with("nims_msgs/msg/ExampleX"), "{}", schema("leaf-2"));
+        let states = runlog::read_channel::<MotorState>(&run, "motor/state").unwrap();
+        println!("{rounds} replacements ({killed} by SIGKILL) in {} cycles", states.len());
+    });
 }

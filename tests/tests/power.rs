@@ -4,7 +4,7 @@
 
 mod live;
 
-use live::{Robot, program};
+use live::{Robot, program, steadily};
 use messages::{MotorAuthority, MotorState, OperatorRequest, RecorderStatus};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -39,92 +39,98 @@ fn is_whole(run: &Path, seen: &[MotorState]) {
 
 #[test]
 fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silently() {
-    let mut robot = Robot::up("");
-    let mut states = robot.bus.subscriber::<MotorState>("motor/state").unwrap();
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
-    robot.fly();
-    // Any instant of a second and a half.
-    let wait = u64::from(bus::clock::unix_ns() as u32) % (SECOND * 3 / 2);
-    let until = robot.last.header.cycle + wait;
-    robot.until("the instant", |robot| robot.last.header.cycle >= until);
-    assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING);
-    robot.kill_all();
-    let mut seen = Vec::new();
-    while let Some(state) = states.receive().unwrap() {
-        seen.push(state);
-    }
-    println!("cut after {wait} cycles; {} cycles seen", seen.len());
+    steadily(|| {
+        let mut robot = Robot::up("");
+        let mut states = robot.bus.subscriber::<MotorState>("motor/state").unwrap();
+        robot.arm();
+        robot.fly();
+        // Any instant of a second and a half.
+        let wait = u64::from(bus::clock::unix_ns() as u32) % (SECOND * 3 / 2);
+        let until = robot.last.header.cycle + wait;
+        robot.until("the instant", |robot| robot.last.header.cycle >= until);
+        assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING);
+        robot.kill_all();
+        let mut seen = Vec::new();
+        while let Some(state) = states.receive().unwrap() {
+            seen.push(state);
+        }
+        println!("cut after {wait} cycles; {} cycles seen", seen.len());
 
-    // By hand, of a copy as somebody takes it home.
-    let run = robot.run();
-    let home = robot.folder().join("home");
-    std::fs::create_dir(&home).unwrap();
-    let part = home.join("run.mcap.part");
-    std::fs::copy(run.join("run.mcap.part"), &part).unwrap();
-    let recovered = Command::new(program()).arg("recover").arg(&part).output().unwrap();
-    assert!(recovered.status.success(), "{}", String::from_utf8_lossy(&recovered.stderr));
-    is_whole(&home, &seen);
+        // By hand, of a copy as somebody takes it home.
+        let run = robot.run();
+        let home = robot.folder().join("home");
+        std::fs::create_dir(&home).unwrap();
+        let part = home.join("run.mcap.part");
+        std::fs::copy(run.join("run.mcap.part"), &part).unwrap();
+        let recovered = Command::new(program()).arg("recover").arg(&part).output().unwrap();
+        assert!(recovered.status.success(), "{}", String::from_utf8_lossy(&recovered.stderr));
+        is_whole(&home, &seen);
 
-    // By the next start, which also says where the robot believes to be, and that this is a belief.
-    robot.up_again("");
-    // The old ports went with the old processes.
-    let mut states = robot.bus.subscriber::<MotorState>("motor/state").unwrap();
-    let cycle = robot.last.header.cycle + 5;
-    robot.until("some cycles more", |robot| robot.last.header.cycle > cycle);
-    is_whole(&run, &seen);
-    assert_eq!(robot.last.mode, MotorAuthority::MODE_DISARMED, "nothing arms by itself");
-    assert_eq!(robot.last.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
-    let mut now = None;
-    while let Some(state) = states.receive().unwrap() {
-        now = Some(state);
-    }
-    let now = now.expect("the new motor-io speaks on the same channel");
-    let apart = |then: &MotorState| {
-        then.length_m[..3].iter().zip(now.length_m).fold(0.0, |most: f64, (then, now)| most.max((then - now).abs()))
-    };
-    let nearest = seen.iter().map(apart).fold(f64::INFINITY, f64::min);
-    assert!(nearest < SAME_M, "the lengths are of no moment before the cut: {nearest} m");
-    let (_, sentence) = robot.request("motor-io", OperatorRequest::VERB_ARM, &[], "").unwrap();
-    assert!(sentence.contains("from before the cut") && sentence.contains("confirm"), "{sentence}");
-    let (accepted, sentence) = robot.request("planner", OperatorRequest::VERB_GOTO, &[5.0, 3.2, 0.5, 0.1], "").unwrap();
-    assert!(!accepted && sentence.contains("confirm"), "it moves by a position that nobody confirmed: {sentence}");
-    robot.ask("motor-io", OperatorRequest::VERB_CONFIRM_POSITION, &[]);
-    robot.until("a confirmed position", |robot| robot.last.position_known == MotorState::POSITION_KNOWN);
+        // By the next start, which also says where the robot believes to be, and that this is a belief.
+        robot.up_again("");
+        // The old ports went with the old processes.
+        let mut states = robot.bus.subscriber::<MotorState>("motor/state").unwrap();
+        let cycle = robot.last.header.cycle + 5;
+        robot.until("some cycles more", |robot| robot.last.header.cycle > cycle);
+        is_whole(&run, &seen);
+        assert_eq!(robot.last.mode, MotorAuthority::MODE_DISARMED, "nothing arms by itself");
+        assert_eq!(robot.last.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+        let mut now = None;
+        while let Some(state) = states.receive().unwrap() {
+            now = Some(state);
+        }
+        let now = now.expect("the new motor-io speaks on the same channel");
+        let apart = |then: &MotorState| {
+            then.length_m[..3].iter().zip(now.length_m).fold(0.0, |most: f64, (then, now)| most.max((then - now).abs()))
+        };
+        let nearest = seen.iter().map(apart).fold(f64::INFINITY, f64::min);
+        assert!(nearest < SAME_M, "the lengths are of no moment before the cut: {nearest} m");
+        let (_, sentence) = robot.request("motor-io", OperatorRequest::VERB_ARM, &[], "").unwrap();
+        assert!(sentence.contains("from before the cut") && sentence.contains("confirm"), "{sentence}");
+        let (accepted, sentence) =
+            robot.request("planner", OperatorRequest::VERB_GOTO, &[5.0, 3.2, 0.5, 0.1], "").unwrap();
+        assert!(!accepted && sentence.contains("confirm"), "it moves by a position that nobody confirmed: {sentence}");
+        robot.ask("motor-io", OperatorRequest::VERB_CONFIRM_POSITION, &[]);
+        robot.until("a confirmed position", |robot| robot.last.position_known == MotorState::POSITION_KNOWN);
+    });
 }
 
 #[test]
 fn a_disk_that_fills_in_flight_ends_the_recording_aloud_and_not_the_mission() {
-    let place = tempfile::tempdir().unwrap();
-    let free = runlog::free_bytes(place.path()).unwrap();
-    // The disk is full when this much is gone; other programs of the machine use less in these seconds.
-    let room = (free / 4).min(200_000_000);
-    let mut robot = Robot::up(&format!("\n[recorder]\nmin_free_bytes = {}\n", free - room));
-    let mut states = robot.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
-    let mut recorder = |robot: &mut Robot, wanted: u8| {
-        for _ in 0..1000 {
-            robot.look();
-            while let Some(row) = states.receive().unwrap() {
-                if row.state == wanted {
-                    return;
+    steadily(|| {
+        let place = tempfile::tempdir().unwrap();
+        let free = runlog::free_bytes(place.path()).unwrap();
+        // The disk is full when this much is gone; other programs of the machine use less in these seconds.
+        let room = (free / 4).min(200_000_000);
+        let mut robot = Robot::up(&format!("\n[recorder]\nmin_free_bytes = {}\n", free - room));
+        let mut states = robot.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
+        let mut recorder = |robot: &mut Robot, wanted: u8| {
+            for _ in 0..1000 {
+                robot.look();
+                while let Some(row) = states.receive().unwrap() {
+                    if row.state == wanted {
+                        return;
+                    }
                 }
+                std::thread::sleep(Duration::from_millis(20));
             }
-            std::thread::sleep(Duration::from_millis(20));
-        }
-        panic!("the recorder does not come to state {wanted}\n{}", robot.said());
-    };
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
-    robot.fly();
-    recorder(&mut robot, RecorderStatus::STATE_RECORDING);
-    let filler = place.path().join("filler");
-    let filled = Command::new("fallocate").args(["--length", &(2 * room).to_string()]).arg(&filler).status();
-    assert!(filled.unwrap().success(), "fallocate of util-linux is needed");
-    recorder(&mut robot, RecorderStatus::STATE_DISK_FULL);
-    robot.until("the end of the move", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-    assert_eq!(robot.last.faults, 0);
-    let log = std::fs::read_to_string(robot.run().join("log/recorder.txt")).unwrap();
-    assert!(log.contains("NOTHING IS BEING RECORDED"), "{log}");
-    std::fs::remove_file(&filler).unwrap();
-    assert!(runlog::info(&robot.run()).unwrap().files.iter().all(|file| file.finished), "the file is closed in order");
+            panic!("the recorder does not come to state {wanted}\n{}", robot.said());
+        };
+        robot.arm();
+        robot.fly();
+        recorder(&mut robot, RecorderStatus::STATE_RECORDING);
+        let filler = place.path().join("filler");
+        let filled = Command::new("fallocate").args(["--length", &(2 * room).to_string()]).arg(&filler).status();
+        assert!(filled.unwrap().success(), "fallocate of util-linux is needed");
+        recorder(&mut robot, RecorderStatus::STATE_DISK_FULL);
+        robot.arrive();
+        assert_eq!(robot.last.faults, 0);
+        let log = std::fs::read_to_string(robot.run().join("log/recorder.txt")).unwrap();
+        assert!(log.contains("NOTHING IS BEING RECORDED"), "{log}");
+        std::fs::remove_file(&filler).unwrap();
+        assert!(
+            runlog::info(&robot.run()).unwrap().files.iter().all(|file| file.finished),
+            "the file is closed in order"
+        );
+    });
 }

@@ -96,6 +96,10 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
             format!("{}-{domain}", box_file.name)
         }
     };
+    let _awake = box_file
+        .realtime
+        .idle_latency_us
+        .and_then(|latency_us| service::realtime::stay_awake(latency_us).map_err(|sentence| warn!("{sentence}")).ok());
     let mut keeper = Keeper::start(folder, &robot, &config)?;
     let restored = PositionFile::load(folder, &robot, &config).unwrap_or_else(|error| {
         warn!("{error}");

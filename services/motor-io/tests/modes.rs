@@ -365,6 +365,26 @@ fn a_freeze_is_late_and_not_missed_and_the_plan_keeps_up_with_the_drives() {
 }
 
 #[test]
+fn a_command_that_is_missing_because_the_machine_stood_still_is_late_too() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    let before = rig.seen().authority;
+    let velocity = rig.controller.take();
+    rig.step_after(30_000_000, 30_000_000);
+    let after = rig.seen().authority;
+    assert_eq!((after.mode, after.missed, after.late), (A::MODE_FOLLOWING, 0, before.late + 1));
+    // Back on the grid at once: whoever answers had no time for it since the state was published.
+    rig.step_after(-5_000_000, 50_000);
+    let after = rig.seen().authority;
+    assert_eq!((after.mode, after.missed, after.late), (A::MODE_FOLLOWING, 0, before.late + 2));
+    // From here on it has.
+    rig.controller = velocity;
+    rig.step();
+    rig.controller = None;
+    rig.step();
+    assert_eq!((rig.seen().authority.missed, rig.seen().authority.late), (1, before.late + 2));
+}
+
+#[test]
 fn a_freeze_of_the_drives_too_is_not_caught_up_with() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     let before = rig.seen().authority;

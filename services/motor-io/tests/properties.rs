@@ -162,7 +162,7 @@ proptest! {
                 Event::Restart => rig.incarnation += 1,
             }
             for step in 0..steps {
-                let now = rig.step_after(if step == 0 { gap } else { 0 }, if step == 0 { gap } else { 0 }).clone();
+                let now = rig.step_after(if step == 0 { gap as i64 } else { 0 }, if step == 0 { gap } else { 0 }).clone();
                 let asked = asked && step == 0;
                 check(&config, record.last(), &now, asked)?;
                 let verbs = now.input.request_verb.iter().filter(|verb| **verb != 0).count();
@@ -197,7 +197,7 @@ proptest! {
                 Event::Tension(cable, newtons) => rig.tension_n[cable] = newtons,
                 Event::Gap(ms) => {
                     // The live core decides before the replies are there, the replayed one finds them in the same sample.
-                    let now = rig.step_after(ms * 1_000_000, 0).clone();
+                    let now = rig.step_after(ms as i64 * 1_000_000, 0).clone();
                     let sent = replayed.decide(&now.input);
                     prop_assert_eq!(sent, now.sent);
                     same(&mut replayed, &now)?;

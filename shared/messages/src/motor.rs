@@ -72,9 +72,9 @@ message! {
         period_s: f64,
         /// Factor by which the commanded velocities were scaled to keep the limits; 1: not at all.
         scale: f64,
-        /// Following, and no valid command for the cycle when it had to be sent.
+        /// Following, and no valid command for the cycle when it had to be sent, though estimator and controller had had their time.
         missed: u64,
-        /// Ticks more than half a period late: the machine stood still.
+        /// Ticks more than half a period late, and cycles before which estimator and controller had no time: the machine stood still.
         late: u64,
         /// Cycles lost to bus resynchronisation.
         skipped: u64,

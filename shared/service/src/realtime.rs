@@ -5,6 +5,8 @@ use rustix::thread::{CpuSet, sched_setaffinity};
 use thread_priority::{NormalThreadSchedulePolicy, RealtimeThreadSchedulePolicy, ThreadPriority, ThreadSchedulePolicy};
 
 use crate::config::RealtimeSection;
+use std::fs::File;
+use std::io::Write;
 
 /// What was reached; see [`apply`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -42,7 +44,29 @@ pub fn apply(section: &RealtimeSection, role: &str) -> (Reached, Option<String>)
 #[must_use]
 pub fn bequeath(priority: u8, cpu: Option<usize>) -> Option<String> {
     // Locked memory is not inherited.
-    set_up(&RealtimeSection { priority, cpu, lock_memory: false }, 0).1
+    set_up(&RealtimeSection { priority, cpu, ..RealtimeSection::default() }, 0).1
+}
+
+/// The kernel's PM QoS: who holds this file open with a number in it sees processors wake up within so many microseconds
+/// (Documentation/power/pm_qos_interface in the kernel's sources).
+const IDLE_LATENCY: &str = "/dev/cpu_dma_latency";
+
+/// Keeps the processors from sleeping deeper than `latency_us` allows, as long as the file is held; or one sentence with the cure.
+///
+/// # Errors
+/// Where the device cannot be written.
+pub fn stay_awake(latency_us: u32) -> Result<File, String> {
+    let ask = || {
+        let mut file = File::options().write(true).open(IDLE_LATENCY)?;
+        file.write_all(&i32::try_from(latency_us).unwrap_or(i32::MAX).to_ne_bytes())?;
+        Ok::<File, std::io::Error>(file)
+    };
+    ask().map_err(|error| {
+        format!(
+            "going on with processors that sleep as deeply as they like: {IDLE_LATENCY}: {error} (scripts/install gives it to the robot's \
+             user; on a machine without it leave `realtime.idle_latency_us` away)"
+        )
+    })
 }
 
 /// Makes the calling thread ordinary again, on any processor: for a helper that is started from the control chain, inherits its
@@ -108,7 +132,7 @@ mod tests {
 
     #[test]
     fn what_is_not_permitted_is_one_sentence_with_the_cure() {
-        let section = RealtimeSection { priority: 0, cpu: Some(100_000), lock_memory: false };
+        let section = RealtimeSection { cpu: Some(100_000), ..RealtimeSection::default() };
         assert_eq!(apply(&section, "recorder"), (Reached::default(), None));
         let (reached, warning) = apply(&section, "motor-io");
         assert!(!reached.pinned);
@@ -120,7 +144,7 @@ mod tests {
     fn the_kernel_confirms_what_was_reached() {
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         std::thread::spawn(move || {
-            let section = RealtimeSection { priority: 10, cpu: Some(0), lock_memory: false };
+            let section = RealtimeSection { priority: 10, cpu: Some(0), ..RealtimeSection::default() };
             let (reached, warning) = apply(&section, "estimator");
             assert_eq!(warning.is_none(), reached.fifo && reached.pinned, "{warning:?}");
             assert_eq!(scheduling(), if reached.fifo { ("11".into(), "1".into()) } else { ("0".into(), "0".into()) });

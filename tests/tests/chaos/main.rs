@@ -22,8 +22,6 @@ use service::config::RobotFile;
 use std::path::PathBuf;
 use std::time::Duration;
 
-/// Where the node hangs at the start, m.
-const START_M: [f64; 3] = [4.8, 3.0, 0.3];
 /// Longest wait for a fault to be found out, and for the robot to be back, ns.
 const PATIENCE_NS: u64 = 60_000_000_000;
 /// Whoever looks where the node is takes the robot's word for it up to this error, m.
@@ -51,10 +49,9 @@ fn processes(standby: bool) -> String {
 /// A robot, what it says of itself, and where it really is.
 struct Chaos {
     robot: Robot,
-    slots: Subscriber<MotorSlots>,
     estimates: [Subscriber<NodeEstimate>; SLOTS],
-    seats: MotorSlots,
     newest: [NodeEstimate; SLOTS],
+    nodes: Subscriber<TruthNode>,
     truth: Vec<TruthNode>,
     standby: bool,
     /// How far the robot was wrong about a position of which it said that it knows it, since the last blow, m.
@@ -69,12 +66,11 @@ impl Chaos {
             "[[leg]]\npolyline = { points_m = [[5.6, 3.4, 0.6], [4.8, 4.0, 0.9], [4.0, 3.4, 0.6], [4.8, 3.0, 0.3]] }\n";
         let mission = format!("name = \"to and fro\"\nspeed_m_s = 0.15\n{}", leg.repeat(20));
         std::fs::write(robot.folder().join("configs/missions/fro.toml"), mission).unwrap();
-        let (slots, estimates) = ports(&robot);
+        let (nodes, estimates) = ports(&robot);
         let mut chaos = Self {
             robot,
-            slots,
             estimates,
-            seats: MotorSlots::default(),
+            nodes,
             newest: [NodeEstimate::default(); SLOTS],
             truth: Vec::new(),
             standby,
@@ -87,25 +83,23 @@ impl Chaos {
     fn again(&mut self, standby: bool) {
         self.standby = standby;
         self.robot.up_again(&processes(standby));
-        (self.slots, self.estimates) = ports(&self.robot);
-        (self.seats, self.newest) = (MotorSlots::default(), [NodeEstimate::default(); SLOTS]);
+        (self.nodes, self.estimates) = ports(&self.robot);
+        self.newest = [NodeEstimate::default(); SLOTS];
         self.begin();
     }
 
     /// From the start to the mission.
     fn begin(&mut self) {
-        self.robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-        self.robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &START_M);
+        self.robot.arm();
         self.bring_back("the start");
     }
 
     fn look(&mut self) {
         self.robot.look();
-        self.seats = self.slots.latest().unwrap().unwrap_or(self.seats);
         for (newest, port) in self.newest.iter_mut().zip(&mut self.estimates) {
             *newest = port.latest().unwrap().unwrap_or(*newest);
         }
-        while let Some(sample) = self.robot.truth.receive().unwrap() {
+        while let Some(sample) = self.nodes.receive().unwrap() {
             self.truth.push(sample);
         }
         let half_a_second = self.truth.len().saturating_sub(50);
@@ -131,10 +125,10 @@ impl Chaos {
     /// Everything that is to be there twice is.
     fn complete(&self) -> bool {
         let role = |role: usize| {
-            let phases = &self.seats.phase[SLOTS * role..][..SLOTS];
+            let phases = &self.robot.seats.phase[SLOTS * role..][..SLOTS];
             phases.contains(&MotorSlots::PHASE_ACTIVE) && phases.contains(&MotorSlots::PHASE_QUALIFIED)
         };
-        !self.standby || (role(CONTROLLERS) && role(ESTIMATORS) && self.seats.fade == [1.0; 2])
+        !self.standby || (role(CONTROLLERS) && role(ESTIMATORS) && self.robot.seats.fade == [1.0; 2])
     }
 
     fn ask(&mut self, process: &str, verb: u8, args: &[f64], text: &str) -> bool {
@@ -152,8 +146,8 @@ impl Chaos {
                 "after {after} the robot does not come back: mode {}, faults {:#x}, phases {:?}, causes {:?}\n{}",
                 self.robot.last.mode,
                 self.robot.last.faults,
-                self.seats.phase,
-                self.seats.cause,
+                self.robot.seats.phase,
+                self.robot.seats.cause,
                 self.robot.said()
             );
             let cycle = self.robot.last.header.cycle;
@@ -182,8 +176,8 @@ impl Chaos {
 
     /// A slot that was set aside is taken in again.
     fn admit(&mut self) {
-        for seat in 0..self.seats.phase.len() {
-            if self.seats.phase[seat] == MotorSlots::PHASE_QUARANTINED {
+        for seat in 0..self.robot.seats.phase.len() {
+            if self.robot.seats.phase[seat] == MotorSlots::PHASE_QUARANTINED {
                 let args = [(seat / SLOTS) as f64, (seat % SLOTS) as f64];
                 self.ask("motor-io", OperatorRequest::VERB_ADMIT, &args, "");
             }
@@ -356,9 +350,9 @@ impl Chaos {
     }
 }
 
-fn ports(robot: &Robot) -> (Subscriber<MotorSlots>, [Subscriber<NodeEstimate>; SLOTS]) {
+fn ports(robot: &Robot) -> (Subscriber<TruthNode>, [Subscriber<NodeEstimate>; SLOTS]) {
     let estimate = |slot: &str| robot.bus.subscriber(&format!("node/estimate/{slot}")).unwrap();
-    (robot.bus.subscriber("motor/slots").unwrap(), [estimate("a"), estimate("b")])
+    (robot.bus.subscriber("truth/node").unwrap(), [estimate("a"), estimate("b")])
 }
 
 /// A finished round: its run folder, and what happened.

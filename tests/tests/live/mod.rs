@@ -1,17 +1,31 @@
-//! A robot as it is run, for tests that count its cycles: `nims up` on the virtual motor box of demo3.
-#![allow(dead_code)] // each test uses a part of it
+//! A robot as it is run, for tests that count its cycles: `nims up` on a virtual motor box.
+#![allow(dead_code, unused_imports)] // each test uses a part of it
+
+mod steady;
+
+pub use steady::steadily;
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain, clock};
-use messages::{MotorAuthority, OperatorRequest, TruthNode, put_text, text_of};
+use messages::{MotorAuthority, MotorSlots, OperatorRequest, TruthNode, put_text, text_of};
 use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-/// Longest wait for anything: the machine may stand still for a quarter of a second now and then.
-const LONG: Duration = Duration::from_secs(20);
+/// Three lines, and four, in the same room.
+pub const THREE_LINES: &str = "demo3";
+pub const FOUR_LINES: &str = "demo4";
+/// Where these box files let the node hang at the start, m, and the other end of the moves here.
+pub const START: [f64; 3] = [4.8, 3.0, 0.3];
+pub const GOAL: [f64; 3] = [5.4, 3.6, 0.7];
+/// Longest wait for anything; it is over only where something is wrong, and a machine may stand still for seconds.
+const LONG: Duration = Duration::from_secs(60);
+/// Faults of a robot whose machine lets the control chain wait for some cycles.
+const STARVED: u32 =
+    MotorAuthority::FAULT_COMMAND_LOST | MotorAuthority::FAULT_ESTIMATE_LOST | MotorAuthority::FAULT_LONG_GAP;
 
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
@@ -24,24 +38,38 @@ static ONE_ROBOT: Mutex<()> = Mutex::new(());
 pub struct Robot {
     supervisor: Child,
     folder: tempfile::TempDir,
+    file: &'static str,
     runs: usize,
     pub bus: Bus,
     authority: Subscriber<MotorAuthority>,
-    pub truth: Subscriber<TruthNode>,
+    truth: Subscriber<TruthNode>,
+    slots: Subscriber<MotorSlots>,
     clients: HashMap<String, Client>,
     pub last: MotorAuthority,
+    /// Every fault that has been named so far.
+    pub named: u32,
+    pub seen: TruthNode,
+    pub seats: MotorSlots,
     pub there: bool,
     pub domain: TestDomain,
     _alone: MutexGuard<'static, ()>,
 }
 
 impl Robot {
+    /// Three lines, with more text at the end of the box file.
     pub fn up(more: &str) -> Self {
-        Self::up_with(more, |_| ())
+        Self::up_with(THREE_LINES, more, |_| ())
     }
 
-    /// With more text at the end of its box file, and whatever `change` does to its folder of configurations.
-    pub fn up_with(more: &str, change: impl FnOnce(&Path)) -> Self {
+    /// On that box, with whatever `change` does to its folder of configurations.
+    pub fn up_with(file: &'static str, more: &str, change: impl FnOnce(&Path)) -> Self {
+        let mut robot = Self::begin(file, more, change);
+        robot.until("the robot is up", |robot| robot.last.header.cycle > 50);
+        robot
+    }
+
+    /// Started, but perhaps not up yet.
+    pub fn begin(file: &'static str, more: &str, change: impl FnOnce(&Path)) -> Self {
         let alone = ONE_ROBOT.lock().unwrap_or_else(PoisonError::into_inner);
         let folder = tempfile::tempdir().unwrap();
         let configs = folder.path().join("configs");
@@ -54,24 +82,26 @@ impl Robot {
         }
         change(&configs);
         let domain = Domain::for_test();
-        let supervisor = start(&folder, &domain, more, 1);
+        let supervisor = start(folder.path(), file, &domain, more, 1);
         let bus = Bus::join(&domain, "observer").unwrap();
-        let (authority, truth) = (bus.subscriber("motor/authority").unwrap(), bus.subscriber("truth/node").unwrap());
-        let mut robot = Self {
+        Self {
             supervisor,
             folder,
+            file,
             runs: 1,
+            authority: bus.subscriber("motor/authority").unwrap(),
+            truth: bus.subscriber("truth/node").unwrap(),
+            slots: bus.subscriber("motor/slots").unwrap(),
             bus,
-            authority,
-            truth,
             clients: HashMap::new(),
             last: MotorAuthority::default(),
+            named: 0,
+            seen: TruthNode::default(),
+            seats: MotorSlots::default(),
             there: false,
             domain,
             _alone: alone,
-        };
-        robot.until("the robot is up", |robot| robot.last.header.cycle > 50);
-        robot
+        }
     }
 
     /// The next start in the same domain, after the last one has ended in whatever way.
@@ -79,13 +109,25 @@ impl Robot {
         assert!(self.supervisor.try_wait().unwrap().is_some(), "the last one still runs");
         self.runs += 1;
         self.clients.clear();
-        self.supervisor = start(&self.folder, &self.domain, more, self.runs);
+        self.supervisor = start(self.folder.path(), self.file, &self.domain, more, self.runs);
         // The old ports went with the old processes.
         self.bus = Bus::join(&self.domain, "observer").unwrap();
         self.authority = self.bus.subscriber("motor/authority").unwrap();
         self.truth = self.bus.subscriber("truth/node").unwrap();
+        self.slots = self.bus.subscriber("motor/slots").unwrap();
         self.last = MotorAuthority::default();
         self.until("the robot is up again", |robot| robot.last.header.cycle > 50);
+    }
+
+    /// Changes the box file for the next start.
+    pub fn change_box(&self, change: impl FnOnce(String) -> String) {
+        let path = self.folder().join("configs/boxes").join(format!("{}.toml", self.file));
+        std::fs::write(&path, change(std::fs::read_to_string(&path).unwrap())).unwrap();
+    }
+
+    /// The box file as it is started: with what was added.
+    pub fn box_file(&self) -> PathBuf {
+        box_file(self.folder.path(), self.file)
     }
 
     /// Where everything of it lies.
@@ -95,7 +137,7 @@ impl Robot {
 
     /// The folder of the present run.
     pub fn run(&self) -> PathBuf {
-        run_of(&self.folder, self.runs)
+        run_of(self.folder.path(), self.runs)
     }
 
     /// What the supervisors have said so far.
@@ -105,6 +147,7 @@ impl Robot {
 
     /// The operator's command.
     pub fn nims(&self, args: &[&str]) -> Output {
+        // Options of the robot's own command first: behind `--` they belong to a plugged program.
         let mut command = Command::new(program());
         command.args(["--domain", self.domain.name()]).args(args).current_dir(self.folder()).output().unwrap()
     }
@@ -112,13 +155,50 @@ impl Robot {
     /// The operator's command; what it answered.
     pub fn told(&self, args: &[&str]) -> String {
         let output = self.nims(args);
-        assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success(), "{args:?}: {}\n{}", String::from_utf8_lossy(&output.stderr), self.said());
         String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
+    /// One sentence with these words, and nothing has happened.
+    pub fn refused(&self, args: &[&str], words: &[&str]) -> Option<i32> {
+        let output = self.nims(args);
+        let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{args:?} was accepted");
+        assert_eq!(sentence.trim_end().lines().count(), 1, "{sentence}");
+        for word in words {
+            assert!(sentence.contains(word), "{args:?}: no {word:?} in {sentence}");
+        }
+        output.status.code()
+    }
+
+    /// What `nims status` says; null where it says nothing.
+    pub fn status(&self) -> Value {
+        serde_json::from_slice(&self.nims(&["status", "--json"]).stdout).unwrap_or(Value::Null)
+    }
+
+    /// A row of the process table.
+    pub fn row(&self, process: &str) -> Option<Value> {
+        self.status()["processes"].as_array()?.iter().find(|row| row["name"] == process).cloned()
+    }
+
+    /// What the process table says of it.
+    pub fn state(&self, process: &str) -> String {
+        self.row(process).map_or("no row".to_owned(), |row| row["state"].as_str().unwrap_or_default().to_owned())
+    }
+
+    /// Its id in the process table: of a program that is not on the bus too.
+    pub fn pid_in_table(&self, process: &str) -> Option<u32> {
+        self.row(process)?["pid"].as_u64().map(|pid| pid as u32)
     }
 
     /// Ends it with a signal; its exit code, if it had the time to give one.
     pub fn down(&mut self, signal: Signal) -> Option<i32> {
         let _ = kill_process(Pid::from_child(&self.supervisor), signal);
+        self.ended()
+    }
+
+    /// Waits for the end that somebody has asked for; its exit code.
+    pub fn ended(&mut self) -> Option<i32> {
         let give_up = clock::now_ns() + 2 * LONG.as_nanos() as u64;
         loop {
             if let Some(status) = self.supervisor.try_wait().unwrap() {
@@ -129,25 +209,52 @@ impl Robot {
         }
     }
 
+    pub fn supervisor_pid(&self) -> u32 {
+        self.supervisor.id()
+    }
+
+    /// What `nims up` answered at its end.
+    pub fn answer(&self) -> Value {
+        let text = std::fs::read_to_string(answer_of(self.folder.path(), self.runs)).unwrap();
+        serde_json::from_str(&text).unwrap_or(Value::Null)
+    }
+
     /// Takes in every sample until one is as wanted.
     pub fn until(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
+            self.look_around();
             while let Some(sample) = self.authority.receive().unwrap() {
-                self.last = sample;
+                self.note(sample);
                 if wanted(self) {
                     return;
                 }
             }
-            assert!(
-                clock::now_ns() < give_up,
-                "{what}: in vain; mode {}, {:#x}\n{}",
-                self.last.mode,
-                self.last.faults,
-                self.said()
-            );
+            self.not_in_vain(what, give_up);
             std::thread::sleep(Duration::from_millis(2));
         }
+    }
+
+    /// The same of what takes its time to ask or is said elsewhere: once in a while, after all samples that are there.
+    pub fn until_said(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
+        let give_up = clock::now_ns() + LONG.as_nanos() as u64;
+        loop {
+            self.look();
+            if wanted(self) {
+                return;
+            }
+            self.not_in_vain(what, give_up);
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn not_in_vain(&self, what: &str, give_up: u64) {
+        let MotorAuthority { mode, faults, missed, late, skipped, .. } = self.last;
+        assert!(
+            clock::now_ns() < give_up,
+            "{what}: in vain; mode {mode}, faults {faults:#x}, {missed} missed, {late} late, {skipped} skipped\n{}",
+            self.said()
+        );
     }
 
     /// Asks until it is accepted.
@@ -192,28 +299,81 @@ impl Robot {
     /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the robot stopped for it, the
     /// move is begun anew.
     pub fn fly(&mut self) {
+        self.fly_at(0.12);
+    }
+
+    /// The same at that speed, m/s.
+    pub fn fly_at(&mut self, speed_m_s: f64) {
         for _ in 0..5 {
             // Gives up what is left of a move; without one it is refused, which is as good.
             self.request("motor-io", OperatorRequest::VERB_STOP, &[], "").unwrap();
             self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
-            let to = if self.there { [4.8, 3.0, 0.3] } else { [5.4, 3.6, 0.7] };
+            let [x, y, z] = if self.there { START } else { GOAL };
             self.there = !self.there;
-            self.ask("planner", OperatorRequest::VERB_GOTO, &[to[0], to[1], to[2], 0.12]);
+            self.ask("planner", OperatorRequest::VERB_GOTO, &[x, y, z, speed_m_s]);
             self.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
             let cycle = self.last.header.cycle + 100;
             self.until("a second of it", |robot| robot.last.header.cycle > cycle);
             if (self.last.mode, self.last.faults) == (MotorAuthority::MODE_FOLLOWING, 0) {
+                self.named = 0;
                 return;
             }
         }
         panic!("this machine does not let the robot fly for a second: {:#x}", self.last.faults);
     }
 
-    /// Everything that has been published so far is in `last`.
+    /// To the end of the move. Where the machine let the robot starve and it stopped for that, it is told to go on.
+    pub fn arrive(&mut self) {
+        for _ in 0..5 {
+            self.until("the end of the move", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+            if self.last.faults & STARVED == 0 {
+                return;
+            }
+            self.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+            self.until("it goes on", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+        }
+        panic!("this machine does not let the robot end its move: {:#x}", self.last.faults);
+    }
+
+    /// Armed, and told where it hangs.
+    pub fn arm(&mut self) {
+        self.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        self.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &START);
+    }
+
+    /// Everything that has been published so far is in `last`, `seen` and `seats`.
     pub fn look(&mut self) {
         while let Some(sample) = self.authority.receive().unwrap() {
-            self.last = sample;
+            self.note(sample);
         }
+        self.look_around();
+    }
+
+    fn note(&mut self, sample: MotorAuthority) {
+        self.last = sample;
+        self.named |= sample.faults;
+    }
+
+    fn look_around(&mut self) {
+        self.seen = self.truth.latest().unwrap().unwrap_or(self.seen);
+        self.seats = self.slots.latest().unwrap().unwrap_or(self.seats);
+    }
+
+    /// For so many cycles.
+    pub fn for_cycles(&mut self, cycles: u64) {
+        self.look();
+        let last = self.last.header.cycle + cycles;
+        self.until("some cycles", |robot| robot.last.header.cycle >= last);
+    }
+
+    /// How fast the node is, m/s, by the truth.
+    pub fn speed_m_s(&self) -> f64 {
+        self.seen.velocity_m_s.iter().map(|value| value * value).sum::<f64>().sqrt()
+    }
+
+    /// How far the node is from there, m, by the truth.
+    pub fn distance_m(&self, from: [f64; 3]) -> f64 {
+        self.seen.position_m.iter().zip(from).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
     }
 
     /// Puts the robot back to holding at a known position.
@@ -274,24 +434,32 @@ fn kill(pid: u32, signal: Signal) {
     }
 }
 
-/// `nims up` with more text at the end of the box file.
-fn start(folder: &tempfile::TempDir, domain: &Domain, more: &str, run: usize) -> Child {
-    let text = std::fs::read_to_string(root().join("configs/boxes/demo3.toml")).unwrap();
-    let path = folder.path().join("configs/boxes/demo3.toml");
+/// `nims up` with more text at the end of the box file; the file itself stays as it is for the next start.
+fn start(folder: &Path, file: &str, domain: &Domain, more: &str, run: usize) -> Child {
+    let text = std::fs::read_to_string(folder.join(format!("configs/boxes/{file}.toml"))).unwrap();
+    let path = box_file(folder, file);
     std::fs::write(&path, text + more).unwrap();
-    let said = std::fs::OpenOptions::new().append(true).create(true).open(folder.path().join("said")).unwrap();
+    let said = std::fs::OpenOptions::new().append(true).create(true).open(folder.join("said")).unwrap();
     Command::new(program())
         .args(["up", "--domain", domain.name(), "--json", "--run"])
         .arg(run_of(folder, run))
         .arg(&path)
-        .stdout(Stdio::null())
+        .stdout(std::fs::File::create(answer_of(folder, run)).unwrap())
         .stderr(said)
         .spawn()
         .unwrap()
 }
 
-fn run_of(folder: &tempfile::TempDir, run: usize) -> PathBuf {
-    folder.path().join(format!("run-{run}"))
+fn box_file(folder: &Path, file: &str) -> PathBuf {
+    folder.join(format!("configs/boxes/{file}-up.toml"))
+}
+
+fn run_of(folder: &Path, run: usize) -> PathBuf {
+    folder.join(format!("run-{run}"))
+}
+
+fn answer_of(folder: &Path, run: usize) -> PathBuf {
+    folder.join(format!("answer-{run}.json"))
 }
 
 pub fn program() -> PathBuf {

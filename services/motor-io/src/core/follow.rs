@@ -7,6 +7,8 @@ use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
 /// So long without answers for which this program was too late, and the robot stops on its path, s.
 const LATE_S: f64 = 0.4;
+/// Share of a period in which estimator and controller answer; a command that is missing after less is the machine's doing.
+const CHAIN_SHARE: f64 = 0.3;
 /// A planner that does not publish the motion any more is gone after so many cycles; fewer, and it may just be about to.
 const ORPHANED_CYCLES: u32 = 5;
 
@@ -102,7 +104,11 @@ impl Core {
                 self.last_good()
             }
             None => {
-                self.missed += 1;
+                if self.chain_had_time(input) {
+                    self.missed += 1;
+                } else if !self.late_tick {
+                    self.late += 1;
+                }
                 self.missing += 1;
                 if self.missing >= self.ttl_cycles {
                     self.begin_stop(false, self.why_missing(input));
@@ -113,6 +119,13 @@ impl Core {
                 self.last_good()
             }
         }
+    }
+
+    /// Whether an answer to the last cycle could be there: estimator and controller had their share of a period since it was published, and
+    /// this program was not late itself. Where it was, the machine stood still, and they with it.
+    fn chain_had_time(&self, input: &MotorInput) -> bool {
+        let since_s = input.begin_ns.saturating_sub(self.end_ns) as f64 * 1e-9;
+        !self.late_tick && since_s > CHAIN_SHARE * self.config.period_s
     }
 
     fn stopping(&mut self, input: &MotorInput) -> [f64; CABLES] {

@@ -108,6 +108,8 @@ pub struct Core {
     planner: Beat,
     began: bool,
     begin_ns: u64,
+    end_ns: u64,
+    late_tick: bool,
     sent: DriveCommand,
     sent_before: [f64; CABLES],
     scale: f64,
@@ -168,6 +170,8 @@ impl Core {
             planner: Beat::default(),
             began: false,
             begin_ns: 0,
+            end_ns: 0,
+            late_tick: false,
             sent: DriveCommand { speed_m_s: [0.0; CABLES], released: [true; CABLES] },
             sent_before: [0.0; CABLES],
             scale: 1.0,
@@ -278,9 +282,8 @@ impl Core {
             }
         }
         let period_s = self.config.period_s;
-        if input.begin_ns.saturating_sub(input.tick_ns) as f64 * 1e-9 > 0.5 * period_s {
-            self.late += 1;
-        }
+        self.late_tick = input.begin_ns.saturating_sub(input.tick_ns) as f64 * 1e-9 > 0.5 * period_s;
+        self.late += u64::from(self.late_tick);
         self.gap_s = input.begin_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
         self.begin_ns = input.begin_ns;
         let moving = matches!(self.safety.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);

@@ -14,6 +14,7 @@ impl Core {
     /// Second half of a cycle: the drives' replies.
     pub fn observe(&mut self, input: &MotorInput) -> Observation {
         let n = self.config.cable_count();
+        self.end_ns = input.end_ns;
         let mut found = Faults::default();
         let back = self.watch.units(&self.config, input, &mut found);
         let ok: [bool; CABLES] =

@@ -122,9 +122,9 @@ impl Rig {
     }
 
     /// One cycle, `late_ns` after it was due and `gap_ns` longer than a period after the last.
-    pub fn step_after(&mut self, gap_ns: u64, late_ns: u64) -> &Step {
+    pub fn step_after(&mut self, gap_ns: i64, late_ns: u64) -> &Step {
         self.cycle += 1;
-        self.now_ns += (PERIOD_S * 1e9) as u64 + gap_ns;
+        self.now_ns = self.now_ns.saturating_add_signed((PERIOD_S * 1e9) as i64 + gap_ns);
         if self.planner {
             self.motion.beat += 1;
             self.inbox.motion(&self.motion);

@@ -95,8 +95,9 @@ fn limits() -> Limits {
 /// Tries what `[realtime]` asks for, in a thread that ends with it.
 fn realtime_refused(file: &BoxFile) -> Option<String> {
     let section = file.realtime.clone();
+    let awake = section.idle_latency_us.and_then(|latency_us| service::realtime::stay_awake(latency_us).err());
     let tried = std::thread::spawn(move || service::realtime::apply(&section, Role::MotorIo.name()).1).join();
-    tried.ok().flatten()
+    tried.ok().flatten().or(awake)
 }
 
 fn ports(file: &BoxFile) -> Vec<PortFound> {

@@ -360,6 +360,9 @@ pub struct RealtimeSection {
     pub cpu: Option<usize>,
     /// Lock memory.
     pub lock_memory: bool,
+    /// Longest time that a processor may take to wake up while motor-io runs, µs: 0 keeps them from falling asleep, at the price of
+    /// power. No key: as the system likes.
+    pub idle_latency_us: Option<u32>,
 }
 
 /// What a process does, which decides what its death means.
