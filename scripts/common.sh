@@ -46,3 +46,24 @@ need_node_packages() {
     npm ci --silent --no-fund --no-audit --prefix tests/node || { say "the packages of $wanted could not be installed: run files are not compared with what JavaScript reads in them"; return; }
     cp "$wanted" "$stamp"
 }
+
+# From here on cargo starts test programs as the user nobody; only root needs that, and can do it. Programs have to be built already. The
+# variable that says so to cargo is named by RUNNER.
+run_tests_as_nobody() {
+    command -v setpriv >/dev/null || give_up "root needs setpriv to run the tests as another user: apt-get install util-linux"
+    export NIMS_TEST_HOME
+    NIMS_TEST_HOME=$(mktemp -d /tmp/nims-test.XXXXXX)
+    chown nobody "$NIMS_TEST_HOME"
+    trap 'rm -rf "$NIMS_TEST_HOME"' EXIT
+    can_read() { scripts/as-nobody test -r "$PWD/Cargo.toml" -a -x "${CARGO_TARGET_DIR:-$PWD/target}/debug"; }
+    if ! can_read 2>/dev/null; then
+        # A folder that only root can enter: nobody gets the right to read everything, and nothing else.
+        export NIMS_READ_ALL=1
+        can_read ||
+            give_up "the user nobody cannot read $PWD, and tests do not run as root: put the project where others can read it (/srv, /opt, /tmp)"
+    fi
+    local triple
+    triple=$(rustc -vV | sed -n 's/^host: //p' | tr 'a-z-' 'A-Z_')
+    RUNNER="CARGO_TARGET_${triple}_RUNNER"
+    export "$RUNNER=$PWD/scripts/as-nobody"
+}

@@ -9,6 +9,7 @@ import { parse } from "@foxglove/rosmsg";
 import { MessageReader } from "@foxglove/rosmsg2-serialization";
 import { McapIndexedReader } from "@mcap/core";
 import { decompress } from "fzstd";
+import { comparable, isNan, valueAt } from "./fields.mjs";
 
 const [run, expectedFile] = process.argv.slice(2);
 // Numbers that a double does not hold come as texts.
@@ -18,39 +19,6 @@ const expected = JSON.parse(text);
 function fail(sentence) {
   console.error(sentence);
   process.exit(1);
-}
-
-/** The field of a decoded message at a path such as `command[1].epoch`. */
-function valueAt(message, path) {
-  for (const part of path.match(/[a-z0-9_]+|\[\d+\]/g)) {
-    message = part.startsWith("[") ? message[Number(part.slice(1, -1))] : message[part];
-  }
-  return message;
-}
-
-/** Integers, floating-point numbers as the integer of their bits. */
-function comparable(kind, value) {
-  const values = typeof value === "object" ? Array.from(value) : [value];
-  const view = new DataView(new ArrayBuffer(8));
-  return values.map((number) => {
-    if (kind === "float64") {
-      view.setFloat64(0, number);
-      return view.getBigUint64(0);
-    }
-    if (kind === "float32") {
-      view.setFloat32(0, number);
-      return BigInt(view.getUint32(0));
-    }
-    return BigInt(number);
-  });
-}
-
-/** A NaN may change the bits that nobody reads on its way through JavaScript. */
-function isNan(kind, bits) {
-  if (kind === "float64") {
-    return (bits & 0x7fffffffffffffffn) > 0x7ff0000000000000n;
-  }
-  return kind === "float32" && (bits & 0x7fffffffn) > 0x7f800000n;
 }
 
 const file = await open(run);

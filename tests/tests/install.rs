@@ -11,8 +11,8 @@ fn project() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
-const PROGRAMS: [&str; 8] =
-    ["nims", "motor-io", "estimator", "controller", "planner", "recorder", "motor-box", "sensor"];
+const PROGRAMS: [&str; 9] =
+    ["nims", "motor-io", "estimator", "controller", "planner", "recorder", "motor-box", "sensor", "scene"];
 
 /// A folder with programs that say `word`.
 fn programs(folder: &Path, word: &str) -> PathBuf {

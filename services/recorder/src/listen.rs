@@ -5,13 +5,11 @@ use messages::{
     ControlStatus, Energy, Message, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
     OperatorRequest, PlanMotion, PlanStatus, ProcessState, TruthNode,
 };
-use runlog::ChannelSpec;
+use runlog::{ChannelSpec, published_ns};
 
 use crate::batch::{Batch, Heard};
 use crate::session::Session;
 
-/// A stamp older than this says nothing about when the sample was published: it may come from another clock.
-const OLD_NS: u64 = 60_000_000_000;
 /// A batch ends here, so that a burst does not take more memory than this; what is left comes with the next batch.
 const BATCH_BYTES: usize = 2 << 20;
 
@@ -99,11 +97,8 @@ fn heard(row: usize, has_header: bool, raw: &Raw<'_>, count: u64, now_ns: u64) -
     if !has_header {
         return Heard { row, logged_ns: now_ns, stamp_ns: now_ns, seq: count, missing: 0 };
     }
-    // There is no time of publication in a sample but the time when its content was true; it lies before the publication, a few
-    // milliseconds at most in the control loop. A stamp in the future (a prediction) or of another clock is not used for that.
     let stamp_ns = raw.header.stamp_ns;
-    let plausible = stamp_ns > 0 && stamp_ns.saturating_add(OLD_NS) >= now_ns;
-    let logged_ns = if plausible { stamp_ns.min(now_ns) } else { now_ns };
+    let logged_ns = published_ns(stamp_ns, now_ns);
     let stamp_ns = if stamp_ns == 0 { logged_ns } else { stamp_ns };
     Heard { row, logged_ns, stamp_ns, seq: raw.header.seq, missing: raw.missing }
 }

@@ -18,6 +18,19 @@ pub struct RunClock {
     pub t0_mono_ns: u64,
 }
 
+/// A stamp older than this says nothing about when the sample was published: it may come from another clock, ns.
+const OLD_NS: u64 = 60_000_000_000;
+
+/// When a sample that was heard at `now_ns` was published, CLOCK_MONOTONIC, ns.
+///
+/// There is no time of publication in a sample but the time when its content was true; it lies before the publication, a few milliseconds at
+/// most in the control loop. A stamp in the future (a prediction) or of another clock is not used for that.
+#[must_use]
+pub fn published_ns(stamp_ns: u64, now_ns: u64) -> u64 {
+    let plausible = stamp_ns > 0 && stamp_ns.saturating_add(OLD_NS) >= now_ns;
+    if plausible { stamp_ns.min(now_ns) } else { now_ns }
+}
+
 /// Key of what tells one life of the machine from another: CLOCK_MONOTONIC begins anew with each.
 pub(crate) const BOOT_ID: &str = "boot_id";
 
@@ -112,6 +125,15 @@ mod tests {
         assert_eq!(clock.unix_of(4_000_000_000), 1_699_999_999_000_000_000);
         assert_eq!(clock.mono_of(clock.unix_of(123)), 123);
         assert_eq!(clock.mono_of(0), 0, "before the machine was on: the beginning");
+    }
+
+    #[test]
+    fn a_sample_was_published_when_it_was_true_if_that_can_be() {
+        let now_ns = 100_000_000_000;
+        assert_eq!(published_ns(now_ns - 5, now_ns), now_ns - 5);
+        for stamp_ns in [0, 1, now_ns + 5, u64::MAX] {
+            assert_eq!(published_ns(stamp_ns, now_ns), now_ns);
+        }
     }
 
     #[test]

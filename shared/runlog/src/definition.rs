@@ -28,19 +28,20 @@ impl ChannelSpec {
     }
 }
 
-/// What goes into the file for a channel.
+/// What a reader is told of a channel, in a file or live.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Definition {
+pub struct Definition {
     /// `pkg/msg/Type`.
     pub schema_name: String,
+    /// Complete ROS 2 definition of the type of that name.
     pub text: String,
-    /// Of the channel.
+    /// Of the channel: its `type`, and where the text is not the channel's own, its `original_schema` and why it was `refused`.
     pub metadata: BTreeMap<String, String>,
 }
 
-/// The type names used in one file: each may stand for one text only, nested types included.
+/// The type names used in one file, or towards one reader: each may stand for one text only, nested types included.
 #[derive(Debug, Default)]
-pub(crate) struct Definitions {
+pub struct Definitions {
     texts: HashMap<String, String>,
 }
 
@@ -49,7 +50,7 @@ const ROUNDS: usize = 64;
 
 impl Definitions {
     /// The schema for a channel: its own, its own under another name, or plain bytes.
-    pub(crate) fn of(&mut self, spec: &ChannelSpec) -> Definition {
+    pub fn of(&mut self, spec: &ChannelSpec) -> Definition {
         match check(spec) {
             Ok(name) => self.unique(spec, name),
             Err(why) => opaque(spec, &why),

@@ -51,8 +51,8 @@ mod sequence;
 mod sync;
 mod write;
 
-pub use clock::{RunClock, utc};
-pub use definition::ChannelSpec;
+pub use clock::{RunClock, published_ns, utc};
+pub use definition::{ChannelSpec, Definition, Definitions};
 pub use error::RunError;
 pub use folder::{FILE_ENDING, PART_ENDING, free_bytes, next_file, segments};
 pub use info::{ChannelReport, FileReport, GapReport, Inspection, RunReport, info, info_with};
@@ -61,4 +61,4 @@ pub use recover::{Recovery, recover};
 pub use scan::Damage;
 pub use sequence::Sequence;
 pub use sync::SyncReport;
-pub use write::{Attachment, ChannelId, RunWriter};
+pub use write::{Attachment, CDR_HEADER, ChannelId, RunWriter};

@@ -18,8 +18,8 @@ use crate::folder::{part_of, sync_folder};
 use crate::sync::{SyncReport, Syncer};
 use crate::{RunClock, RunError};
 
-/// Encapsulation of a CDR body: plain, little endian, no options.
-pub(crate) const CDR_HEADER: [u8; 4] = [0, 1, 0, 0];
+/// What stands before a sample wherever it is read as CDR: plain, little endian, no options.
+pub const CDR_HEADER: [u8; 4] = [0, 1, 0, 0];
 /// Name of the metadata record with the clock of the run.
 pub(crate) const RUN: &str = "run";
 /// Name of the metadata record that a finished file ends with.

@@ -1,6 +1,6 @@
 //! The box file: which processes run, on which drives, at which rate, with which parameters.
 
-use super::{DeviceSection, Point};
+use super::{DeviceSection, Point, ViewerSection};
 use crate::args::Slot;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -36,6 +36,9 @@ pub struct BoxFile {
     /// The run file.
     #[serde(default)]
     pub recorder: RecorderSection,
+    /// The live view.
+    #[serde(default)]
+    pub viewer: ViewerSection,
     /// The virtual motor box; leave out on real hardware.
     pub motor_box: Option<MotorBoxSection>,
     /// Scheduling of the control chain.

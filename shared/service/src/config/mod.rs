@@ -9,6 +9,7 @@ mod load;
 mod measured;
 mod point;
 mod robot_file;
+mod viewer;
 
 pub use box_file::{
     ArbiterSection, BoxFile, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection,
@@ -20,3 +21,4 @@ pub use devices::{
 pub use measured::{CalibrationFile, MotorTableFile};
 pub use point::{Point, Points};
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
+pub use viewer::ViewerSection;

@@ -1,0 +1,64 @@
+//! Every channel live, for Foxglove and Lichtblick.
+
+use std::net::IpAddr;
+use std::process::ExitCode;
+
+use bus::CHANNELS_EVENT;
+use bus::clock::now_ns;
+use service::config::ViewerSection;
+use service::{Chassis, CommonArgs};
+use viewer::{Settings, Viewer};
+
+/// Shows every channel of a domain to Foxglove and Lichtblick until it is told to stop.
+#[derive(clap::Parser)]
+#[command(name = "viewer")]
+struct Args {
+    #[command(flatten)]
+    common: CommonArgs,
+    /// Address to listen on. Default: `address` in [viewer] of the box file, or 127.0.0.1.
+    #[arg(long, value_name = "ADDRESS")]
+    address: Option<IpAddr>,
+    /// Port; 0: any that is free. Default: `port` in [viewer] of the box file, or 8765.
+    #[arg(long, value_name = "PORT")]
+    port: Option<u16>,
+}
+
+impl AsRef<CommonArgs> for Args {
+    fn as_ref(&self) -> &CommonArgs {
+        &self.common
+    }
+}
+
+fn main() -> ExitCode {
+    service::main("viewer", run)
+}
+
+fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+    // on Linux this is the niceness of a thread, which those it starts inherit: who looks makes nobody else wait
+    let _ = rustix::process::nice(10);
+    let section = chassis.box_file().map_or_else(|_| ViewerSection::default(), |file| file.viewer.clone());
+    let address = args.address.unwrap_or(section.address);
+    let settings = Settings {
+        name: format!("nims {}", chassis.bus().domain().name()),
+        address,
+        port: args.port.unwrap_or(section.port),
+        rate_hz: section.rate_hz,
+    };
+    let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
+    let mut viewer = Viewer::open(&settings)?;
+    viewer.look(chassis.bus(), true)?;
+    tracing::info!("Foxglove or Lichtblick: open ws://{}", std::net::SocketAddr::new(address, viewer.port()));
+    if !address.is_loopback() {
+        tracing::warn!("whoever reaches {address} over the network can look; no password is asked");
+    }
+    chassis.ready()?;
+    while chassis.running() {
+        let wake = chassis.wait(&mut waiter, viewer.next_look_ns(now_ns()))?;
+        chassis.pass_begin();
+        viewer.look(chassis.bus(), wake.channel(0))?;
+        chassis.pass_end();
+        chassis.report_lost(viewer.lost());
+    }
+    viewer.close();
+    Ok(())
+}
