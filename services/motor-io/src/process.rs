@@ -87,15 +87,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
     let config = CoreConfig::from_files(&box_file, &box_file.robot_file()?)?;
     let beside_runs = box_file.state_folder();
     let folder = state_folder.unwrap_or(&beside_runs);
-    // A real box is one robot, whoever runs it; a virtual one hangs in its domain, and another domain's is another robot.
-    let robot = match &box_file.motor_box {
-        None => box_file.name.clone(),
-        Some(_) => {
-            let domain = chassis.bus().domain().name();
-            let domain: String = domain.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
-            format!("{}-{domain}", box_file.name)
-        }
-    };
+    let robot = box_file.state_name(chassis.bus().domain().name());
     let _awake = box_file
         .realtime
         .idle_latency_us

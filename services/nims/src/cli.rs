@@ -407,6 +407,9 @@ pub struct Run {
     /// Check the whole mission and say how long it takes, without moving.
     #[arg(long)]
     pub dry_run: bool,
+    /// Fly what is left of it after it was broken off, by whatever.
+    #[arg(long = "continue", conflicts_with = "dry_run")]
+    pub go_on: bool,
     /// For a dry run without a running robot: its robot or box file.
     #[arg(long, requires = "dry_run")]
     pub config: Option<PathBuf>,

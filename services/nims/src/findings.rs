@@ -359,6 +359,17 @@ pub struct Flight {
     pub length_m: f64,
     /// Duration, s.
     pub duration_s: f64,
+    /// Loss in the motors by their model, J; `None` where a measured table does not cover the mission.
+    pub energy_j: Option<f64>,
+}
+
+impl Flight {
+    /// In words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let energy = self.energy_j.map_or(String::new(), |joules| format!(", about {joules:.0} J in the motors"));
+        format!("{} segments, {:.2} m, {:.1} s{energy}", self.segments, self.length_m, self.duration_s)
+    }
 }
 
 /// Plans a whole mission from a starting point, with the planner's own checks.
@@ -387,7 +398,12 @@ fn plan(
         check_step_m: section.check_step_m,
     };
     let plan = Plan::new(mission, &config, Vector3::from(*from), 0.0, 1).map_err(Failure::bad)?;
-    Ok(Flight { segments: plan.segments.len(), length_m: plan.length_m(), duration_s: plan.end_s() - plan.start_s() })
+    Ok(Flight {
+        segments: plan.segments.len(),
+        length_m: plan.length_m(),
+        duration_s: plan.end_s() - plan.start_s(),
+        energy_j: plan.energy_j(&config),
+    })
 }
 
 fn flown(
@@ -404,12 +420,10 @@ fn flown(
     };
     Ok(match plan(mission, robot, section, distribution, &from) {
         Ok(flight) => note(format!(
-            "mission \"{}\" can be flown from {}: {} segments, {:.2} m, {:.1} s",
+            "mission \"{}\" can be flown from {}: {}",
             mission.name,
             points::in_words(&checked, &from.into()),
-            flight.segments,
-            flight.length_m,
-            flight.duration_s
+            flight.words()
         )),
         Err(why) => error(
             format!("mission \"{}\" cannot be flown: {why}", mission.name),

@@ -147,9 +147,12 @@ fn path_of(asked: &Goto) -> Answer<(f64, f64)> {
 ///
 /// # Errors
 /// A path that is too long for a request.
-pub fn run_request(mission: &Path) -> Answer<OperatorRequest> {
+pub fn run_request(mission: &Path, go_on: bool) -> Answer<OperatorRequest> {
     let text = mission.to_string_lossy();
     let mut request = plain(OperatorRequest::VERB_RUN);
+    if go_on {
+        request.args[0] = OperatorRequest::RUN_CONTINUE;
+    }
     if text.len() > request.text.len() {
         return Err(Failure::BadInput(format!(
             "the path of the mission file is longer than {} bytes",
@@ -169,10 +172,13 @@ pub fn run_checked(bus: &Bus, asked: &Run) -> Answer<String> {
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
     // Where the node is not known the planner has the better words for why it does not start.
-    if let Some(from) = present(bus)? {
+    // What is left of a mission only the planner knows.
+    if !asked.go_on
+        && let Some(from) = present(bus)?
+    {
         crate::findings::fly(&mission, &file, &from)?;
     }
-    send(bus, PLANNER, &run_request(&path)?)
+    send(bus, PLANNER, &run_request(&path, asked.go_on)?)
 }
 
 /// `nims run --dry-run`: the answer, and its sentence.
@@ -202,11 +208,9 @@ pub fn dry_run(domain: Option<&str>, asked: &Run) -> Answer<(Value, String)> {
     let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
     Ok(match crate::findings::fly(&mission, &file, &from) {
         Ok(flight) => {
-            let sentence = format!(
-                "mission \"{}\" can be flown: {} segments, {:.2} m, {:.1} s",
-                mission.name, flight.segments, flight.length_m, flight.duration_s
-            );
-            let value = json!({ "feasible": true, "segments": flight.segments, "length_m": flight.length_m, "duration_s": flight.duration_s });
+            let sentence = format!("mission \"{}\" can be flown: {}", mission.name, flight.words());
+            let value = json!({ "feasible": true, "segments": flight.segments, "length_m": flight.length_m,
+                "duration_s": flight.duration_s, "energy_j": flight.energy_j });
             (value, sentence)
         }
         Err(why) => (

@@ -18,6 +18,8 @@ pub struct Summary {
     pub length_m: f64,
     /// Time on the plan clock, s.
     pub duration_s: f64,
+    /// What the motors lose on the way by the robot's model of them, J; `None` where a measured table does not cover it.
+    pub energy_j: Option<f64>,
     /// Where it ends, m.
     pub end_m: [f64; 3],
     /// Highest tension of any line, N.
@@ -41,6 +43,7 @@ pub fn dry_run(mission: &Mission, config: &PlannerConfig, start_m: [f64; 3]) -> 
         segments: plan.segments.len(),
         length_m: plan.length_m(),
         duration_s: plan.end_s(),
+        energy_j: plan.energy_j(config),
         end_m: plan.end().into(),
         peak_tension_n: highest(|report| report.peak_tension_n),
         least_tension_n: plan.reports.iter().map(|report| report.least_tension_n).fold(f64::INFINITY, f64::min),

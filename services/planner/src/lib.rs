@@ -1,7 +1,8 @@
 //! Missions and requests to checked motion segments.
 //!
 //! [`mission`] reads what the operator wants, [`plan`] makes segments of it and checks each against the robot's limits,
-//! [`Planner`] keeps track of the one mission that is flown, [`dry_run`] says what would happen.
+//! [`Planner`] keeps track of the one mission that is flown, [`progress`] keeps on disk how far it came, [`dry_run`] says what would
+//! happen. [`scan`] makes way points of patterns over an area.
 //!
 //! Invariants:
 //! * A mission is checked whole before its first segment is published: a refused mission moves nothing.
@@ -13,9 +14,12 @@ mod dry_run;
 pub mod mission;
 pub mod plan;
 mod planner;
+pub mod progress;
 pub mod requests;
+pub mod scan;
 
 pub use dry_run::{Summary, dry_run};
 pub use mission::Mission;
 pub use plan::{Plan, PlanError, PlannerConfig};
 pub use planner::{Planner, Refusal, Seen, state_text};
+pub use progress::Progress;

@@ -4,6 +4,7 @@ use std::process::ExitCode;
 
 use bus::clock::now_ns;
 use messages::{MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, SLOT_NAMES};
+use planner::progress::{Keeper, Progress};
 use planner::{Planner, PlannerConfig, Seen, requests};
 use service::{Args, Chassis};
 
@@ -17,6 +18,13 @@ fn main() -> ExitCode {
 fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     let file = chassis.box_file()?.clone();
     let mut planner = Planner::new(PlannerConfig::of(&file, file.robot_file()?.robot()?));
+    let (folder, name) = (file.state_folder(), file.state_name(chassis.bus().domain().name()));
+    match Progress::load(&folder, &name) {
+        Ok(progress) => progress.into_iter().for_each(|progress| planner.remember(progress)),
+        Err(error) => tracing::warn!("{error}"),
+    }
+    // Without it missions are flown as well, only not continued.
+    let mut keeper = Keeper::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
     let bus = chassis.bus();
     let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
     let [a, b] = SLOT_NAMES.map(|slot| bus.subscriber::<NodeEstimate>(&format!("node/estimate/{slot}")));
@@ -48,6 +56,9 @@ fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
             let (mut motion, mut status) = planner.step(&seen);
             motions.send(&mut motion)?;
             statuses.send(&mut status)?;
+            if let Some(keeper) = &mut keeper {
+                keeper.keep(planner.progress(), seen.now_ns);
+            }
             chassis.pass_end();
             if status.state != state {
                 state = status.state;

@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use service::config::Point;
 use thiserror::Error;
+
+use crate::scan::{DwellPoints, Profile, Raster, Transect};
 
 /// Most legs of a mission; more is a scan pattern that belongs into one polyline.
 pub const MAX_LEGS: usize = 200;
@@ -28,7 +30,7 @@ pub const MAX_POINTS: usize = 1000;
 /// assert_eq!(mission.leg.len(), 3);
 /// # Ok::<(), planner::mission::MissionError>(())
 /// ```
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Mission {
     /// What people call it.
@@ -52,7 +54,7 @@ pub struct Mission {
 }
 
 /// Shape of the moves of a mission.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PathShape {
     /// Straight lines.
@@ -65,8 +67,8 @@ pub enum PathShape {
 }
 
 /// One `[[leg]]`: exactly one of these keys.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
 pub enum Leg {
     /// A straight line.
     Line(Line),
@@ -78,10 +80,18 @@ pub enum Leg {
     Spiral(Spiral),
     /// Staying where it is.
     Dwell(Dwell),
+    /// Lines to and fro over a rectangle.
+    Raster(Raster),
+    /// A list of points with a stay at each.
+    DwellPoints(DwellPoints),
+    /// A straight line, perhaps with stays on the way.
+    Transect(Transect),
+    /// A straight line up or down.
+    Profile(Profile),
 }
 
 /// `line = { .. }`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Line {
     /// Where to, m.
@@ -91,7 +101,7 @@ pub struct Line {
 }
 
 /// `polyline = { .. }`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Polyline {
     /// The points one after the other, m.
@@ -101,7 +111,7 @@ pub struct Polyline {
 }
 
 /// `parabola = { .. }`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Parabola {
     /// Where to, m.
@@ -113,7 +123,7 @@ pub struct Parabola {
 }
 
 /// `spiral = { .. }`: from the present point, the radius grows from 0 while it rises.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spiral {
     /// Height gained, m; negative descends.
@@ -127,7 +137,7 @@ pub struct Spiral {
 }
 
 /// `dwell = { .. }`.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Dwell {
     /// For how long, s.
@@ -223,11 +233,7 @@ impl Mission {
                     self.speed(here(), l.speed_m_s)?;
                 }
                 Leg::Polyline(l) => {
-                    if l.points_m.is_empty() || l.points_m.len() > MAX_POINTS {
-                        let value = format!("a list of {} points", l.points_m.len());
-                        return Err(self.wrong(here(), "points_m", value, "1 to 1000 points"));
-                    }
-                    l.points_m.iter().try_for_each(|p| self.point(here(), "points_m", p))?;
+                    self.points(here(), &l.points_m)?;
                     self.speed(here(), l.speed_m_s)?;
                 }
                 Leg::Parabola(l) => {
@@ -250,7 +256,31 @@ impl Mission {
                     )?;
                     self.speed(here(), l.speed_m_s)?;
                 }
-                Leg::Dwell(l) => self.range(here(), "duration_s", l.duration_s, 0.0, 86_400.0, "0 to 86400 s")?,
+                Leg::Dwell(l) => self.stay(here(), "duration_s", l.duration_s)?,
+                Leg::Raster(l) => {
+                    self.point(here(), "corner_m", &l.corner_m)?;
+                    self.point(here(), "opposite_m", &l.opposite_m)?;
+                    self.range(here(), "pitch_m", l.pitch_m, 1e-3, 1000.0, "0.001 to 1000 m")?;
+                    self.range(here(), "overlap", l.overlap, 0.0, 0.9, "0 to 0.9, a share of pitch_m")?;
+                    self.speed(here(), l.speed_m_s)?;
+                }
+                Leg::DwellPoints(l) => {
+                    self.points(here(), &l.points_m)?;
+                    self.stay(here(), "duration_s", l.duration_s)?;
+                    self.speed(here(), l.speed_m_s)?;
+                }
+                Leg::Transect(l) => {
+                    self.point(here(), "from_m", &l.from_m)?;
+                    self.point(here(), "to_m", &l.to_m)?;
+                    self.steps(here(), l.step_m, l.dwell_s)?;
+                    self.speed(here(), l.speed_m_s)?;
+                }
+                Leg::Profile(l) => {
+                    self.point(here(), "at_m", &l.at_m)?;
+                    self.range(here(), "rise_m", l.rise_m, -1000.0, 1000.0, "-1000 to 1000 m")?;
+                    self.steps(here(), l.step_m, l.dwell_s)?;
+                    self.speed(here(), l.speed_m_s)?;
+                }
             }
         }
         Ok(())
@@ -281,6 +311,23 @@ impl Mission {
         Err(self.wrong(leg, key, format!("{point:?}"), accepted))
     }
 
+    fn points(&self, leg: String, points_m: &[Point]) -> Result<(), MissionError> {
+        if points_m.is_empty() || points_m.len() > MAX_POINTS {
+            let value = format!("a list of {} points", points_m.len());
+            return Err(self.wrong(leg, "points_m", value, "1 to 1000 points"));
+        }
+        points_m.iter().try_for_each(|p| self.point(leg.clone(), "points_m", p))
+    }
+
+    fn stay(&self, leg: String, key: &'static str, duration_s: f64) -> Result<(), MissionError> {
+        self.range(leg, key, duration_s, 0.0, 86_400.0, "0 to 86400 s")
+    }
+
+    fn steps(&self, leg: String, step_m: Option<f64>, dwell_s: f64) -> Result<(), MissionError> {
+        self.stay(leg.clone(), "dwell_s", dwell_s)?;
+        step_m.map_or(Ok(()), |step_m| self.range(leg, "step_m", step_m, 1e-3, 1000.0, "0.001 to 1000 m"))
+    }
+
     fn speed(&self, leg: String, speed: Option<f64>) -> Result<(), MissionError> {
         match speed {
             Some(v) => self.range(leg, "speed_m_s", v, 1e-3, 100.0, "0.001 to 100 m/s"),
@@ -306,12 +353,21 @@ parabola = { to_m = [3.0, 3.0, 2.0], mu_per_m = 0.1 }
 spiral = { rise_m = 1.125, radius_m = 0.60, turns = 4 }
 [[leg]]
 dwell = { duration_s = 2.0 }
+[[leg]]
+raster = { corner_m = [1, 1, 1], opposite_m = [2, 2, 1], pitch_m = 0.2, overlap = 0.5, along = "y" }
+[[leg]]
+dwell_points = { points_m = [[1.5, 1, 1], [1, 1, 1]], duration_s = 3.0 }
+[[leg]]
+transect = { from_m = [1, 1, 1], to_m = [2, 1, 1], step_m = 0.25, dwell_s = 1.0 }
+[[leg]]
+profile = { at_m = [1, 1, 2], rise_m = -1.5 }
 "#;
 
     #[test]
-    fn every_kind_of_leg_is_read() {
+    fn every_kind_of_leg_is_read_and_written() {
         let mission = Mission::parse(GOOD).unwrap();
-        assert_eq!(mission.leg.len(), 5);
+        assert_eq!(mission.leg.len(), 9);
+        assert_eq!(Mission::parse(&toml::to_string(&mission).unwrap()).unwrap(), mission);
         assert_eq!(mission.leg[4], Leg::Dwell(Dwell { duration_s: 2.0 }));
         assert!(!mission.relative);
     }
@@ -338,6 +394,14 @@ dwell = { duration_s = 2.0 }
             ("radius_m = 0.60", "radius_m = 0.0", &["leg 4", "radius_m"]),
             ("turns = 4", "turns = 0", &["leg 4", "turns"]),
             ("dwell = { duration_s = 2.0 }", "", &["line 12"]),
+            ("pitch_m = 0.2", "pitch_m = 0.0", &["leg 6", "pitch_m", "0.001"]),
+            ("overlap = 0.5", "overlap = 1.0", &["leg 6", "overlap", "0.9"]),
+            ("along = \"y\"", "along = \"north\"", &["line 15", "north", "`x`, `y`"]),
+            ("opposite_m = [2, 2, 1], ", "", &["line 15", "opposite_m"]),
+            ("[[1.5, 1, 1], [1, 1, 1]]", "[]", &["leg 7", "points_m"]),
+            ("step_m = 0.25", "step_m = -1", &["leg 8", "step_m"]),
+            ("dwell_s = 1.0", "dwell_s = -1.0", &["leg 8", "dwell_s"]),
+            ("rise_m = -1.5", "rise_m = nan", &["leg 9", "rise_m"]),
             ("name = \"demo\"", "name = ", &["line 2"]),
         ] {
             assert!(GOOD.contains(from));

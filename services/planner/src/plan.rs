@@ -1,24 +1,24 @@
 //! A mission made into checked segments: everything that can be refused is refused here, before anything moves.
 
+mod builder;
+
 use cable_robot::energy::{EnergyError, flight};
 use cable_robot::motion::{Refusal, Report};
-use cable_robot::path::{self, PathError};
-use cable_robot::profile::{Knot, MAX_KNOTS, ProfileError, ProfileLimits};
-use cable_robot::{Distribution, Path, Profile, Robot, Segment, Vector3};
-use service::config::{BoxFile, Point};
+use cable_robot::path::PathError;
+use cable_robot::profile::ProfileError;
+use cable_robot::{Distribution, Robot, Segment, Vector3};
+use service::config::BoxFile;
 use thiserror::Error;
 
-use crate::mission::{Leg, Mission, PathShape};
+use crate::mission::Mission;
+use crate::scan::ScanError;
+use builder::Builder;
 
 /// Most segments of a mission.
 pub const MAX_SEGMENTS: usize = 2000;
 
 /// A leg that ends closer than this to where it starts is already flown, m: the repeatability of the robot.
 const THERE_M: f64 = 0.001;
-
-/// Shares of the sag or swing that loses least, tried in this order: it is found for a constant speed, and the accelerations at both
-/// ends may ask for less.
-const SAG_SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
 
 /// Shortest segment, s; a shorter one is flown more slowly. A controller's horizon (0.2 s) and a lost sample of
 /// `plan/motion` (0.1 s) together must not reach beyond the next segment.
@@ -117,6 +117,19 @@ pub enum PlanError {
         /// Why not.
         error: EnergyError,
     },
+    /// A pattern that is none.
+    #[error("leg {leg}: {error}")]
+    Scan {
+        /// The leg, from 1.
+        leg: usize,
+        /// What is wrong.
+        error: ScanError,
+    },
+    /// What was begun was planned otherwise.
+    #[error(
+        "what is left of the mission cannot be told: the robot or the planner was configured otherwise when it began; run it from the beginning"
+    )]
+    OtherPlan,
     /// More segments than are planned at once.
     #[error("the mission has more than {MAX_SEGMENTS} segments; split it into several missions")]
     TooLong,
@@ -135,6 +148,15 @@ pub enum PlanError {
     },
 }
 
+/// A point on the way of a mission, wherever its flight began.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Mark {
+    /// Number of the segment, from 0, as the whole was planned.
+    pub segment: usize,
+    /// How far along it: arc length, m; of a dwell the time, s.
+    pub along: f64,
+}
+
 /// A mission ready to fly.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Plan {
@@ -144,6 +166,8 @@ pub struct Plan {
     pub legs: Vec<u32>,
     /// What each segment comes close to.
     pub reports: Vec<Report>,
+    /// Where on the way each segment begins.
+    pub marks: Vec<Mark>,
     /// How many legs the mission has.
     pub leg_count: u32,
 }
@@ -161,38 +185,49 @@ impl Plan {
         start_s: f64,
         first_id: u32,
     ) -> Result<Self, PlanError> {
-        if !start.iter().all(|x| x.is_finite()) {
-            return Err(PlanError::NoStart { x: start.x, y: start.y, z: start.z });
-        }
-        let asked_m_s2 = mission.acceleration_m_s2.unwrap_or(config.acceleration_m_s2);
-        let limit_m_s2 = config.robot.acceleration_limit_m_s2();
-        if asked_m_s2 > limit_m_s2 && mission.acceleration_m_s2.is_some() {
-            return Err(PlanError::TooHard { asked_m_s2, limit_m_s2 });
-        }
+        let mut builder = Builder::new(mission, config, start, start_s, first_id)?;
         let origin = if mission.relative { start } else { Vector3::zeros() };
-        let mut builder = Builder {
-            config,
-            tangential_m_s2: asked_m_s2.min(limit_m_s2),
-            default_m_s: mission.speed_m_s,
-            shape: mission.path,
-            time_weight_w: mission.time_weight_w,
-            at: start,
-            time_s: start_s,
-            next_id: first_id,
-            plan: Self {
-                segments: Vec::new(),
-                legs: Vec::new(),
-                reports: Vec::new(),
-                leg_count: mission.leg.len() as u32,
-            },
-        };
         for (i, leg) in mission.leg.iter().enumerate() {
             builder.leg(i + 1, leg, origin)?;
         }
-        if builder.plan.segments.is_empty() {
-            return Err(PlanError::AlreadyThere);
+        builder.plan()
+    }
+
+    /// What is left of this plan of `mission` from a point of its way on, for a node that hangs at `here` (m): straight to that point
+    /// and on, at `start_s` on the plan clock, numbered from `first_id`.
+    ///
+    /// # Errors
+    /// The way back cannot be flown, or there is no such point.
+    pub fn rest(
+        &self,
+        mission: &Mission,
+        config: &PlannerConfig,
+        from: Mark,
+        here: Vector3<f64>,
+        start_s: f64,
+        first_id: u32,
+    ) -> Result<Self, PlanError> {
+        let mut builder = Builder::new(mission, config, here, start_s, first_id)?;
+        builder.rest(self, from)?;
+        builder.plan()
+    }
+
+    /// The point of the way that is reached at a time on the plan clock, s, and where that is, m; before the start the beginning, after the
+    /// end the end. On the way back to where a mission was broken off it is that place.
+    pub fn reached(&self, time_s: f64) -> (Mark, Vector3<f64>) {
+        let number = self.segments.iter().rposition(|segment| segment.start_s <= time_s).unwrap_or(0);
+        let (Some(segment), Some(mark)) = (self.segments.get(number), self.marks.get(number)) else {
+            return (Mark::default(), Vector3::zeros());
+        };
+        if self.marks.get(number + 1).is_some_and(|next| next == mark) {
+            return (*mark, segment.path.end());
         }
-        Ok(builder.plan)
+        let passed_s = (time_s - segment.start_s).clamp(0.0, segment.profile.duration());
+        if let cable_robot::Path::Dwell(at) = segment.path {
+            return (Mark { along: mark.along + passed_s, ..*mark }, at);
+        }
+        let s_m = segment.profile.at(passed_s).s_m;
+        (Mark { along: mark.along + s_m, ..*mark }, segment.path.point(s_m))
     }
 
     /// When it starts on the plan clock, s.
@@ -214,179 +249,11 @@ impl Plan {
     pub fn length_m(&self) -> f64 {
         self.segments.iter().map(|segment| segment.path.length()).sum()
     }
-}
 
-struct Builder<'a> {
-    config: &'a PlannerConfig,
-    tangential_m_s2: f64,
-    default_m_s: Option<f64>,
-    shape: PathShape,
-    time_weight_w: f64,
-    at: Vector3<f64>,
-    time_s: f64,
-    next_id: u32,
-    plan: Plan,
-}
-
-impl Builder<'_> {
-    fn leg(&mut self, number: usize, leg: &Leg, origin: Vector3<f64>) -> Result<(), PlanError> {
-        match leg {
-            Leg::Line(l) => self.line(number, origin + self.point(number, &l.to_m)?, l.speed_m_s),
-            Leg::Polyline(l) => l.points_m.iter().try_for_each(|p| {
-                let to = origin + self.point(number, p)?;
-                self.line(number, to, l.speed_m_s)
-            }),
-            Leg::Parabola(l) => {
-                let to = origin + self.point(number, &l.to_m)?;
-                if (to - self.at).norm() < THERE_M {
-                    return Ok(());
-                }
-                match l.mu_per_m {
-                    Some(mu_per_m) => self.path(number, parabola(self.at, to, mu_per_m), l.speed_m_s),
-                    None => self.best_parabola(number, to, l.speed_m_s),
-                }
-            }
-            Leg::Spiral(l) => {
-                let path = Path::Spiral(path::Spiral {
-                    centre: self.at,
-                    start_radius_m: 0.0,
-                    end_radius_m: l.radius_m,
-                    turns: l.turns,
-                    rise_m: l.rise_m,
-                    start_angle_rad: 0.0,
-                });
-                self.path(number, path, l.speed_m_s)
-            }
-            Leg::Dwell(l) if l.duration_s == 0.0 => Ok(()),
-            Leg::Dwell(l) => {
-                let profile = Profile::dwell(l.duration_s.max(SHORTEST_S))
-                    .map_err(|error| PlanError::Profile { leg: number, error })?;
-                self.push(number, Path::Dwell(self.at), profile)
-            }
-        }
+    /// What the motors lose on the way by the robot's model of them, J; `None` where a measured table does not cover it.
+    pub fn energy_j(&self, config: &PlannerConfig) -> Option<f64> {
+        let cost =
+            |segment: &Segment| flight::along(&config.robot, config.distribution, &segment.path, &segment.profile);
+        self.segments.iter().map(|segment| cost(segment).ok().map(|cost| cost.energy_j)).sum()
     }
-
-    /// A point as this robot has it.
-    fn point(&self, leg: usize, point: &Point) -> Result<Vector3<f64>, PlanError> {
-        let planar = self.config.robot.is_planar();
-        point.on(planar).map(Vector3::from).map_err(|why| PlanError::Point { leg, why })
-    }
-
-    fn line(&mut self, number: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
-        if (to - self.at).norm() < THERE_M {
-            return Ok(());
-        }
-        match self.shape {
-            PathShape::Line => self.path(number, Path::line(self.at, to), speed_m_s),
-            PathShape::Parabola => self.best_parabola(number, to, speed_m_s),
-            PathShape::Lateral => self.best_lateral(number, to, speed_m_s),
-        }
-    }
-
-    /// The path that sags and swings so that it loses least in the motors, or as much of it as can be flown; a parabola where
-    /// swinging saves nothing.
-    fn best_lateral(&mut self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
-        let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
-        let (robot, method) = (&self.config.robot, self.config.distribution);
-        let best = flight::best_lateral(robot, method, &self.at, &to, cruise_m_s, self.time_weight_w)
-            .map_err(|error| PlanError::NoPath { leg, error })?;
-        let Some((bow, _)) = best.lateral else {
-            return self.parabola_or_less(leg, to, best.parabola.mu_per_m, speed_m_s);
-        };
-        for share in SAG_SHARES {
-            match self.path(leg, Path::Lateral(path::Lateral::new(bow.scaled(share))), speed_m_s) {
-                Err(PlanError::Refused { .. }) => {}
-                result => return result,
-            }
-        }
-        self.parabola_or_less(leg, to, best.parabola.mu_per_m, speed_m_s)
-    }
-
-    /// The parabola that loses least in the motors, or as much of its sag as can be flown; straight up and down a line.
-    fn best_parabola(&mut self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
-        let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
-        let (robot, method) = (&self.config.robot, self.config.distribution);
-        let best = flight::best_parabola(robot, method, &self.at, &to, cruise_m_s, self.time_weight_w)
-            .map_err(|error| PlanError::NoPath { leg, error })?;
-        self.parabola_or_less(leg, to, best.mu_per_m, speed_m_s)
-    }
-
-    fn parabola_or_less(
-        &mut self,
-        leg: usize,
-        to: Vector3<f64>,
-        mu_per_m: f64,
-        speed_m_s: Option<f64>,
-    ) -> Result<(), PlanError> {
-        let mut refused = None;
-        for share in SAG_SHARES {
-            match self.path(leg, parabola(self.at, to, share * mu_per_m), speed_m_s) {
-                Err(error @ PlanError::Refused { .. }) => refused = refused.or(Some(error)),
-                result => return result,
-            }
-        }
-        self.path(leg, Path::line(self.at, to), speed_m_s).map_err(|line| refused.unwrap_or(line))
-    }
-
-    /// The speed asked for, or the default.
-    fn cruise_m_s(&self, leg: usize, speed_m_s: Option<f64>) -> Result<f64, PlanError> {
-        let limit_m_s = self.config.robot.speed_limit_m_s();
-        match speed_m_s.or(self.default_m_s) {
-            Some(speed_m_s) if speed_m_s > limit_m_s => Err(PlanError::TooFast { leg, speed_m_s, limit_m_s }),
-            Some(speed_m_s) => Ok(speed_m_s),
-            None => Ok(self.config.speed_m_s.min(limit_m_s)),
-        }
-    }
-
-    fn path(&mut self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Result<(), PlanError> {
-        path.check().map_err(|error| PlanError::Path { leg, error })?;
-        let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
-        let limits = ProfileLimits {
-            tangential_m_s2: self.tangential_m_s2,
-            total_m_s2: self.config.robot.acceleration_limit_m_s2(),
-            ..ProfileLimits::rest_to_rest(cruise_m_s, self.tangential_m_s2)
-        };
-        let profile = Profile::plan(&path, &limits)
-            .and_then(|profile| slowed(&profile))
-            .map_err(|error| PlanError::Profile { leg, error })?;
-        self.push(leg, path, profile)
-    }
-
-    fn push(&mut self, leg: usize, path: Path, profile: Profile) -> Result<(), PlanError> {
-        if self.plan.segments.len() == MAX_SEGMENTS {
-            return Err(PlanError::TooLong);
-        }
-        let segment = Segment { id: u64::from(self.next_id), path, profile, start_s: self.time_s };
-        let config = self.config;
-        let report = segment.check(&config.robot, config.distribution, config.check_step_m).map_err(|refusal| {
-            let (a, b) = (path.start(), path.end());
-            let segment = format!(" from [{:.3}, {:.3}, {:.3}] to [{:.3}, {:.3}, {:.3}]", a.x, a.y, a.z, b.x, b.y, b.z);
-            PlanError::Refused { leg, segment, refusal }
-        })?;
-        self.at = path.end();
-        self.time_s = segment.end_s();
-        self.next_id = self.next_id.wrapping_add(1).max(1);
-        self.plan.segments.push(segment);
-        self.plan.legs.push(leg as u32);
-        self.plan.reports.push(report);
-        Ok(())
-    }
-}
-
-/// A parabola, or the line where there is no sag.
-fn parabola(from: Vector3<f64>, to: Vector3<f64>, mu_per_m: f64) -> Path {
-    if mu_per_m == 0.0 { Path::line(from, to) } else { Path::Parabola(path::Parabola { from, to, mu_per_m }) }
-}
-
-/// The same profile, slowed down evenly if it is shorter than [`SHORTEST_S`].
-fn slowed(profile: &Profile) -> Result<Profile, ProfileError> {
-    let share = profile.duration() / SHORTEST_S;
-    if share >= 1.0 {
-        return Ok(*profile);
-    }
-    let mut knots = [Knot::default(); MAX_KNOTS];
-    for (slow, knot) in knots.iter_mut().zip(profile.knots()) {
-        *slow = Knot { s_m: knot.s_m, v_m_s: knot.v_m_s * share };
-    }
-    Profile::from_knots(&knots[..profile.knots().len()])
 }

@@ -9,9 +9,13 @@ use thiserror::Error;
 
 use crate::mission::{self, Leg, Mission, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig};
+use crate::progress::Progress;
 
 /// An estimate this many cycles behind motor-io is no longer where the node is.
 const STALE_CYCLES: u64 = 20;
+
+/// What was begun is planned once more: where it was left, both plans have to agree to this, m.
+const AGREES_M: f64 = 0.001;
 
 /// A motion that is not taken up within this time is withdrawn, ns. Two controllers swapped in a row take three.
 const TAKE_UP_NS: u64 = 5_000_000_000;
@@ -45,6 +49,10 @@ pub enum Refusal {
 #[derive(Debug, Clone)]
 struct Flight {
     plan: Plan,
+    /// What was flown of it before, s.
+    before_s: f64,
+    /// A mission, not a single move: how far it comes is kept.
+    kept: bool,
     name: String,
     motion: u32,
     epoch: u32,
@@ -63,12 +71,40 @@ pub struct Planner {
     beat: u64,
     refused: u32,
     status: PlanStatus,
+    /// The newest valid estimate, and the epoch of that moment.
+    valid: Option<(NodeEstimate, u32)>,
+    progress: Option<Progress>,
 }
 
 impl Planner {
     /// A planner without a mission.
     pub fn new(config: PlannerConfig) -> Self {
-        Self { config, flight: None, next_id: 1, motions: 0, beat: 0, refused: 0, status: PlanStatus::default() }
+        Self {
+            config,
+            flight: None,
+            next_id: 1,
+            motions: 0,
+            beat: 0,
+            refused: 0,
+            status: PlanStatus::default(),
+            valid: None,
+            progress: None,
+        }
+    }
+
+    /// Takes in how far a mission came before this planner was there.
+    pub fn remember(&mut self, progress: Progress) {
+        if !progress.done {
+            let name = &progress.mission.name;
+            let left = format!("mission \"{name}\" was left unfinished; nims run with --continue flies the rest");
+            put_text(&mut self.status.reason, &left);
+        }
+        self.progress = Some(progress);
+    }
+
+    /// How far the present or the last mission has come.
+    pub fn progress(&self) -> Option<&Progress> {
+        self.progress.as_ref()
     }
 
     /// Flies to a point, m, straight or on a path of another shape; a parabola may have a µ of its own (1/m; 0: what loses
@@ -101,7 +137,8 @@ impl Planner {
             relative: false,
             leg: vec![leg],
         };
-        self.run(&mission, seen)
+        let result = self.try_run(&mission, false, seen);
+        self.answered(&mission, result)
     }
 
     /// Plans and checks a whole mission and, if nothing is wrong, offers it to motor-io.
@@ -109,7 +146,20 @@ impl Planner {
     /// # Errors
     /// One sentence: why not, and what to do. Nothing moves then.
     pub fn run(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
-        let result = self.try_run(mission, seen);
+        let result = self.try_run(mission, true, seen);
+        self.answered(mission, result)
+    }
+
+    /// Flies what is left of a mission that was broken off: back to where it was, and on.
+    ///
+    /// # Errors
+    /// One sentence: why not, and what to do. Nothing moves then.
+    pub fn go_on(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
+        let result = self.try_go_on(mission, seen);
+        self.answered(mission, result)
+    }
+
+    fn answered(&mut self, mission: &Mission, result: Result<String, Refusal>) -> Result<String, Refusal> {
         if let Err(refusal) = &result {
             self.refused = self.refused.wrapping_add(1);
             self.status.refused = self.refused;
@@ -123,38 +173,107 @@ impl Planner {
         result
     }
 
-    fn try_run(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
+    fn try_run(&mut self, mission: &Mission, kept: bool, seen: &Seen<'_>) -> Result<String, Refusal> {
         let mission = mission.clone().checked().map_err(|error| Refusal::NotReady(error.to_string()))?;
         let (authority, estimate) = self.ready(seen)?;
         let start = Vector3::from(estimate.position_m);
         let plan = Plan::new(&mission, &self.config, start, authority.plan_time_s, self.next_id)?;
-        self.next_id = self.next_id.wrapping_add(plan.segments.len() as u32).max(1);
-        self.motions = self.motions.wrapping_add(1).max(1);
-        let sentence = format!(
-            "mission \"{}\" accepted: {} segments, {:.2} m, {:.1} s",
-            mission.name,
-            plan.segments.len(),
-            plan.length_m(),
-            plan.end_s() - plan.start_s()
-        );
-        self.status = PlanStatus { refused: self.refused, legs: plan.leg_count, leg: 1, ..PlanStatus::default() };
-        self.status.state = PlanStatus::STATE_READY;
-        self.status.target_m = plan.end().into();
-        put_text(&mut self.status.mission, &mission.name);
-        self.flight = Some(Flight {
-            plan,
-            name: mission.name.clone(),
-            motion: self.motions,
+        if kept {
+            let at_m = estimate.position_m;
+            self.progress =
+                Some(Progress { start_m: at_m, segment: 0, along: 0.0, at_m, done: false, mission: mission.clone() });
+        }
+        let flight = Flight {
+            before_s: 0.0,
+            kept,
+            name: mission.name,
+            motion: 0,
             epoch: authority.epoch,
             current: 0,
             accepted_ns: seen.now_ns,
             taken_up: false,
-        });
-        Ok(sentence)
+            plan,
+        };
+        Ok(self.offer(flight, "accepted"))
+    }
+
+    fn try_go_on(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
+        let refuse = |sentence: String| Err(Refusal::NotReady(sentence));
+        let name = &mission.name;
+        let Some(progress) = self.progress.clone().filter(|progress| progress.mission.name == *name) else {
+            return refuse(format!("mission \"{name}\" was not begun; run it without --continue"));
+        };
+        if progress.mission != *mission {
+            return refuse(format!(
+                "mission \"{name}\" was changed since it was begun; run it from its beginning, without --continue"
+            ));
+        }
+        if progress.done {
+            return refuse(format!("mission \"{name}\" is done; nothing is left of it"));
+        }
+        let (authority, estimate) = self.ready(seen)?;
+        let whole = Plan::new(mission, &self.config, Vector3::from(progress.start_m), 0.0, 1)?;
+        let mark = progress.mark();
+        let segment = whole.segments.get(mark.segment).ok_or(PlanError::OtherPlan)?;
+        if (segment.path.point(mark.along) - Vector3::from(progress.at_m)).norm() > AGREES_M {
+            return Err(PlanError::OtherPlan.into());
+        }
+        let dwells = matches!(segment.path, cable_robot::Path::Dwell(_));
+        let before_s = segment.start_s + if dwells { mark.along } else { segment.profile.time_at(mark.along) };
+        let here = Vector3::from(estimate.position_m);
+        let plan = match whole.rest(mission, &self.config, mark, here, authority.plan_time_s, self.next_id) {
+            Err(PlanError::AlreadyThere) => return refuse(format!("mission \"{name}\" is done; nothing is left of it")),
+            plan => plan?,
+        };
+        let flight = Flight {
+            before_s,
+            kept: true,
+            name: name.clone(),
+            motion: 0,
+            epoch: authority.epoch,
+            current: 0,
+            accepted_ns: seen.now_ns,
+            taken_up: false,
+            plan,
+        };
+        Ok(self.offer(flight, "goes on"))
+    }
+
+    /// Offers a motion to motor-io; the sentence that says so.
+    fn offer(&mut self, mut flight: Flight, verb: &str) -> String {
+        let plan = &flight.plan;
+        self.next_id = self.next_id.wrapping_add(plan.segments.len() as u32).max(1);
+        self.motions = self.motions.wrapping_add(1).max(1);
+        flight.motion = self.motions;
+        let energy = plan.energy_j(&self.config).map_or(String::new(), |joules| format!(", about {joules:.0} J"));
+        let sentence = format!(
+            "mission \"{}\" {verb}: {} segments, {:.2} m, {:.1} s{energy}",
+            flight.name,
+            plan.segments.len(),
+            plan.length_m(),
+            plan.end_s() - plan.start_s()
+        );
+        self.status =
+            PlanStatus { refused: self.refused, legs: plan.leg_count, leg: plan.legs[0], ..PlanStatus::default() };
+        self.status.state = PlanStatus::STATE_READY;
+        self.status.target_m = plan.end().into();
+        put_text(&mut self.status.mission, &flight.name);
+        self.flight = Some(flight);
+        sentence
+    }
+
+    /// Keeps the newest valid estimate: a single cycle without one is no reason to refuse anything.
+    fn look(&mut self, seen: &Seen<'_>) {
+        if let (Some(authority), Some(estimate)) = (seen.authority, seen.estimate)
+            && estimate.valid == 1
+        {
+            self.valid = Some((*estimate, authority.epoch));
+        }
     }
 
     /// Authority and estimate, if a motion may start now.
-    fn ready<'a>(&self, seen: &Seen<'a>) -> Result<(&'a MotorAuthority, &'a NodeEstimate), Refusal> {
+    fn ready<'a>(&mut self, seen: &Seen<'a>) -> Result<(&'a MotorAuthority, NodeEstimate), Refusal> {
+        self.look(seen);
         let refuse = |sentence: &str| Err(Refusal::NotReady(sentence.to_owned()));
         let silent = "motor-io does not answer; start the robot with nims up";
         let Some(authority) = seen.authority else { return refuse(silent) };
@@ -193,19 +312,24 @@ impl Planner {
             }
             _ => return refuse("the position is not known; tell where the node hangs with nims zero --at x,y,z"),
         }
-        let Some(estimate) = seen.estimate else {
+        if seen.estimate.is_none() {
             return refuse("there is no position estimate; is the estimator running? See nims status");
+        }
+        let fresh = |(estimate, epoch): &(NodeEstimate, u32)| {
+            // another epoch may have another idea of where the node is
+            *epoch == authority.epoch && estimate.header.cycle.saturating_add(STALE_CYCLES) >= authority.header.cycle
         };
-        if estimate.valid == 0 || estimate.header.cycle.saturating_add(STALE_CYCLES) < authority.header.cycle {
+        let Some((estimate, _)) = self.valid.filter(fresh) else {
             return refuse(
                 "the position estimate is missing or stale; see nims status for the estimator and the drives",
             );
-        }
+        };
         Ok((authority, estimate))
     }
 
     /// One pass, 10 to 20 times a second and after every request: where the mission stands.
     pub fn step(&mut self, seen: &Seen<'_>) -> (PlanMotion, PlanStatus) {
+        self.look(seen);
         if let Some(authority) = seen.authority {
             self.advance(authority, seen.now_ns);
         }
@@ -241,7 +365,16 @@ impl Planner {
         let (start_s, end_s) = (flight.plan.start_s(), flight.plan.end_s());
         let status = &mut self.status;
         status.elapsed_s = (time_s - start_s).clamp(0.0, end_s - start_s);
-        status.progress = if end_s > start_s { status.elapsed_s / (end_s - start_s) } else { 1.0 };
+        let whole_s = flight.before_s + end_s - start_s;
+        status.progress = if whole_s > 0.0 { (flight.before_s + status.elapsed_s) / whole_s } else { 1.0 };
+        if flight.kept
+            && flight.taken_up
+            && authority.epoch == flight.epoch
+            && let Some(progress) = &mut self.progress
+        {
+            let (mark, at) = flight.plan.reached(time_s);
+            (progress.segment, progress.along, progress.at_m) = (mark.segment, mark.along, at.into());
+        }
         status.leg = flight.plan.legs[flight.current];
         let rate = authority.plan_rate_target;
         status.time_left_s = (end_s - time_s).max(0.0) / if rate > 0.0 { rate } else { 1.0 };
@@ -273,6 +406,9 @@ impl Planner {
             status.state = state;
             status.time_left_s = 0.0;
             put_text(&mut status.reason, reason);
+            if let Some(progress) = self.progress.as_mut().filter(|_| flight.kept) {
+                progress.done = state == PlanStatus::STATE_DONE;
+            }
             self.flight = None;
         }
     }

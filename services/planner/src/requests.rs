@@ -28,7 +28,11 @@ pub fn answer(planner: &mut Planner, request: &OperatorRequest, missions: &Path,
         }
         OperatorRequest::VERB_RUN => Mission::read(&mission_file(&text_of(&request.text), missions))
             .map_err(|error| error.to_string())
-            .and_then(|mission| planner.run(&mission, seen).map_err(|refusal| refusal.to_string())),
+            .and_then(|mission| {
+                let goes_on = request.args[0] == OperatorRequest::RUN_CONTINUE;
+                let result = if goes_on { planner.go_on(&mission, seen) } else { planner.run(&mission, seen) };
+                result.map_err(|refusal| refusal.to_string())
+            }),
         other => Err(format!(
             "the planner has no request number {other}; accepted: {} (goto) and {} (run)",
             OperatorRequest::VERB_GOTO,

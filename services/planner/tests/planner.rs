@@ -175,6 +175,30 @@ fn everything_that_is_not_ready_is_answered_with_what_to_do() {
 }
 
 #[test]
+fn one_cycle_without_an_estimate_refuses_nothing_and_many_do() {
+    let mut world = World::ready();
+    let mut planner = Planner::new(config());
+    planner.step(&world.seen());
+    let spoil = |world: &mut World, cycles: u64| {
+        world.authority.header.cycle += cycles;
+        world.estimate.header.cycle += cycles;
+        world.estimate.valid = 0;
+        world.estimate.position_m = [f64::NAN; 3];
+    };
+    spoil(&mut world, 1);
+    let mut later = planner.clone();
+    planner.run(&three_lines(), &world.seen()).unwrap();
+    assert!((planner.segments()[0].path.start() - Vector3::new(4.8, 3.0, 0.3)).norm() < 1e-12);
+    // what was true in another epoch may be true no more
+    let mut moved = later.clone();
+    let epoch = MotorAuthority { epoch: 7, ..world.authority };
+    let seen = Seen { authority: Some(&epoch), ..world.seen() };
+    assert!(moved.run(&three_lines(), &seen).unwrap_err().to_string().contains("estimate"));
+    spoil(&mut world, 20);
+    assert!(later.run(&three_lines(), &world.seen()).unwrap_err().to_string().contains("estimate"));
+}
+
+#[test]
 fn one_mission_at_a_time_paused_or_not() {
     let mut world = World::ready();
     let mut planner = Planner::new(config());

@@ -3,6 +3,7 @@
 //! Arc length in m, positions in m, tangents as unit vectors, curvature in 1/m; µ of (25)-(26) in 1/m. A path that is none is a
 //! [`PathError`], before it is used.
 
+mod cut;
 mod lateral;
 
 pub use lateral::{Bow, BowPoint, HARMONICS, Lateral};

@@ -130,3 +130,8 @@ message! {
         channel: [u8; 64],
     }
 }
+
+impl OperatorRequest {
+    /// RUN, first argument: what is left of a mission that was broken off, not all of it.
+    pub const RUN_CONTINUE: f64 = 1.0;
+}

@@ -105,7 +105,7 @@ fn fly(supervisor: &mut Supervisor, mission: &Path, start: &[f64; 3], planned_s:
         Ok(estimates.latest()?.is_some_and(|estimate| estimate.valid == 1))
     })?;
     let mut plans = supervisor.bus().subscriber::<PlanStatus>("plan/status")?;
-    insist(supervisor, operate::PLANNER, &operate::run_request(mission)?)?;
+    insist(supervisor, operate::PLANNER, &operate::run_request(mission, false)?)?;
 
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     let style = ProgressStyle::with_template("{msg:40} {wide_bar} {percent:>3} %")

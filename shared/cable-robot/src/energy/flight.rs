@@ -25,9 +25,9 @@ use nalgebra::Vector3;
 
 use super::lateral::above_ground;
 use super::optimum::{Precision, best};
-use super::{Best, BestLateral, Bounds, EnergyError, Hoist, lateral, parabola};
+use super::{Best, BestLateral, Bounds, Cost, EnergyError, Hoist, lateral, parabola};
 use crate::motion::{Cause, Refusal};
-use crate::{Distribution, Robot};
+use crate::{Distribution, Path, Profile, Robot};
 
 /// Simpson's intervals for the answer, and for the scan: 32 leave an error of 5e-5 with the default motor.
 const INTERVALS: [usize; 2] = [32, 16];
@@ -72,6 +72,11 @@ pub fn best_lateral(
         stays_out(robot, |u| bow.at_fraction(u).position, intervals)?;
         hoist.integrate_bow(bow, speed_m_s, intervals)
     }))
+}
+
+/// Cost of a path as it is flown with a speed profile; of a dwell what holding costs. For estimates before a mission.
+pub fn along(robot: &Robot, method: Distribution, path: &Path, profile: &Profile) -> Result<Cost, EnergyError> {
+    hoist(robot, method).along_profile(path, profile, robot.node_mass_kg(), INTERVALS[1])
 }
 
 fn hoist(robot: &Robot, method: Distribution) -> Hoist<'_> {

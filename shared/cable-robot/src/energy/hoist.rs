@@ -187,7 +187,7 @@ impl Hoist<'_> {
     }
 
     /// Cost of a path flown with a speed profile, with the forces of its accelerations of a node of `mass_kg`: Simpson's rule
-    /// over time, in each piece between two knots with at least two of about `intervals` intervals.
+    /// over time, in each piece between two knots with at least two of about `intervals` intervals. A dwell costs what holding costs.
     pub fn along_profile(
         &self,
         path: &Path,
@@ -200,6 +200,9 @@ impl Hoist<'_> {
         let duration_s = profile.duration();
         let mut total = Sum::new();
         let knots = profile.knots();
+        if knots.len() < 2 {
+            total.add(&self.instant(&path.start(), &Vector3::zeros(), &self.wrench_n)?, duration_s);
+        }
         let mut from_s = 0.0;
         for pair in knots.windows(2) {
             let to_s = profile.time_at(pair[1].s_m);

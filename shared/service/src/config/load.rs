@@ -140,6 +140,17 @@ impl BoxFile {
         self.runs.parent().unwrap_or(Path::new(".")).join("state")
     }
 
+    /// What the state of this robot is kept under: a real box is one robot, whoever runs it; a virtual one hangs in its domain, and
+    /// another domain's is another robot.
+    #[must_use]
+    pub fn state_name(&self, domain: &str) -> String {
+        if self.motor_box.is_none() {
+            return self.name.clone();
+        }
+        let domain: String = domain.chars().map(|c| if c.is_alphanumeric() { c } else { '-' }).collect();
+        format!("{}-{domain}", self.name)
+    }
+
     /// Reads and checks a box file and the robot file it names. The paths `robot`, `runs` and `planner.missions` of the result no
     /// longer depend on the folder of the file.
     ///
