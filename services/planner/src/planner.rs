@@ -222,7 +222,9 @@ impl Planner {
         let before_s = segment.start_s + if dwells { mark.along } else { segment.profile.time_at(mark.along) };
         let here = Vector3::from(estimate.position_m);
         let plan = match whole.rest(mission, &self.config, mark, here, authority.plan_time_s, self.next_id) {
-            Err(PlanError::AlreadyThere) => return refuse(format!("mission \"{name}\" is done; nothing is left of it")),
+            Err(PlanError::AlreadyThere) => {
+                return refuse(format!("mission \"{name}\" is done; nothing is left of it"));
+            }
             plan => plan?,
         };
         let flight = Flight {

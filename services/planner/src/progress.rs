@@ -124,10 +124,7 @@ impl Keeper {
                     Ok(()) => failed = false,
                     Err(error) if !failed => {
                         failed = true;
-                        tracing::warn!(
-                            "{}",
-                            KeepError::Unwritable { path: target.clone(), why: error.to_string() }
-                        );
+                        tracing::warn!("{}", KeepError::Unwritable { path: target.clone(), why: error.to_string() });
                     }
                     Err(_) => {}
                 }

@@ -115,13 +115,17 @@ pub enum ScanError {
     #[error("corner_m and opposite_m are the same point; give two corners of the area")]
     NoArea,
     /// Lines across the area's plane.
-    #[error("along is {axis}, and the area has no extent in that direction; accepted: an axis in which the corners differ")]
+    #[error(
+        "along is {axis}, and the area has no extent in that direction; accepted: an axis in which the corners differ"
+    )]
     Across {
         /// The axis that was asked for.
         axis: &'static str,
     },
     /// Too fine for its size.
-    #[error("the raster would have {lines} lines; accepted: up to {MAX_LINES}; take a larger pitch_m or several missions")]
+    #[error(
+        "the raster would have {lines} lines; accepted: up to {MAX_LINES}; take a larger pitch_m or several missions"
+    )]
     TooFine {
         /// As many as it would take.
         lines: f64,

@@ -132,9 +132,18 @@ fn a_scan_says_before_what_it_comes_to() {
 #[test]
 fn what_a_scan_cannot_reach_is_refused_with_where_and_how_much() {
     for (text, says) in [
-        ("raster = { corner_m = [4, 3, 0.5], opposite_m = [9.7, 4, 0.5], pitch_m = 0.2 }", &["leg 1", "cable", "limit"][..]),
-        ("raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.6], pitch_m = 0.2 }", &["leg 1", "opposite_m", "level"]),
-        ("raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.2, along = \"z\" }", &["along is z"]),
+        (
+            "raster = { corner_m = [4, 3, 0.5], opposite_m = [9.7, 4, 0.5], pitch_m = 0.2 }",
+            &["leg 1", "cable", "limit"][..],
+        ),
+        (
+            "raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.6], pitch_m = 0.2 }",
+            &["leg 1", "opposite_m", "level"],
+        ),
+        (
+            "raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.2, along = \"z\" }",
+            &["along is z"],
+        ),
         ("raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.001 }", &["1000 lines", "pitch_m"]),
         ("raster = { corner_m = [4, 0.5], opposite_m = [5, 1.5], pitch_m = 0.2 }", &["leg 1", "moves in space"]),
         ("profile = { at_m = [4.8, 3, 0.5], rise_m = -0.9 }", &["leg 1", "ground"]),

@@ -141,7 +141,8 @@ impl<'a> Builder<'a> {
             Leg::Dwell(l) => self.dwell(number, l.duration_s),
             Leg::Raster(l) => {
                 let [corner, opposite] = [&l.corner_m, &l.opposite_m].map(|p| self.point(number, p));
-                let points = scan::raster(origin + corner?, origin + opposite?, l.spacing_m(), l.along).map_err(scan)?;
+                let points =
+                    scan::raster(origin + corner?, origin + opposite?, l.spacing_m(), l.along).map_err(scan)?;
                 let stops: Vec<Stop> = points.into_iter().map(|at| Stop { at, dwell_s: 0.0 }).collect();
                 self.stops(number, &stops, l.speed_m_s)
             }
@@ -181,8 +182,7 @@ impl<'a> Builder<'a> {
         if duration_s == 0.0 {
             return Ok(());
         }
-        let profile =
-            Profile::dwell(duration_s.max(SHORTEST_S)).map_err(|error| PlanError::Profile { leg, error })?;
+        let profile = Profile::dwell(duration_s.max(SHORTEST_S)).map_err(|error| PlanError::Profile { leg, error })?;
         self.push(leg, Path::Dwell(self.at), profile)
     }
 

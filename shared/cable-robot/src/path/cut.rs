@@ -71,8 +71,11 @@ mod tests {
         let point = || prop::array::uniform3(-3.0..3.0f64).prop_map(Vector3::from);
         prop_oneof![
             (point(), point()).prop_map(|(from, to)| Path::line(from, to)),
-            (point(), point(), -0.5..0.5f64)
-                .prop_map(|(from, to, mu_per_m)| Path::Parabola(Parabola { from, to, mu_per_m })),
+            (point(), point(), -0.5..0.5f64).prop_map(|(from, to, mu_per_m)| Path::Parabola(Parabola {
+                from,
+                to,
+                mu_per_m
+            })),
             (point(), 0.0..1.0f64, 0.1..1.0f64, -4.0..4.0f64, -1.0..1.0f64, -3.0..3.0f64).prop_map(
                 |(centre, start_radius_m, end_radius_m, turns, rise_m, start_angle_rad)| {
                     Path::Spiral(Spiral { centre, start_radius_m, end_radius_m, turns, rise_m, start_angle_rad })
