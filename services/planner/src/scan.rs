@@ -180,8 +180,10 @@ pub fn raster(
     let slow = (0..3).find(|axis| *axis != fast && spanned(*axis));
     let width_m = slow.map_or(0.0, |axis| size[axis].abs());
     // a strip that is wider by rounding alone needs no second line
-    let lines = (width_m / spacing_m - 1e-9).ceil().max(1.0);
-    if !(lines <= MAX_LINES as f64) {
+    let lines = (width_m / spacing_m - 1e-9).ceil();
+    let lines = if lines < 1.0 { 1.0 } else { lines };
+    // NaN is too many as well.
+    if !lines.is_finite() || lines > MAX_LINES as f64 {
         return Err(ScanError::TooFine { lines });
     }
     let mut points = Vec::with_capacity(2 * lines as usize);
@@ -208,7 +210,7 @@ pub fn transect(
     dwell_s: f64,
 ) -> Result<Vec<Stop>, ScanError> {
     let steps = step_m.map_or(1.0, |step_m| ((to - from).norm() / step_m - 1e-9).ceil().max(1.0));
-    if !(steps < MAX_STOPS as f64) {
+    if !steps.is_finite() || steps >= MAX_STOPS as f64 {
         return Err(ScanError::TooMany { stops: steps + 1.0 });
     }
     let at = |step: usize| from + (to - from) * (step as f64 / steps);
