@@ -105,9 +105,9 @@ pub const ROWS: [Row; 24] = [
     ),
     row(
         "estop 1 128",
-        "the unit's own status, asked for about every 12 cycles where answers leave time for it, more seldom where they are late; or the \
-         port's stop_pin, looked at in every cycle",
-        100,
+        "the unit's own status, asked for every 12 cycles for two units, every 24 where answers leave little time for it; or the port's \
+         stop_pin, looked at in every cycle",
+        40,
         MotorAuthority::FAULT_EMERGENCY_INPUT,
         MotorAuthority::MODE_EMERGENCY_STOP,
         "the unit lets its motors go by itself; every other line is held where it is at once, until the button is released and the robot \

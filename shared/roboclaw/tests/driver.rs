@@ -187,6 +187,27 @@ fn what_can_wait_is_left_out_when_there_is_no_time() {
 }
 
 #[test]
+fn where_time_is_always_short_the_status_is_read_all_the_same() {
+    let mut run = Run::connected(two_units());
+    for _ in 0..96 {
+        let tick_ns = run.tick_ns;
+        run.bus.line_mut().wait_until(tick_ns);
+        let before = run.bus.counters().left_out;
+        // Behind commands and encoders there is time for one question or two.
+        run.bus.cycle(&[[Drive::HOLD; 2]; 2], tick_ns + 4 * MS, &mut run.answers);
+        assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()));
+        assert!(run.bus.counters().left_out > before, "there was time for everything");
+        run.tick_ns += PERIOD_NS;
+    }
+    for unit in 0..2 {
+        let report = run.bus.report(unit).unwrap();
+        for (what, at_ns) in [("status", report.status.at_ns), ("currents", report.currents_a.at_ns)] {
+            assert!(run.tick_ns - at_ns < 48 * PERIOD_NS, "{what} was not asked for");
+        }
+    }
+}
+
+#[test]
 fn a_late_cycle_sends_nothing() {
     let mut run = Run::connected(two_units());
     let sent = run.bus.counters().exchanges;

@@ -185,7 +185,13 @@ impl<T: Transport> Bus<T> {
         Ok(())
     }
 
+    /// Currents of every unit, and one of the slow reads, as far as there is time. A slow read that was left out comes before the currents
+    /// in the next cycle: among them is the status, and with it the stop button.
     fn read_what_can_wait(&mut self, deadline_ns: u64) {
+        let first = std::mem::replace(&mut self.slow_left_out, true);
+        if first && !self.read_next_slow(deadline_ns) {
+            return;
+        }
         let units = self.units.len();
         for _ in 0..units {
             let index = self.current_turn % units;
@@ -198,14 +204,22 @@ impl<T: Transport> Bus<T> {
                 return;
             }
         }
-        if self.has_time(6, deadline_ns) {
-            let (index, read) = (self.slow_turn % units, SLOW[self.slow_turn / units % SLOW.len()]);
-            self.slow_turn = (self.slow_turn + 1) % (units * SLOW.len());
-            // An error has brought the line out of step; the next cycle tells.
-            let _ = self.read_slow(index, read);
-        } else {
-            self.counters.left_out += 1;
+        if !first {
+            self.read_next_slow(deadline_ns);
         }
+    }
+
+    /// False if the line is out of step; the next cycle tells.
+    fn read_next_slow(&mut self, deadline_ns: u64) -> bool {
+        if !self.has_time(6, deadline_ns) {
+            self.counters.left_out += 1;
+            return true;
+        }
+        self.slow_left_out = false;
+        let units = self.units.len();
+        let (index, read) = (self.slow_turn % units, SLOW[self.slow_turn / units % SLOW.len()]);
+        self.slow_turn = (self.slow_turn + 1) % (units * SLOW.len());
+        self.read_slow(index, read).is_ok()
     }
 
     fn has_time(&self, answer_bytes: usize, deadline_ns: u64) -> bool {

@@ -137,6 +137,7 @@ pub struct Bus<T> {
     /// Usual time from the last byte sent to the first received, beside the bytes' own time.
     turnaround_ns: u64,
     slow_turn: usize,
+    slow_left_out: bool,
     current_turn: usize,
     counters: Counters,
     stop_pin: Option<StatusPin>,
@@ -188,6 +189,7 @@ impl<T: Transport> Bus<T> {
             next_fence: 0,
             turnaround_ns: 500_000,
             slow_turn: 0,
+            slow_left_out: false,
             current_turn: 0,
             counters: Counters::default(),
             stop_pin: config.stop_pin,
