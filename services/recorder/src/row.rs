@@ -19,9 +19,15 @@ pub struct Row {
     lost: u64,
     gaps: u64,
     worst_lag_ns: u64,
-    /// The last sample written, and where it belongs.
+    /// The last sample that is in a file.
     last: Option<Heard>,
-    last_sample: Vec<u8>,
+    /// The last sample that was written, and where it belongs: an error of the file can take it back.
+    newest: Option<Heard>,
+    newest_sample: Vec<u8>,
+    /// What has been written since the file last settled: samples, and those that its gaps say are missing.
+    unsettled: u64,
+    unsettled_missing: u64,
+    settled: Option<Heard>,
     /// Samples since the last one written that went to no file.
     unwritten: u64,
 }
@@ -29,9 +35,23 @@ pub struct Row {
 impl Row {
     pub(crate) fn new(spec: ChannelSpec) -> Self {
         let has_header = Schema::parse(&spec.schema).is_ok_and(|schema| schema.has_header());
-        let (messages, bytes, lost, gaps, worst_lag_ns, unwritten) = (0, 0, 0, 0, 0, 0);
-        let (id, last, last_sample) = (None, None, Vec::new());
-        Self { spec, has_header, id, messages, bytes, lost, gaps, worst_lag_ns, last, last_sample, unwritten }
+        Self {
+            spec,
+            has_header,
+            id: None,
+            messages: 0,
+            bytes: 0,
+            lost: 0,
+            gaps: 0,
+            worst_lag_ns: 0,
+            last: None,
+            newest: None,
+            newest_sample: Vec::new(),
+            unsettled: 0,
+            unsettled_missing: 0,
+            settled: None,
+            unwritten: 0,
+        }
     }
 
     /// The channel.
@@ -68,15 +88,50 @@ impl Row {
         self.worst_lag_ns = self.worst_lag_ns.max(lag_ns);
     }
 
-    /// Takes note of a sample that is in the file.
+    /// Takes note of a sample that was written.
     pub(crate) fn written(&mut self, heard: &Heard, sample: &[u8]) {
         self.lost = self.lost.saturating_add(heard.missing);
         self.gaps += u64::from(heard.missing > 0);
         self.messages += 1;
         self.bytes += sample.len() as u64;
-        self.last = Some(*heard);
-        self.last_sample.clear();
-        self.last_sample.extend_from_slice(sample);
+        self.unsettled += 1;
+        self.unsettled_missing = self.unsettled_missing.saturating_add(heard.missing);
+        (self.last, self.newest) = (Some(*heard), Some(*heard));
+        self.newest_sample.clear();
+        self.newest_sample.extend_from_slice(sample);
+    }
+
+    /// All that was written stays in the file.
+    pub(crate) fn settle(&mut self) {
+        (self.unsettled, self.unsettled_missing, self.settled) = (0, 0, self.last);
+    }
+
+    /// What was written since the file last settled is in no file; how many samples that are.
+    pub(crate) fn take_back(&mut self) -> u64 {
+        let lost = std::mem::take(&mut self.unsettled);
+        self.messages -= lost;
+        self.bytes -= lost * self.spec.size as u64;
+        self.lost = self.lost.saturating_add(lost);
+        // the gaps that were written there have to be written again
+        let missing = std::mem::take(&mut self.unsettled_missing);
+        self.gaps += u64::from(lost > 0 && self.unwritten == 0 && missing == 0);
+        self.unwritten = self.unwritten.saturating_add(lost).saturating_add(missing);
+        self.last = self.settled;
+        lost
+    }
+
+    /// The last sample, which had been taken back, begins the next file; true if it had been.
+    pub(crate) fn found_again(&mut self) -> bool {
+        let taken_back = self.newest.is_some() && self.newest != self.last && self.unwritten > 0;
+        if taken_back {
+            (self.last, self.settled) = (self.newest, self.newest);
+            self.messages += 1;
+            self.bytes += self.spec.size as u64;
+            self.lost = self.lost.saturating_sub(1);
+            self.unwritten -= 1;
+            self.gaps -= u64::from(self.unwritten == 0);
+        }
+        taken_back
     }
 
     /// Takes note of a sample that no file took, and of those that are missing before it.
@@ -95,6 +150,7 @@ impl Row {
             0 => return None,
             missing => (missing, if unwritten > 0 { cause } else { RecorderGap::CAUSE_NOT_HEARD }),
         };
+        self.unsettled_missing = self.unsettled_missing.saturating_add(unwritten);
         let (last_seq, last_ns) = self.last.map_or((0, 0), |last| (last.seq, last.logged_ns));
         let (next_seq, next_ns) = (heard.seq, heard.logged_ns);
         let mut gap = RecorderGap { missing, last_seq, next_seq, last_ns, next_ns, cause, ..RecorderGap::default() };
@@ -104,8 +160,8 @@ impl Row {
 
     /// The last sample, if the channel has been silent since `before_ns`.
     pub(crate) fn silent_since(&self, before_ns: u64) -> Option<(Heard, &[u8])> {
-        let last = self.last.filter(|last| last.logged_ns < before_ns)?;
-        Some((last, &self.last_sample))
+        let newest = self.newest.filter(|newest| newest.logged_ns < before_ns)?;
+        Some((newest, &self.newest_sample))
     }
 
     /// What `recorder/status` says of the channel.

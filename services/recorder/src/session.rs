@@ -47,6 +47,22 @@ struct Recording {
     gaps: Option<ChannelId>,
     begun_ns: u64,
     split_ns: u64,
+    settled: u64,
+}
+
+impl Recording {
+    /// Hands all that was written to the system; nothing else of it is unsettled then.
+    fn flush(&mut self) -> Result<(), RunError> {
+        self.writer.flush()?;
+        self.has_settled();
+        Ok(())
+    }
+
+    /// Whether all that was written has come into the file whole since this was asked last.
+    fn has_settled(&mut self) -> bool {
+        let before = std::mem::replace(&mut self.settled, self.writer.settled());
+        before != self.settled
+    }
 }
 
 enum State {
@@ -126,13 +142,21 @@ impl Session {
         tracing::info!("recording to {}", path.display());
         self.file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         self.files += 1;
+        let before = std::mem::replace(&mut self.state, State::DiskFull);
+        let before = if let State::Recording(before) = before { self.settle_file(before) } else { None };
         for (row, id) in self.rows.iter_mut().zip(ids) {
             row.id = id;
+            let repeated = row.id.is_some() && row.silent_since(now_ns.saturating_sub(STATIC_NS)).is_some();
+            if repeated && row.found_again() {
+                self.total_messages += 1;
+                self.total_bytes += row.spec.size as u64;
+            }
         }
         let split_ns = now_ns.saturating_add(self.settings.segment_ns);
-        let recording = Recording { writer, gaps: None, begun_ns: now_ns, split_ns };
-        let before = std::mem::replace(&mut self.state, State::Recording(Box::new(recording)));
-        if let State::Recording(before) = before {
+        let settled = writer.settled();
+        let recording = Recording { writer, gaps: None, begun_ns: now_ns, split_ns, settled };
+        self.state = State::Recording(Box::new(recording));
+        if let Some(before) = before {
             let summary = self.summary("the next file was begun");
             self.finishing.push(std::thread::spawn(move || before.writer.finish(&summary)));
         }
@@ -170,33 +194,66 @@ impl Session {
     /// Writes a sorted batch that was heard at `heard_ns`. What cannot be written is counted as lost; nothing here is an error to the caller.
     pub fn write(&mut self, batch: &Batch, heard_ns: u64, now_ns: u64) {
         for (heard, sample) in batch.iter() {
-            let written = self.write_one(heard, sample);
-            let Some(row) = self.rows.get_mut(heard.row) else { continue };
-            row.lagged(now_ns.saturating_sub(heard_ns));
-            match written {
-                Ok(true) => {
-                    row.written(heard, sample);
-                    self.total_messages += 1;
-                    self.total_bytes += sample.len() as u64;
+            let written = match self.write_one(heard, sample) {
+                Ok(written) => written,
+                Err((RunError::Size { .. }, _)) => false,
+                Err((error, of_sample)) => {
+                    if self.fail(&error, now_ns) && of_sample {
+                        self.note(heard, Some(sample));
+                        self.settle();
+                        continue;
+                    }
+                    false
                 }
-                Ok(false) | Err(RunError::Size { .. }) => row.not_written(heard),
-                Err(error) => {
-                    row.not_written(heard);
-                    self.fail(&error, now_ns);
-                }
+            };
+            self.note(heard, written.then_some(sample));
+            if let Some(row) = self.rows.get_mut(heard.row) {
+                row.lagged(now_ns.saturating_sub(heard_ns));
+            }
+            let settled = if let State::Recording(recording) = &mut self.state { recording.has_settled() } else { false };
+            if settled {
+                self.settle();
             }
         }
     }
 
-    /// False if nothing is being recorded.
-    fn write_one(&mut self, heard: &Heard, sample: &[u8]) -> Result<bool, RunError> {
+    /// Counts a sample that was written, or (`None`) that was not.
+    fn note(&mut self, heard: &Heard, written: Option<&[u8]>) {
+        let Some(row) = self.rows.get_mut(heard.row) else { return };
+        match written {
+            Some(sample) => {
+                row.written(heard, sample);
+                self.total_messages += 1;
+                self.total_bytes += sample.len() as u64;
+            }
+            None => row.not_written(heard),
+        }
+    }
+
+    /// All that was written stays in the file.
+    fn settle(&mut self) {
+        self.rows.iter_mut().for_each(Row::settle);
+    }
+
+    /// What was written since the file last settled is in no file.
+    fn take_back(&mut self) {
+        for row in &mut self.rows {
+            let lost = row.take_back();
+            self.total_messages -= lost;
+            self.total_bytes -= lost * row.spec.size as u64;
+        }
+    }
+
+    /// False if nothing is being recorded. An error says whether it came with the sample itself.
+    fn write_one(&mut self, heard: &Heard, sample: &[u8]) -> Result<bool, (RunError, bool)> {
         let State::Recording(recording) = &mut self.state else { return Ok(false) };
         let Recording { writer, gaps, .. } = &mut **recording;
         let Some(row) = self.rows.get_mut(heard.row) else { return Ok(false) };
+        let before = |error| (error, false);
         let id = match row.id {
             Some(id) => id,
             None => {
-                let id = writer.add_channel(&row.spec)?;
+                let id = writer.add_channel(&row.spec).map_err(before)?;
                 if let Some(why) = writer.refusal(id) {
                     tracing::warn!("channel {} is recorded as plain bytes: {why}", row.spec.name);
                 }
@@ -209,11 +266,12 @@ impl Session {
             (gap.header.stamp_ns, gap.header.oldest_input_ns) = (heard.logged_ns, heard.logged_ns);
             let id = match *gaps {
                 Some(id) => id,
-                None => *gaps.insert(writer.add_channel(&ChannelSpec::of::<RecorderGap>(GAPS))?),
+                None => *gaps.insert(writer.add_channel(&ChannelSpec::of::<RecorderGap>(GAPS)).map_err(before)?),
             };
-            writer.write(id, self.gaps, heard.logged_ns, heard.logged_ns, bytemuck::bytes_of(&gap))?;
+            let gap = bytemuck::bytes_of(&gap);
+            writer.write(id, self.gaps, heard.logged_ns, heard.logged_ns, gap).map_err(before)?;
         }
-        writer.write(id, heard.seq, heard.logged_ns, heard.stamp_ns, sample)?;
+        writer.write(id, heard.seq, heard.logged_ns, heard.stamp_ns, sample).map_err(|error| (error, true))?;
         Ok(true)
     }
 
@@ -254,8 +312,11 @@ impl Session {
             }
             State::Recording(recording) if now_ns >= self.next_flush_ns => {
                 self.next_flush_ns = now_ns + self.settings.flush_ns;
-                if let Err(error) = recording.writer.flush() {
-                    self.fail(&error, now_ns);
+                match recording.flush() {
+                    Ok(()) => self.settle(),
+                    Err(error) => {
+                        self.fail(&error, now_ns);
+                    }
                 }
             }
             State::Recording(_) => {}
@@ -271,11 +332,42 @@ impl Session {
         }
     }
 
-    fn fail(&mut self, error: &RunError, now_ns: u64) {
+    /// Leaves the file, if one is being written; true if all that was written is in it nevertheless.
+    fn fail(&mut self, error: &RunError, now_ns: u64) -> bool {
         tracing::error!("NOTHING IS BEING RECORDED: {error}; trying another file in {} s", RETRY_NS / SECOND_NS);
-        self.state = State::Failed { retry_ns: now_ns + RETRY_NS };
-        self.unfinished = true;
+        let failed = State::Failed { retry_ns: now_ns + RETRY_NS };
         self.cause = RecorderGap::CAUSE_FAILED;
+        match std::mem::replace(&mut self.state, failed) {
+            State::Recording(recording) => self.leave(*recording),
+            State::DiskFull | State::Failed { .. } => false,
+        }
+    }
+
+    /// Leaves a file that cannot be written any more; true if all that was written is in it nevertheless.
+    fn leave(&mut self, recording: Recording) -> bool {
+        self.unfinished = true;
+        let whole = recording.writer.give_up();
+        if whole {
+            self.settle();
+        } else {
+            self.take_back();
+        }
+        whole
+    }
+
+    /// Closes the last chunk of a file that is to be finished; `None` if that fails.
+    fn settle_file(&mut self, mut recording: Box<Recording>) -> Option<Box<Recording>> {
+        match recording.flush() {
+            Ok(()) => {
+                self.settle();
+                Some(recording)
+            }
+            Err(error) => {
+                tracing::error!("{error}");
+                self.leave(*recording);
+                None
+            }
+        }
     }
 
     fn say_full(&self) {
@@ -314,7 +406,12 @@ impl Session {
     }
 
     fn end(&mut self, reason: &str) -> Result<Option<PathBuf>, RunError> {
-        let State::Recording(recording) = std::mem::replace(&mut self.state, State::DiskFull) else { return Ok(None) };
+        let State::Recording(mut recording) = std::mem::replace(&mut self.state, State::DiskFull) else { return Ok(None) };
+        if let Err(error) = recording.flush() {
+            self.leave(*recording);
+            return Err(error);
+        }
+        self.settle();
         recording.writer.finish(&self.summary(reason)).map(Some)
     }
 

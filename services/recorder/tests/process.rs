@@ -10,7 +10,10 @@ use std::process::Command;
 
 use bus::clock::{Pacer, now_ns};
 use bus::{Bus, Domain};
-use messages::{LogEvent, Message, MotorState, Reading, RecorderStatus, TruthNode, put_text, quality_of, text_of};
+use messages::ros::PointCloud2;
+use messages::{
+    LogEvent, Message, MotorState, Reading, RecorderGap, RecorderStatus, TruthNode, put_text, quality_of, text_of,
+};
 use runlog::{RunReader, info, read_channel, recover};
 use tempfile::TempDir;
 
@@ -162,6 +165,65 @@ fn kill_after(count: u64) -> u64 {
 }
 
 #[test]
+fn a_file_that_takes_no_more_is_left_and_every_sample_that_is_missing_is_counted() {
+    let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut recording = Recording::start_limited(&domain, run.path(), &bus, 16_000_000);
+    let mut rows = bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
+    let mut states = bus.publisher::<MotorState>("motor/state").unwrap();
+    let mut clouds = bus.publisher::<PointCloud2>("scene/samples/noise").unwrap();
+    let mut cloud: Box<PointCloud2> = Box::new(bytemuck::Zeroable::zeroed());
+    let (mut seq, mut random) = (0, 88_172_645_463_325_252_u64);
+    let mut last = None;
+    // no number of seconds: until the recorder says so, and half a second more
+    let mut publish_until = |noise: bool, state: u8| {
+        let (mut pacer, mut more) = (Pacer::new(2_000_000), 0);
+        let give_up = now_ns() + 60_000_000_000;
+        while more < 250 {
+            pacer.next();
+            seq += 1;
+            states.send(&mut self::state(seq)).unwrap();
+            if noise {
+                for byte in &mut cloud.0 {
+                    random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1);
+                    *byte = (random >> 56) as u8;
+                }
+                clouds.send(&mut cloud).unwrap();
+            }
+            while let Some(row) = rows.receive().unwrap().filter(|row| text_of(&row.channel) == "motor/state") {
+                last = Some(row);
+            }
+            more += u64::from(more > 0 || last.is_some_and(|row| row.state == state));
+            assert!(now_ns() < give_up, "{last:?}");
+        }
+        seq
+    };
+    publish_until(true, RecorderStatus::STATE_RECORDING);
+    publish_until(true, RecorderStatus::STATE_FAILED);
+    let published = publish_until(false, RecorderStatus::STATE_RECORDING);
+    assert_eq!(recording.signal(rustix::process::Signal::TERM), Some(0));
+    // the recorder itself may not write a file that large
+    let part = run.path().join("run.mcap.part");
+    if part.exists() {
+        recover(&part, &mut |_, _| {}).unwrap();
+    }
+
+    let found = numbers::<MotorState>(run.path(), "motor/state");
+    assert_eq!(found.last(), Some(&published));
+    let missing = published - found.len() as u64;
+    let report = info(run.path()).unwrap();
+    assert!(missing > 250 && report.files.len() == 2, "{report}");
+    let gaps = read_channel::<RecorderGap>(run.path(), "recorder/gap").unwrap();
+    let of_states = || gaps.iter().map(|(_, gap)| gap).filter(|gap| text_of(&gap.channel) == "motor/state");
+    assert_eq!(of_states().map(|gap| gap.missing).sum::<u64>(), missing, "{report}");
+    let gap = of_states().max_by_key(|gap| gap.missing).unwrap();
+    assert!(found.contains(&gap.last_seq) && found.contains(&gap.next_seq) && !found.contains(&(gap.last_seq + 1)));
+    let said = read_channel::<RecorderStatus>(run.path(), "recorder/status").unwrap();
+    let last = said.iter().rev().find(|(_, row)| text_of(&row.channel) == "motor/state").unwrap().1;
+    assert_eq!((last.lost, last.state), (missing, RecorderStatus::STATE_RECORDING));
+}
+
+#[test]
 fn it_refuses_what_it_cannot_use_with_one_sentence() {
     let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
     let ask = |args: &[&str]| {
@@ -228,6 +290,8 @@ fn a_disk_that_fills_up_is_said_within_a_second_and_recording_goes_on_when_there
     let report = info(run.path()).unwrap();
     assert!(report.files.iter().all(|file| file.finished), "{report}");
     println!("noticed after {noticed_s:.2} s, resumed after {resumed_s:.2} s, longest send {worst_ns} ns\n{report}");
-    assert!(report.gaps.iter().any(|gap| gap.channel == "motor/state"), "{report}");
+    let missing: u64 = report.gaps.iter().filter(|gap| gap.channel == "motor/state").map(|gap| gap.missing).sum();
+    let found = numbers::<MotorState>(run.path(), "motor/state").len() as u64;
+    assert!(missing > 0 && missing + found == seq, "{missing} missing and {found} found of {seq}\n{report}");
     assert!(report.files.len() >= 2);
 }

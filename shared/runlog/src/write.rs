@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
-use std::io::{self, BufWriter, Seek, SeekFrom, Write};
+use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -28,6 +28,10 @@ pub(crate) const RUN_END: &str = "run_end";
 pub(crate) const CHANNELS_BEGINNING: &str = "channels-";
 /// Smaller chunks cost a quarter more processor time on small samples, larger ones gain nothing.
 const CHUNK_BYTES: u64 = 1 << 20;
+/// Of a message beside its data: opcode, length, channel, number, two times.
+const MESSAGE_BYTES: usize = 1 + 8 + 2 + 4 + 8 + 8;
+/// What a chunk begins with.
+const CHUNK: u8 = mcap::records::op::CHUNK;
 /// The records between chunks are small and many.
 const BUFFER_BYTES: usize = 64 * 1024;
 
@@ -78,6 +82,11 @@ pub struct RunWriter {
     repeated: usize,
     repeats: usize,
     scratch: Vec<u8>,
+    /// Bytes of the samples in the open chunk.
+    open: u64,
+    settled: u64,
+    /// Where the open chunk will begin in the file.
+    settled_bytes: u64,
 }
 
 impl RunWriter {
@@ -118,7 +127,9 @@ impl RunWriter {
         let theirs = file.try_clone().map_err(RunError::io(&part, "open the run file twice"))?;
         let syncer = Syncer::start(theirs).map_err(RunError::io(&part, "start the thread that synchronises"))?;
         let written = Arc::new(AtomicU64::new(0));
+        // chunks are closed here, so that it is known what is in a closed one
         let mut writer = options()
+            .chunk_size(None)
             .create(Counted { inner: BufWriter::with_capacity(BUFFER_BYTES, file), written: Arc::clone(&written) })
             .map_err(RunError::write(&part))?;
 
@@ -148,6 +159,9 @@ impl RunWriter {
             repeated: 0,
             repeats: 0,
             scratch: Vec::new(),
+            open: 0,
+            settled: 0,
+            settled_bytes: 0,
         };
         this.flush()?;
         sync_folder(&this.part)?;
@@ -187,7 +201,7 @@ impl RunWriter {
     /// Writes a sample. `logged_ns` is when it was published, `stamp_ns` when its content was true, both CLOCK_MONOTONIC.
     ///
     /// # Errors
-    /// The sample has not the channel's size (nothing is written then), or the file cannot be written.
+    /// The sample has not the channel's size (nothing is written then), or the file cannot be written: see [`RunWriter::give_up`].
     pub fn write(
         &mut self,
         channel: ChannelId,
@@ -213,7 +227,32 @@ impl RunWriter {
         self.scratch.clear();
         self.scratch.extend_from_slice(&CDR_HEADER);
         self.scratch.extend_from_slice(sample);
-        self.writer.write_to_known_channel(&header, &self.scratch).map_err(RunError::write(&self.part))
+        self.writer.write_to_known_channel(&header, &self.scratch).map_err(RunError::write(&self.part))?;
+        self.open += (MESSAGE_BYTES + self.scratch.len()) as u64;
+        if self.open > CHUNK_BYTES { self.close_chunk() } else { Ok(()) }
+    }
+
+    fn close_chunk(&mut self) -> Result<(), RunError> {
+        self.writer.flush().map_err(RunError::write(&self.part))?;
+        self.open = 0;
+        self.settled += 1;
+        self.settled_bytes = self.bytes();
+        Ok(())
+    }
+
+    /// Grows whenever all that has been written so far stands in the file as a whole chunk, so that no later error can take it away.
+    #[must_use]
+    pub fn settled(&self) -> u64 {
+        self.settled
+    }
+
+    /// Leaves the file as it is after an error; it can be recovered. True if all that was written since it last [settled](RunWriter::settled),
+    /// up to and with the sample whose writing failed, is in it nevertheless: a disk can fill up just behind the chunk.
+    pub fn give_up(self) -> bool {
+        let Self { writer, part, settled_bytes, .. } = self;
+        // what still waits in memory must not come into the file once that has been looked at
+        drop(writer.into_inner().inner.into_parts());
+        has_chunk(&part, settled_bytes).is_ok_and(|whole| whole)
     }
 
     /// Closes the open chunk, so that all written so far survives the death of this process, and asks the disk to keep it.
@@ -234,7 +273,7 @@ impl RunWriter {
             attach(&mut self.writer, &attachment, self.clock.t0_unix_ns).map_err(RunError::write(&self.part))?;
             self.repeated = self.channels.len();
         }
-        self.writer.flush().map_err(RunError::write(&self.part))?;
+        self.close_chunk()?;
         self.syncer.ask(self.bytes());
         Ok(())
     }
@@ -281,6 +320,17 @@ impl RunWriter {
         sync_folder(&path)?;
         Ok(path)
     }
+}
+
+/// Whether the file has the whole of the chunk that begins there.
+fn has_chunk(part: &Path, begin: u64) -> io::Result<bool> {
+    let mut file = File::open(part)?;
+    file.seek(SeekFrom::Start(begin))?;
+    let mut head = [0_u8; 9];
+    file.read_exact(&mut head)?;
+    let [opcode, length @ ..] = head;
+    let end = begin.saturating_add(head.len() as u64).saturating_add(u64::from_le_bytes(length));
+    Ok(opcode == CHUNK && file.metadata()?.len() >= end)
 }
 
 /// How every run file is written.

@@ -26,8 +26,20 @@ impl Recording {
     }
 
     pub fn start_with(domain: &Domain, run: &Path, bus: &Bus, more: &[&str]) -> Self {
+        Self::start_as(Command::new(env!("CARGO_BIN_EXE_recorder")), domain, run, bus, more)
+    }
+
+    /// One whose files cannot grow beyond so many bytes: to it, the disk is full there.
+    pub fn start_limited(domain: &Domain, run: &Path, bus: &Bus, bytes: usize) -> Self {
+        let mut command = Command::new("sh");
+        let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$0\" \"$@\"", bytes / 512);
+        command.args(["-c", &script, env!("CARGO_BIN_EXE_recorder")]);
+        Self::start_as(command, domain, run, bus, &[])
+    }
+
+    fn start_as(mut command: Command, domain: &Domain, run: &Path, bus: &Bus, more: &[&str]) -> Self {
         let mut beats = bus.subscriber::<Heartbeat>("system/heartbeat/recorder").unwrap();
-        let child = Command::new(env!("CARGO_BIN_EXE_recorder"))
+        let child = command
             .args(["--domain", domain.name(), "--run"])
             .arg(run)
             .args(more)
