@@ -210,7 +210,8 @@ impl Session {
             if let Some(row) = self.rows.get_mut(heard.row) {
                 row.lagged(now_ns.saturating_sub(heard_ns));
             }
-            let settled = if let State::Recording(recording) = &mut self.state { recording.has_settled() } else { false };
+            let settled =
+                if let State::Recording(recording) = &mut self.state { recording.has_settled() } else { false };
             if settled {
                 self.settle();
             }
@@ -406,7 +407,9 @@ impl Session {
     }
 
     fn end(&mut self, reason: &str) -> Result<Option<PathBuf>, RunError> {
-        let State::Recording(mut recording) = std::mem::replace(&mut self.state, State::DiskFull) else { return Ok(None) };
+        let State::Recording(mut recording) = std::mem::replace(&mut self.state, State::DiskFull) else {
+            return Ok(None);
+        };
         if let Err(error) = recording.flush() {
             self.leave(*recording);
             return Err(error);
