@@ -12,8 +12,8 @@ use bus::clock::now_ns;
 use bus::{Bus, Domain};
 use messages::schema::{Number, Schema};
 use messages::{
-    ControlStatus, Energy, Field, Header, Heartbeat, LogEvent, Message, MotorAuthority, MotorCommand, MotorInput,
-    MotorSlots, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading,
+    ControlStatus, Energy, Field, FieldMap, Header, Heartbeat, LogEvent, Message, MotorAuthority, MotorCommand,
+    MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading,
     RecorderStatus, Sample, TruthNode, put_text, schema_name,
 };
 use runlog::{ChannelSpec, RunClock, RunWriter, info};
@@ -144,7 +144,7 @@ fn every_type_of_the_table_is_read_field_by_field() {
     write_all!("motor/state": MotorState, "motor/authority": MotorAuthority, "motor/input": MotorInput, "motor/slots": MotorSlots,
         "motor/command/a": MotorCommand, "motor/command/b": MotorCommand, "node/estimate/a": NodeEstimate,
         "plan/motion": PlanMotion, "plan/status": PlanStatus, "control/status/a": ControlStatus,
-        "operator/request": OperatorRequest, "sensor/wind": Reading, "sample/wind": Sample, "energy": Energy,
+        "operator/request": OperatorRequest, "sensor/wind": Reading, "sample/wind": Sample, "map/wind": FieldMap, "energy": Energy,
         "system/heartbeat/motor-io": Heartbeat, "system/log/motor-io": LogEvent, "system/process": ProcessState,
         "recorder/status": RecorderStatus, "truth/node": TruthNode);
 

@@ -2,8 +2,9 @@
 
 use crate::ros::{Log, MarkerArray, Path, Payload, PointCloud2, PoseStamped, TfMessage};
 use crate::{
-    ControlStatus, Energy, Heartbeat, LogEvent, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
-    NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading, RecorderStatus, Sample, TruthNode,
+    ControlStatus, Energy, FieldMap, Heartbeat, LogEvent, MotorAuthority, MotorCommand, MotorInput, MotorSlots,
+    MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading, RecorderStatus, Sample,
+    TruthNode,
 };
 
 /// Quality of service of a channel. Safe overflow is always on: the oldest sample makes room, a publisher never waits.
@@ -48,6 +49,9 @@ const SENSOR: Quality = Quality { buffer: 256, history: 128, late: 4, publishers
 /// Clouds of points, pictures: large and slow.
 const CLOUD: Quality = Quality { buffer: 64, history: 8, late: 1, publishers: 2, subscribers: 8, nodes: 40 };
 
+/// Maps, about once a second; large, so no more of it than is needed.
+const MAP: Quality = Quality { buffer: 8, history: 2, late: 1, publishers: 1, subscribers: 8, nodes: 40 };
+
 /// What is drawn, 25 times a second, and what of it changes slowly, twice a second; large, so no more of it than is needed.
 const SCENE: Quality = Quality { buffer: 64, history: 32, late: 1, publishers: 1, subscribers: 8, nodes: 40 };
 /// See [`SCENE`].
@@ -71,6 +75,7 @@ pub const CHANNELS: &[Channel] = &[
     row::<OperatorRequest>("operator/request", BURST),
     row::<Reading>("sensor/*", SENSOR),
     row::<Sample>("sample/*", SENSOR),
+    row::<FieldMap>("map/*", MAP),
     Channel { pattern: "cloud/*", type_name: None, schema: None, quality: CLOUD },
     row::<Energy>("energy", CYCLE),
     row::<Heartbeat>("system/heartbeat/*", SLOW),

@@ -35,7 +35,7 @@ pub use message::expanded;
 pub use message::{Field, Header, Message, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
-pub use node::{ControlStatus, NodeEstimate, Reading, Sample, TruthNode};
+pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};
 pub use system::{Heartbeat, LogEvent, OperatorRequest, ProcessState, RecorderGap, RecorderStatus};
 pub use text::{put_text, text_of};
 

@@ -107,15 +107,55 @@ message! {
 }
 
 message! {
-    /// `sample/NAME`: a reading with the position of the node at the reading's own time.
+    /// `sample/NAME`: a reading with the place of the sensor at the reading's own time, which is `stamp_ns`.
+    ///
+    /// The place is that of the node between two estimates, and the sensor's lever. Its standard deviation holds those of the estimate,
+    /// its anchors included, of its residual, and of the instant.
     pub struct Sample {
         header: Header,
         position_m: [f64; 3],
         position_std_m: [f64; 3],
+        /// The first `count` count.
         value: [f64; 8],
+        /// `seq` of the reading on `sensor/NAME`.
         reading_seq: u64,
         count: u8,
+        /// As in [`Reading`]; stale readings are left out.
         quality: u8,
         pad0: [u8; 6],
+        /// As in [`Reading`]; of a type of its own the names of its fields, without units.
+        quantity: [u8; 64],
+        unit: [u8; 32],
     }
+}
+
+message! {
+    /// `map/NAME`: what the samples of a sensor say so far about the field it measures, over the plane.
+    ///
+    /// Cells are squares, row by row from the lowest y, in a row from the lowest x; the first `columns` x `rows` count. NaN is unknown.
+    pub struct FieldMap {
+        header: Header,
+        /// Corner with the lowest x and y, and side of a cell, m.
+        origin_m: [f64; 2],
+        cell_m: f64,
+        /// How far a sample speaks for its surroundings, m.
+        reach_m: f64,
+        /// Samples in the map, and those outside of it.
+        samples: u64,
+        outside: u64,
+        columns: u32,
+        rows: u32,
+        /// At the centres of the cells, and the standard deviation there.
+        value: [f32; FieldMap::CELLS],
+        sigma: [f32; FieldMap::CELLS],
+        quantity: [u8; 64],
+        unit: [u8; 32],
+    }
+}
+
+impl FieldMap {
+    /// Columns at most, and rows.
+    pub const SIDE: usize = 64;
+    /// Cells at most.
+    pub const CELLS: usize = Self::SIDE * Self::SIDE;
 }

@@ -1,6 +1,6 @@
 //! The box file: which processes run, on which drives, at which rate, with which parameters.
 
-use super::{DeviceSection, Point, ViewerSection};
+use super::{DeviceSection, Point, SensorLoggerSection, ViewerSection};
 use crate::args::Slot;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -39,6 +39,9 @@ pub struct BoxFile {
     /// The live view.
     #[serde(default)]
     pub viewer: ViewerSection,
+    /// What becomes of the readings of sensors.
+    #[serde(default)]
+    pub sensor_logger: SensorLoggerSection,
     /// The virtual motor box; leave out on real hardware.
     pub motor_box: Option<MotorBoxSection>,
     /// Scheduling of the control chain.

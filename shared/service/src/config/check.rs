@@ -142,6 +142,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     }
     number("recorder.flush_s", file.recorder.flush_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
     number("viewer.rate_hz", file.viewer.rate_hz, "1 to 200 samples per second", |v| (1.0..=200.0).contains(&v))?;
+    super::logger::check(&file.sensor_logger)?;
     if let Some(section) = &file.motor_box {
         motor_box(section, robot)?;
     }

@@ -6,6 +6,7 @@ mod box_file;
 mod check;
 mod devices;
 mod load;
+mod logger;
 mod measured;
 mod point;
 mod robot_file;
@@ -18,6 +19,7 @@ pub use box_file::{
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, PeakSection, PrismSection, SceneFile,
 };
+pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile};
 pub use point::{Point, Points};
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};

@@ -1,0 +1,145 @@
+//! From the bytes of a reading to what a sample needs: values, time, lever.
+
+use bytemuck::pod_read_unaligned;
+use messages::schema::{Schema, SchemaField, Value};
+use messages::{Header, Message, Reading, Sample, put_text};
+
+use crate::SensorConfig;
+
+/// Values of one sample at most.
+const VALUES: usize = 8;
+
+/// What a reading says, apart from where it was taken.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Said {
+    /// With everything but the place.
+    pub sample: Sample,
+    /// Where the sensor is on the node, m.
+    pub lever_m: [f64; 3],
+}
+
+/// Reads the samples of one channel.
+#[derive(Debug, Clone)]
+pub struct Decoder {
+    kind: Kind,
+    latency_ns: Option<u64>,
+    lever_m: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Clone)]
+enum Kind {
+    Reading,
+    /// A type of the sensor's own, and a sample with the names of its fields.
+    Own {
+        fields: Vec<SchemaField>,
+        size: usize,
+        empty: Box<Sample>,
+    },
+}
+
+impl Decoder {
+    /// For a channel with this type, definition and size.
+    ///
+    /// # Errors
+    /// One sentence: why its samples cannot be read.
+    pub fn of(config: &SensorConfig, type_name: &str, schema: &str, size: usize) -> Result<Self, String> {
+        let kind = if type_name == Reading::type_name() && size == size_of::<Reading>() {
+            Kind::Reading
+        } else {
+            own(config, schema, size)?
+        };
+        let latency_ns = config.section.latency_s.map(|seconds| (seconds * 1e9) as u64);
+        Ok(Self { kind, latency_ns, lever_m: config.section.lever_m })
+    }
+
+    /// What a reading says; `None` if it says nothing new, or is not one.
+    pub(crate) fn decode(&self, bytes: &[u8]) -> Option<Said> {
+        match &self.kind {
+            Kind::Reading => {
+                let reading: Reading = (bytes.len() == size_of::<Reading>()).then(|| pod_read_unaligned(bytes))?;
+                if reading.quality == Reading::QUALITY_STALE {
+                    return None;
+                }
+                let sample = Sample {
+                    header: self.header(&reading.header),
+                    value: reading.value,
+                    reading_seq: reading.header.seq,
+                    count: reading.count.min(VALUES as u8),
+                    quality: reading.quality,
+                    quantity: reading.quantity,
+                    unit: reading.unit,
+                    ..Sample::default()
+                };
+                Some(Said { sample, lever_m: self.lever_m.unwrap_or(reading.lever_m) })
+            }
+            Kind::Own { fields, size, empty } => {
+                if bytes.len() != *size {
+                    return None;
+                }
+                let header: Header = pod_read_unaligned(bytes.get(..size_of::<Header>())?);
+                let mut sample = Sample { header: self.header(&header), reading_seq: header.seq, ..**empty };
+                let numbers =
+                    fields.iter().filter_map(|field| Value::of(field, bytes)).flat_map(|value| value.numbers());
+                for (into, number) in sample.value.iter_mut().zip(numbers) {
+                    *into = number.as_f64();
+                }
+                if sample.value[..usize::from(sample.count)].iter().any(|value| !value.is_finite()) {
+                    sample.quality = Reading::QUALITY_INVALID;
+                }
+                Some(Said { sample, lever_m: self.lever_m.unwrap_or_default() })
+            }
+        }
+    }
+
+    /// The instant at which a reading was true.
+    fn header(&self, header: &Header) -> Header {
+        let said_ns = match header.oldest_input_ns {
+            oldest_ns if oldest_ns == 0 || oldest_ns > header.stamp_ns => header.stamp_ns,
+            oldest_ns => oldest_ns,
+        };
+        Header::at(self.latency_ns.map_or(said_ns, |latency_ns| header.stamp_ns.saturating_sub(latency_ns)))
+    }
+}
+
+fn own(config: &SensorConfig, schema: &str, size: usize) -> Result<Kind, String> {
+    let schema = Schema::parse(schema).map_err(|error| format!("its definition cannot be read: {error}"))?;
+    if schema.size() != size {
+        return Err(format!("its samples have {size} bytes and its definition {}", schema.size()));
+    }
+    if !schema.has_header() {
+        return Err("its samples do not begin with a header, so when they were true is not known".to_owned());
+    }
+    let fields = chosen(&schema, &config.section.fields)?;
+    let count = fields.iter().map(|field| field.count.unwrap_or(1)).sum::<usize>().min(VALUES);
+    let names: Vec<&str> = fields.iter().map(|field| field.path.as_str()).collect();
+    let mut empty = Sample { count: count as u8, value: [f64::NAN; VALUES], ..Sample::default() };
+    put_text(&mut empty.quantity, &names.join(","));
+    Ok(Kind::Own { fields, size, empty: Box::new(empty) })
+}
+
+/// The wanted fields, or the first numbers.
+fn chosen(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaField>, String> {
+    if !wanted.is_empty() {
+        return wanted
+            .iter()
+            .map(|path| {
+                schema.field(path).cloned().ok_or_else(|| {
+                    let there: Vec<&str> = values(schema).map(|field| field.path.as_str()).collect();
+                    format!("it has no field `{path}`; there are {}", there.join(", "))
+                })
+            })
+            .collect();
+    }
+    let fraction = |field: &&SchemaField| field.primitive.name().starts_with("float");
+    let with_fraction: Vec<SchemaField> = values(schema).filter(fraction).take(VALUES).cloned().collect();
+    if !with_fraction.is_empty() {
+        return Ok(with_fraction);
+    }
+    let any: Vec<SchemaField> = values(schema).take(VALUES).cloned().collect();
+    if any.is_empty() { Err("it has no numbers".to_owned()) } else { Ok(any) }
+}
+
+/// Fields that may be values: what is neither header nor padding.
+fn values(schema: &Schema) -> impl Iterator<Item = &SchemaField> {
+    schema.fields().iter().filter(|field| !field.path.starts_with("header.") && !field.path.starts_with("pad"))
+}

@@ -1,0 +1,199 @@
+//! The samples of one sensor as a map.
+
+use messages::{FieldMap, Header, Reading, Sample, put_text, text_of};
+use survey::SurveyError;
+use survey::grid::{GridMap, GridSample};
+
+use crate::{LoggerConfig, SensorConfig};
+
+/// Where a map lies.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Plane {
+    /// x and y.
+    Level,
+    /// x and z: that of a planar robot.
+    Upright,
+}
+
+impl Plane {
+    /// The coordinates of a place in it.
+    #[must_use]
+    pub fn of(self, [x, y, z]: [f64; 3]) -> [f64; 2] {
+        match self {
+            Self::Level => [x, y],
+            Self::Upright => [x, z],
+        }
+    }
+
+    /// Their names.
+    #[must_use]
+    pub fn axes(self) -> [&'static str; 2] {
+        match self {
+            Self::Level => ["x", "y"],
+            Self::Upright => ["x", "z"],
+        }
+    }
+}
+
+/// What becomes of a sample in a map.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Mapping {
+    plane: Plane,
+    /// From 0.
+    value: usize,
+    looks_down: bool,
+    sigma: Option<f64>,
+}
+
+impl Mapping {
+    /// `None` if the sensor is to have no map.
+    fn of(plane: Plane, sensor: &SensorConfig) -> Option<Self> {
+        let value = sensor.section.map_value.unwrap_or(1).checked_sub(1)?;
+        Some(Self { plane, value, looks_down: sensor.section.looks_down, sigma: sensor.section.sigma })
+    }
+
+    /// The sample as the map takes it; `None` if it has no such value, or a bad one.
+    fn grid_sample(&self, sample: &Sample) -> Option<GridSample> {
+        if sample.quality == Reading::QUALITY_INVALID || self.value >= usize::from(sample.count) {
+            return None;
+        }
+        let said = *sample.value.get(self.value)?;
+        let value = if self.looks_down { sample.position_m[2] - said } else { said };
+        let [xx, yy] = self.plane.of(sample.position_std_m).map(|std_m| std_m * std_m);
+        Some(GridSample {
+            position_m: self.plane.of(sample.position_m),
+            position_covariance_m2: [xx, 0.0, yy],
+            value,
+            value_sigma: self.sigma,
+            stamp_ns: sample.header.stamp_ns,
+        })
+    }
+}
+
+/// The map of one sensor as it grows.
+#[derive(Debug, Clone)]
+pub struct SensorMap {
+    mapping: Mapping,
+    grid: GridMap,
+    /// Sum of the variances of the height, m², and how many: what looks down is wrong by as much as the node's height.
+    heights_m2: (f64, u64),
+    names: [String; 2],
+    fresh: bool,
+}
+
+impl SensorMap {
+    /// An empty one with at most `side` cells along each side; `None` if the sensor is to have none.
+    ///
+    /// # Errors
+    /// An area or cells that cannot be.
+    pub fn new(config: &LoggerConfig, sensor: &SensorConfig, side: usize) -> Result<Option<Self>, SurveyError> {
+        let Some(mapping) = Mapping::of(config.plane, sensor) else { return Ok(None) };
+        let spec = config.grid(side)?;
+        let grid = GridMap::new(spec, config.options(sensor, spec.cell_m))?;
+        Ok(Some(Self { mapping, grid, heights_m2: (0.0, 0), names: Default::default(), fresh: false }))
+    }
+
+    /// The same map, empty, on another grid.
+    #[must_use]
+    pub fn on(&self, grid: GridMap) -> Self {
+        Self { grid, heights_m2: (0.0, 0), fresh: false, ..self.clone() }
+    }
+
+    /// Takes a sample in.
+    pub fn add(&mut self, sample: &Sample) {
+        let Some(point) = self.mapping.grid_sample(sample) else { return };
+        self.grid.add(&point);
+        self.fresh = true;
+        if self.mapping.looks_down {
+            self.heights_m2.0 += sample.position_std_m[2] * sample.position_std_m[2];
+            self.heights_m2.1 += 1;
+        }
+        if self.names[0].is_empty() {
+            self.names = self.named(sample);
+        }
+    }
+
+    /// Quantity and unit of what the map shows.
+    fn named(&self, sample: &Sample) -> [String; 2] {
+        if self.mapping.looks_down {
+            return ["height".to_owned(), "m".to_owned()];
+        }
+        let word = |text: &[u8]| {
+            let text = text_of(text);
+            let mut words = text.split(',');
+            words.nth(self.mapping.value).or(text.split(',').next_back()).unwrap_or_default().to_owned()
+        };
+        [word(&sample.quantity), word(&sample.unit)]
+    }
+
+    /// Quantity and unit of what the map shows; empty before the first sample.
+    #[must_use]
+    pub fn names(&self) -> &[String; 2] {
+        &self.names
+    }
+
+    /// Where it lies.
+    #[must_use]
+    pub fn plane(&self) -> Plane {
+        self.mapping.plane
+    }
+
+    /// The map itself.
+    #[must_use]
+    pub fn grid(&self) -> &GridMap {
+        &self.grid
+    }
+
+    /// The same to be made anew.
+    pub fn grid_mut(&mut self) -> &mut GridMap {
+        &mut self.grid
+    }
+
+    /// What is common to the heights of all cells, m: the standard deviation of the node's own height if the sensor looks down, else 0.
+    #[must_use]
+    pub fn common_sigma(&self) -> f64 {
+        let (sum, count) = self.heights_m2;
+        if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
+    }
+
+    /// Value and standard deviation of a cell.
+    #[must_use]
+    pub fn value(&self, column: usize, row: usize) -> Option<(f64, f64)> {
+        let cell = self.grid.cell(column, row)?;
+        let common = self.common_sigma();
+        Some((cell.value, (cell.sigma * cell.sigma + common * common).sqrt()))
+    }
+
+    /// Where a sample is in the plane of the map, and the value that the map takes of it.
+    #[must_use]
+    pub fn point(&self, sample: &Sample) -> Option<([f64; 2], f64)> {
+        self.mapping.grid_sample(sample).map(|point| (point.position_m, point.value))
+    }
+
+    /// The map as it travels, if there are samples since the last time. It has to have at most [`FieldMap::SIDE`] cells along each side.
+    pub fn publishable(&mut self, into: &mut FieldMap) -> bool {
+        let spec = *self.grid.spec();
+        if !self.fresh || spec.columns > FieldMap::SIDE || spec.rows > FieldMap::SIDE {
+            return false;
+        }
+        self.fresh = false;
+        self.grid.refresh();
+        let counts = self.grid.counts();
+        into.header = Header::at(counts.newest_ns);
+        (into.origin_m, into.cell_m, into.reach_m) = (spec.origin_m, spec.cell_m, self.grid.options().reach_m);
+        (into.samples, into.outside) = (counts.inside, counts.outside);
+        (into.columns, into.rows) = (spec.columns as u32, spec.rows as u32);
+        let common = self.common_sigma();
+        into.value.fill(f32::NAN);
+        into.sigma.fill(f32::NAN);
+        for (at, cell) in self.grid.cells().iter().enumerate() {
+            if let Some(cell) = cell {
+                into.value[at] = cell.value as f32;
+                into.sigma[at] = (cell.sigma * cell.sigma + common * common).sqrt() as f32;
+            }
+        }
+        put_text(&mut into.quantity, &self.names[0]);
+        put_text(&mut into.unit, &self.names[1]);
+        true
+    }
+}

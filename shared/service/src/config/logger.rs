@@ -1,0 +1,116 @@
+//! `[sensor_logger]`: what becomes of the readings of sensors.
+
+use super::check::number;
+use serde::{Deserialize, Serialize};
+
+/// `[sensor_logger]`.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct SensorLoggerSection {
+    /// How long a reading waits for an estimate that is newer than it, s.
+    pub wait_s: f64,
+    /// How exactly the instant of a reading is known, s: standard deviation.
+    pub time_sigma_s: f64,
+    /// Time between two maps of a sensor, s.
+    pub map_period_s: f64,
+    /// Side of a cell of the maps, m. Default: what covers the area in 64 cells.
+    pub map_cell_m: Option<f64>,
+    /// How far a sample speaks for its surroundings in the maps, m. Default: four cells.
+    pub map_reach_m: Option<f64>,
+    /// Two opposite corners of the maps, m; `[x, z]` of a planar robot. Default: the anchors.
+    pub map_area_m: Option<[[f64; 2]; 2]>,
+    /// Live maps at most; sensors beyond that have samples only.
+    pub maps: usize,
+    /// Sensors that are left out (names; a trailing `*` stands for any ending).
+    pub exclude: Vec<String>,
+    /// What differs from sensor to sensor.
+    pub sensor: Vec<LoggedSensorSection>,
+}
+
+impl Default for SensorLoggerSection {
+    fn default() -> Self {
+        Self {
+            wait_s: 1.0,
+            time_sigma_s: 0.002,
+            map_period_s: 1.0,
+            map_cell_m: None,
+            map_reach_m: None,
+            map_area_m: None,
+            maps: 16,
+            exclude: Vec::new(),
+            sensor: Vec::new(),
+        }
+    }
+}
+
+/// `[[sensor_logger.sensor]]`.
+#[derive(Debug, Clone, PartialEq, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct LoggedSensorSection {
+    /// Its channel is `sensor/NAME`.
+    pub name: String,
+    /// From the event to the `stamp_ns` of its readings, s. Default: as the readings themselves say, by `oldest_input_ns`.
+    pub latency_s: Option<f64>,
+    /// How exactly the instant of its readings is known, s. Default: that of `[sensor_logger]`.
+    pub time_sigma_s: Option<f64>,
+    /// Where it is on the node, m. Default: as its readings say, otherwise at the node's own position.
+    pub lever_m: Option<[f64; 3]>,
+    /// For readings of a type of their own: the fields that are values, at most eight numbers. Default: the first numbers with a
+    /// fraction, or the first numbers if there is none.
+    pub fields: Vec<String>,
+    /// Which value is in the map, from 1; 0: no map. Default 1.
+    pub map_value: Option<usize>,
+    /// The value is a distance straight down, m: the map shows the height of what is there.
+    pub looks_down: bool,
+    /// Standard deviation of a value, in its unit. Default: estimated from the scatter of all.
+    pub sigma: Option<f64>,
+    /// Diameter of what it sees at once, m.
+    pub footprint_m: f64,
+}
+
+/// What the numbers may be.
+pub(super) fn check(section: &SensorLoggerSection) -> Result<(), String> {
+    number("sensor_logger.wait_s", section.wait_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
+    number("sensor_logger.time_sigma_s", section.time_sigma_s, "0 to 1 s", |v| (0.0..=1.0).contains(&v))?;
+    number("sensor_logger.map_period_s", section.map_period_s, "0.2 to 60 s", |v| (0.2..=60.0).contains(&v))?;
+    for (key, value) in [("map_cell_m", section.map_cell_m), ("map_reach_m", section.map_reach_m)] {
+        if let Some(value) = value {
+            number(&format!("sensor_logger.{key}"), value, "0.001 to 100 m", |v| (1e-3..=100.0).contains(&v))?;
+        }
+    }
+    for value in section.map_area_m.into_iter().flatten().flatten() {
+        number("sensor_logger.map_area_m", value, "two corners within 1000 m", |v| v.abs() <= 1000.0)?;
+    }
+    for sensor in &section.sensor {
+        let of = |key: &str| format!("sensor_logger.sensor.{key}` of \"{}\": `{key}", sensor.name);
+        if sensor.name.is_empty() {
+            return Err("`sensor_logger.sensor.name` is empty; accepted: NAME of the channel sensor/NAME".to_owned());
+        }
+        if section.sensor.iter().filter(|other| other.name == sensor.name).count() > 1 {
+            return Err(format!(
+                "two entries of `sensor_logger.sensor` are called \"{}\"; accepted: each name once",
+                sensor.name
+            ));
+        }
+        if let Some(value) = sensor.latency_s {
+            number(&of("latency_s"), value, "0 to 10 s", |v| (0.0..=10.0).contains(&v))?;
+        }
+        if let Some(value) = sensor.time_sigma_s {
+            number(&of("time_sigma_s"), value, "0 to 1 s", |v| (0.0..=1.0).contains(&v))?;
+        }
+        for value in sensor.lever_m.into_iter().flatten() {
+            number(&of("lever_m"), value, "within 10 m", |v| v.abs() <= 10.0)?;
+        }
+        if let Some(value) = sensor.sigma {
+            number(&of("sigma"), value, "above 0", |v| v > 0.0)?;
+        }
+        number(&of("footprint_m"), sensor.footprint_m, "0 to 100 m", |v| (0.0..=100.0).contains(&v))?;
+        if sensor.map_value.is_some_and(|value| value > 8) || sensor.fields.len() > 8 {
+            return Err(format!(
+                "the sensor \"{}\" has more than 8 values; accepted: up to 8 `fields`, `map_value` of 0 to 8",
+                sensor.name
+            ));
+        }
+    }
+    Ok(())
+}
