@@ -7,7 +7,8 @@
     run.seconds(state)               # s since the run began
 
 Samples of nims are fixed-size, so nothing is decoded message by message: the message index of each chunk says where the samples
-of a channel are, and they are taken out all at once. Needs `numpy`, `mcap` and `zstandard`.
+of a channel are, and they are taken out all at once. That holds for what the scene process draws too: its texts become bytes, its lists
+arrays. Needs `numpy`, `mcap` and `zstandard`.
 """
 
 import mmap
@@ -34,7 +35,9 @@ TIMES = np.dtype([("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u
 # Samples per channel in which a file may repeat what stands at the end of the one before.
 REPEATS = 1024
 RECOVERED = "-recovered"
-FIELD = re.compile(r"^([A-Za-z][\w/]*)(?:\[(\d+)\])?\s+([a-z]\w*)$")
+FIELD = re.compile(r"^([A-Za-z][\w/]*)(?:\[(\d*)\])?\s+([a-z]\w*)$")
+# Before a message's times: its record's length; what that counts beside the data.
+LENGTH_AT, LENGTH_HEAD = 8 + 2 + 4 + 8 + 8, 2 + 4 + 8 + 8 + CDR_HEAD
 CONSTANT = re.compile(r"^(\w+)\s+([A-Z][A-Z0-9_]*)\s*=\s*(-?\d+)$")
 
 
@@ -43,37 +46,99 @@ class RunError(Exception):
 
 
 class Definition:
-    """A ROS 2 definition of fixed size: the NumPy type of a sample, and the names of values."""
+    """A ROS 2 definition: the NumPy type of a sample, and the names of values.
 
-    def __init__(self, text):
+    Where it has texts or lists, `body` is a sample, and the type is that of samples whose texts and lists are as long as in this one;
+    `lengths` is where they say so.
+    """
+
+    def __init__(self, text, body=None):
+        self.text = text
         own, *nested = re.split(r"^=+\n", text, flags=re.MULTILINE)
-        texts = {}
+        self._texts = {}
         for part in nested:
-            head, body = part.split("\n", 1)
-            texts[head.removeprefix("MSG:").strip()] = body
-        self.constants = {}
-        self.dtype = self._parse(own, texts, record=True)
+            head, rest = part.split("\n", 1)
+            self._texts[head.removeprefix("MSG:").strip()] = rest
+        self.constants, self.lengths = {}, []
+        self.is_fixed = not any(_is_open(lines, self._texts) for lines in (own, *self._texts.values()))
+        if not self.is_fixed and body is None:
+            raise RunError("a definition with texts or lists has no type without a sample")
+        self._body = None if self.is_fixed else bytes(body)
+        self.dtype, _, _ = self._struct(own, 0, record=True)
 
-    def _parse(self, text, texts, record=False):
-        fields, waiting = [], []
-        for line in text.splitlines():
-            line = line.split("#")[0].strip()
-            if not line:
-                continue
+    def _struct(self, text, at, record=False):
+        """The type of a struct that may begin at `at`, where it begins, and where it ends."""
+        begin, names, types, offsets, waiting = 0 if record else None, [], [], [], []
+        for line in _lines(text):
             constant = CONSTANT.match(line)
             if constant:
                 waiting.append((constant[2], int(constant[3])))
                 continue
             field = FIELD.match(line)
             if not field:
-                raise RunError(f"the definition line `{line}` has no fixed size: read this channel with mcap-ros2-support")
+                raise RunError(f"the definition line `{line}` is none that nims writes: read this channel with mcap-ros2-support")
             kind, count, name = field[1], field[2], field[3]
-            dtype = np.dtype(PRIMITIVES[kind]) if kind in PRIMITIVES else self._parse(texts[kind], texts)
-            fields.append((name, dtype, (int(count),)) if count else (name, dtype))
+            dtype, start, at = self._field(kind, count, at)
             if record and waiting:
                 self.constants[name] = {value: label for label, value in waiting}
             waiting = []
-        return np.dtype(fields)
+            if dtype is None:
+                continue  # an empty list
+            begin = start if begin is None else begin
+            names.append(name), types.append(dtype), offsets.append(start - begin)
+        begin = at if begin is None else begin
+        layout = {"names": names, "formats": types, "offsets": offsets, "itemsize": at - begin}
+        return np.dtype(layout), begin, at
+
+    def _field(self, kind, count, at):
+        if count == "":
+            at, many = self._length(at)
+            return self._array(kind, many, at) if many else (None, at, at)
+        return self._array(kind, int(count), at) if count else self._one(kind, at)
+
+    def _one(self, kind, at):
+        if kind == "string":
+            at, length = self._length(at)
+            # with its zero, which NumPy leaves out
+            return (np.dtype(f"S{length}"), at, at + length) if length else (None, at, at)
+        if kind in PRIMITIVES:
+            dtype = np.dtype(PRIMITIVES[kind])
+            # in memory as in CDR: every number at a multiple of its own size
+            at = -(-at // dtype.itemsize) * dtype.itemsize
+            return dtype, at, at + dtype.itemsize
+        return self._struct(self._texts[kind], at)
+
+    def _array(self, kind, many, at):
+        elements, end = [], at
+        for _ in range(many if kind not in PRIMITIVES else 1):
+            dtype, start, end = self._one(kind, end)
+            elements.append((dtype, start))
+        first, begin = elements[0]
+        if kind in PRIMITIVES:
+            return np.dtype((first, (many,))), begin, begin + many * first.itemsize
+        strides = {later[1] - earlier[1] for earlier, later in zip(elements, elements[1:])}
+        if all(dtype == first for dtype, _ in elements) and strides <= {first.itemsize}:
+            return np.dtype((first, (many,))), begin, end
+        # of different shapes: each has its number for a name
+        named = {"names": [str(n + 1) for n in range(many)], "formats": [dtype for dtype, _ in elements],
+                 "offsets": [start - begin for _, start in elements], "itemsize": end - begin}
+        return np.dtype(named), begin, end
+
+    def _length(self, at):
+        at = -(-at // 4) * 4
+        self.lengths.append(at)
+        return at + 4, struct.unpack_from("<I", self._body, at)[0]
+
+
+def _lines(text):
+    lines = (line.split("#")[0].strip() for line in text.splitlines())
+    return [line for line in lines if line]
+
+
+def _is_open(text, texts):
+    """Whether a type has texts or lists of its own."""
+    fields = [FIELD.match(line) for line in _lines(text) if not CONSTANT.match(line)]
+    return any(field and (field[1] == "string" or field[2] == "") for field in fields)
 
 
 class Run:
@@ -123,7 +188,13 @@ class Run:
 
     def definition(self, name):
         """What a sample of this channel is."""
-        return Definition(self._schema(name).data.decode())
+        text = self._schema(name).data.decode()
+        if not any(_is_open(part, {}) for part in re.split(r"^=+\n(?:MSG:.*\n)?", text, flags=re.MULTILINE)):
+            return Definition(text)
+        for file in range(len(self.files)):
+            for raw, begins, _ in self._messages(file, name):
+                return Definition(text, raw[begins[0] : begins[0] + _body_bytes(raw, begins)[0]])
+        raise RunError(f"`{name}` has texts or lists and no samples, which would say how long they are")
 
     def names(self, name, field):
         """The names of a field's values, e.g. `{0: "MODE_DISARMED", ..}`."""
@@ -137,45 +208,49 @@ class Run:
 
     def __getitem__(self, name):
         """All samples of a channel in the order of their recording: a structured array; `log_time_ns` (UNIX time) comes first."""
-        dtype = self.definition(name).dtype
-        record = np.dtype([("log_time_ns", "<u8"), ("sample", dtype)])
+        definition = self.definition(name)
         parts, before = [], []
         for file in range(len(self.files)):
-            part, keys = self._of_file(file, name, record)
+            part, keys = self._of_file(file, name, definition)
             new = np.ones(len(part), bool)
             known = set(before)
             new[:REPEATS] = [key not in known for key in keys[:REPEATS].tolist()]
             parts.append(part[new])
             before = (before + keys[new][-REPEATS:].tolist())[-REPEATS:]
-        whole = np.concatenate([part for part in parts if len(part)] or [np.zeros(0, record)])
+        whole = _joined([part for part in parts if len(part)] or parts[:1])
         whole = whole[np.argsort(whole["log_time_ns"], kind="stable")]
-        flat = np.dtype([("log_time_ns", "<u8")] + [(field, *_type(dtype, field)) for field in dtype.names])
-        return whole.view(flat)
+        return whole.view(_flat(whole.dtype))
 
-    def _of_file(self, file, name, record):
+    def _messages(self, file, name):
+        """For each chunk with samples of a channel: its bytes, where their bodies begin, and their index entries."""
         summary, data = self._summaries[file], self._maps[file]
         numbers = [n for n, c in summary.channels.items() if self._name_of(c, summary.schemas[c.schema_id]) == name]
-        size = record["sample"].itemsize
-        span = np.arange(size)
-        parts, keys = [], []
         for chunk in summary.chunk_indexes:
             for number in numbers:
-                if number not in chunk.message_index_offsets:
-                    continue
-                entries = _index(data, chunk.message_index_offsets[number])
-                raw = self._chunk(file, chunk)
-                begins = entries["offset"].astype(np.int64) + MESSAGE_HEAD + CDR_HEAD
-                if begins.max() + size > len(raw):
+                if number in chunk.message_index_offsets:
+                    entries = _index(data, chunk.message_index_offsets[number])
+                    yield self._chunk(file, chunk), entries["offset"].astype(np.int64) + MESSAGE_HEAD + CDR_HEAD, entries
+
+    def _of_file(self, file, name, definition):
+        parts, keys = [], []
+        for raw, begins, entries in self._messages(file, name):
+            pieces, places = [], []
+            for alike, which in _groups(definition, raw, begins):
+                record = np.dtype([("log_time_ns", "<u8"), ("sample", alike.dtype)])
+                size = alike.dtype.itemsize
+                if begins[which].max() + size > len(raw):
                     raise RunError(f"{self.files[file]}: samples of `{name}` are shorter than their definition says")
-                part = np.empty(len(entries), record)
-                part["log_time_ns"] = entries["log_time"]
-                part["sample"] = raw[begins[:, None] + span].view(record["sample"])[:, 0]
-                parts.append(part)
-                heads = raw[(begins - CDR_HEAD - TIMES.itemsize)[:, None] + np.arange(TIMES.itemsize)].view(TIMES)[:, 0]
-                keys.append(heads[["sequence", "publish_time"]])
+                piece = np.empty(len(which), record)
+                piece["log_time_ns"] = entries["log_time"][which]
+                bodies = raw[begins[which][:, None] + np.arange(size)]
+                piece["sample"] = np.ascontiguousarray(bodies).view(alike.dtype)[:, 0]
+                pieces.append(piece), places.append(which)
+            parts.append(_joined(pieces, places))
+            heads = raw[(begins - CDR_HEAD - TIMES.itemsize)[:, None] + np.arange(TIMES.itemsize)].view(TIMES)[:, 0]
+            keys.append(heads[["sequence", "publish_time"]])
         if not parts:
-            return np.zeros(0, record), np.zeros(0, TIMES)
-        return np.concatenate(parts), np.concatenate(keys)
+            return np.zeros(0, np.dtype([("log_time_ns", "<u8"), ("sample", definition.dtype)])), np.zeros(0, TIMES)
+        return _joined(parts), np.concatenate(keys)
 
     def _chunk(self, file, chunk):
         key = (file, chunk.chunk_start_offset)
@@ -206,9 +281,53 @@ def _files_of(folder):
     return [files[bare[stem]] for stem in sorted(bare)]
 
 
-def _type(dtype, field):
-    kind = dtype[field]
-    return (kind.base, kind.shape) if kind.shape else (kind,)
+def _joined(parts, places=None):
+    """One after the other, or each at its places. Texts become as long as the longest; fields stay where they are if they can."""
+    kinds = {part.dtype for part in parts}
+    if len(kinds) > 1:
+        try:
+            kinds = {np.result_type(*kinds)}
+        except TypeError as problem:
+            raise RunError(f"samples have lists of different lengths, so read this channel with mcap-ros2-support: {problem}") from None
+    whole, at = np.empty(sum(map(len, parts)), kinds.pop()), 0
+    for number, part in enumerate(parts):
+        whole[places[number] if places else slice(at, at + len(part))] = part
+        at += len(part)
+    return whole
+
+
+def _groups(definition, raw, begins):
+    """Samples whose texts and lists are as long as one another's, with their numbers."""
+    rest = np.arange(len(begins))
+    if definition.is_fixed:
+        yield definition, rest
+        return
+    sizes = _body_bytes(raw, begins)
+    while len(rest):
+        first = rest[0]
+        alike = Definition(definition.text, raw[begins[first] : begins[first] + sizes[first]])
+        words = np.add.outer(alike.lengths, np.arange(4)).ravel()
+        same = rest[sizes[rest] == sizes[first]]
+        same = same[(raw[begins[same][:, None] + words] == raw[begins[first] + words]).all(axis=1)]
+        yield alike, same
+        rest = np.setdiff1d(rest, same)
+
+
+def _body_bytes(raw, begins):
+    """Bytes of each sample, by the lengths of their records."""
+    words = raw[(begins - CDR_HEAD - LENGTH_AT)[:, None] + np.arange(8)]
+    return words.copy().view("<u8")[:, 0].astype(np.int64) - LENGTH_HEAD
+
+
+def _flat(record):
+    """The type of a record whose sample's fields stand beside its time."""
+    sample, at = record["sample"], record.fields["sample"][1]
+    return np.dtype({
+        "names": ["log_time_ns", *sample.names],
+        "formats": [record["log_time_ns"], *(sample[field] for field in sample.names)],
+        "offsets": [0, *(at + sample.fields[field][1] for field in sample.names)],
+        "itemsize": record.itemsize,
+    })
 
 
 def _index(data, offset):

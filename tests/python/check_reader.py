@@ -20,6 +20,14 @@ def same(sample, message, where):
     compared = 0
     for field in sample.dtype.names:
         ours, theirs = sample[field], getattr(message, field)
+        if isinstance(theirs, str):
+            assert ours.decode() == theirs, f"{where}.{field}: {ours} and {theirs}"
+            compared += 1
+            continue
+        if ours.dtype.names and ours.dtype.names[0] == "1":  # a list of elements that are not alike
+            assert len(theirs) == len(ours.dtype.names), f"{where}.{field}"
+            compared += sum(same(ours[name], other, f"{where}.{field}") for name, other in zip(ours.dtype.names, theirs))
+            continue
         if ours.dtype.names:
             pairs = [(ours, theirs)] if ours.ndim == 0 else zip(ours, theirs)
             for one, other in pairs:

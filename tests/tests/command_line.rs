@@ -197,6 +197,25 @@ fn bad_arguments_are_answered_by_one_sentence() {
 }
 
 #[test]
+fn sensor_and_scene_files_are_checked_too() {
+    let finding = |file: &str| answer(&["check", file, "--json"])["findings"][0]["finding"].to_string();
+    assert!(finding("configs/sensors/tfmini.toml").contains("distance in m"));
+    assert!(finding("configs/scenes/fig10.toml").contains("prisms on the ground"));
+    let folder = tempfile::tempdir().unwrap();
+    let spoilt = |from: &str, what: &str, with: &str| {
+        let text = std::fs::read_to_string(root().join(from)).unwrap();
+        assert!(text.contains(what), "{from} has no {what}");
+        let path = folder.path().join(Path::new(from).file_name().unwrap());
+        std::fs::write(&path, text.replacen(what, with, 1)).unwrap();
+        path.display().to_string()
+    };
+    let sensor = spoilt("configs/sensors/tfmini.toml", "[tfmini]", "[tfmeani]");
+    refused(&["check", &sensor], 2, &["tfmini.toml", "tfmeani"]);
+    let scene = spoilt("configs/scenes/fig10.toml", "height_m = ", "height_m = -");
+    refused(&["check", &scene], 2, &["fig10.toml", "height_m", "above 0"]);
+}
+
+#[test]
 fn commands_need_a_robot_that_runs() {
     for args in [
         &["status"][..],

@@ -73,10 +73,17 @@ fn a_run_is_drawn_and_read_field_by_field() {
 
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| root.join("../.venv/bin/python"), PathBuf::from);
-    let output = Command::new(python).arg(root.join("python/check_scene.py")).arg(&out).arg(&file).output().unwrap();
-    let said = String::from_utf8_lossy(&output.stdout);
-    assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
-    assert_eq!(said.lines().filter(|line| line.ends_with("as expected")).count(), 2, "{said}");
+    let said = |script: &str, more: &[&Path]| {
+        let output = Command::new(&python).arg(root.join(script)).arg(&out).args(more).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout).into_owned();
+        assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+        said
+    };
+    let scene = said("python/check_scene.py", &[&file]);
+    assert_eq!(scene.lines().filter(|line| line.ends_with("as expected")).count(), 2, "{scene}");
+    // our own reader for analysts, texts and lists included
+    let reader = said("python/check_reader.py", &[]);
+    assert!(reader.contains(" samples on 7 channels agree"), "{reader}");
 }
 
 /// Anything is waited for so often, 10 ms each.

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 ///
 /// Exit code 0: answered; 2: bad input; 1: it could not be done now. Diagnostics go to stderr.
 #[derive(Debug, Parser)]
-#[command(name = "nims", version, propagate_version = true)]
+#[command(name = "nims", version = service::build::own(), propagate_version = true)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -107,7 +107,7 @@ pub enum Command {
     },
     /// Let another controller or estimator take over while the robot moves.
     Swap(Swap),
-    /// Check a robot, box or mission file; each finding with its cure.
+    /// Check a robot, box, mission, sensor or scene file; each finding with its cure.
     Check {
         /// The file.
         config: PathBuf,

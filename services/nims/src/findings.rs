@@ -6,9 +6,10 @@ use cable_robot::energy::MotorTable;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
+use sensor::SensorFile;
 use serde::Serialize;
 use serde_json::{Value, json};
-use service::config::{BoxFile, CalibrationFile, PlannerSection, RobotFile};
+use service::config::{BoxFile, CalibrationFile, PlannerSection, RobotFile, SceneFile};
 use service::toml_file;
 use std::path::Path;
 
@@ -71,6 +72,8 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
             findings.extend(box_file(&file)?);
             Ok(findings)
         }
+        Kind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
+        Kind::Scene => Ok(vec![scene(&SceneFile::load(path).map_err(Failure::bad)?)]),
         Kind::Mission => {
             let mission = Mission::read(path).map_err(Failure::bad)?;
             let Some(on) = on else {
@@ -140,6 +143,8 @@ enum Kind {
     Robot,
     Box,
     Mission,
+    Sensor,
+    Scene,
 }
 
 /// What kind of file it is, by the keys that only that kind has.
@@ -151,12 +156,35 @@ fn kind(path: &Path) -> Answer<Kind> {
         Ok(Kind::Box)
     } else if table.contains_key("robot") {
         Ok(Kind::Robot)
+    } else if table.contains_key("port") {
+        Ok(Kind::Sensor)
+    } else if ["ground_m", "cylinder", "prism"].iter().any(|key| table.contains_key(*key)) {
+        Ok(Kind::Scene)
     } else {
         Err(Failure::BadInput(format!(
-            "{} is no configuration file: a robot file has [robot], a box file [motor_io], a mission file [[leg]]",
+            "{} is no configuration file: a robot file has [robot], a box file [motor_io], a mission file [[leg]], a sensor file `port`, a scene file [[cylinder]] or [[prism]]",
             path.display()
         )))
     }
+}
+
+/// What a sensor file makes of its device.
+fn sensor(file: &SensorFile) -> Finding {
+    let (quantities, units) = file.words();
+    let values: Vec<String> =
+        quantities.iter().zip(&units).map(|(quantity, unit)| format!("{quantity} in {unit}")).collect();
+    note(format!(
+        "a sensor at {}, {} baud, that reads {}; plugged in as NAME it publishes sensor/NAME",
+        file.port,
+        file.baud,
+        values.join(", ")
+    ))
+}
+
+/// What stands in a scene.
+fn scene(file: &SceneFile) -> Finding {
+    let (cylinders, prisms) = (file.cylinder.len(), file.prism.len());
+    note(format!("a scene of {cylinders} cylinders and {prisms} prisms on the ground at {} m", file.ground_m))
 }
 
 /// Middle of the anchors' feet, at a quarter of the way up to the lowest anchor; of a node that floats between lines from

@@ -9,7 +9,7 @@ use bus::CHANNELS_EVENT;
 use recorder::{Recorder, Settings, recover_leftovers};
 use runlog::Attachment;
 use service::config::RecorderSection;
-use service::{BadInput, Chassis, CommonArgs};
+use service::{BadInput, Chassis, CommonArgs, build};
 
 /// Records every channel of a domain until it is told to stop.
 #[derive(clap::Parser)]
@@ -66,13 +66,17 @@ fn about(chassis: &Chassis, folder: &Path) -> BTreeMap<String, String> {
     let system = |name: &str| fs::read_to_string(format!("/proc/sys/kernel/{name}")).unwrap_or_default();
     let mut about = BTreeMap::from([
         ("run".to_owned(), folder.file_name().unwrap_or_default().to_string_lossy().into_owned()),
-        ("nims_version".to_owned(), env!("CARGO_PKG_VERSION").to_owned()),
+        ("nims_version".to_owned(), build::VERSION.to_owned()),
         ("host".to_owned(), system("hostname").trim().to_owned()),
         ("kernel".to_owned(), system("osrelease").trim().to_owned()),
-        ("build".to_owned(), if cfg!(debug_assertions) { "debug" } else { "release" }.to_owned()),
+        ("build".to_owned(), build::PROFILE.to_owned()),
         ("recorder_pid".to_owned(), std::process::id().to_string()),
         ("domain".to_owned(), chassis.bus().domain().name().to_owned()),
     ]);
+    if let Some((commit, dirty)) = build::commit() {
+        about.insert("git_commit".to_owned(), commit.to_owned());
+        about.insert("git_dirty".to_owned(), dirty.to_string());
+    }
     if let Ok(file) = chassis.box_file() {
         about.insert("box".to_owned(), file.name.clone());
     }

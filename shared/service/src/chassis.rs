@@ -13,6 +13,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing::{error, info, warn};
 
 use crate::args::{CommonArgs, Slot};
+use crate::build;
 use crate::config::{BoxFile, RealtimeSection};
 use crate::logging::{self, Log};
 use crate::output::{Output, Spoiler};
@@ -306,9 +307,8 @@ where
             return exit_code(&error);
         }
     };
-    let version = <A as clap::CommandFactory>::command().get_version().unwrap_or(env!("CARGO_PKG_VERSION")).to_owned();
-    let build = if cfg!(debug_assertions) { "debug" } else { "release" };
-    put_text(&mut chassis.beat.version, &format!("{version} {build}"));
+    let version = <A as clap::CommandFactory>::command().get_version().unwrap_or(build::VERSION).to_owned();
+    put_text(&mut chassis.beat.version, &build::described(&version));
     match body(&args, &mut chassis) {
         Ok(()) => {
             info!("ended in order");

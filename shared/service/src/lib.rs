@@ -40,6 +40,7 @@
 #![forbid(unsafe_code)]
 
 mod args;
+pub mod build;
 mod chassis;
 pub mod config;
 mod logging;

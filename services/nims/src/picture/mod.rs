@@ -440,8 +440,11 @@ pub fn scale(value: f64) -> RGBColor {
     RGBColor(channel(0), channel(1), channel(2))
 }
 
-/// The colour of a series, as pages write it.
+/// The colour of a series, as pages write it. Black is what the page writes with: on dark paper it is not to be seen otherwise.
 pub fn colour_of(number: usize) -> String {
+    if number == BLACK {
+        return "currentColor".to_owned();
+    }
     let RGBColor(r, g, b) = COLOURS[number % COLOURS.len()];
     format!("#{r:02x}{g:02x}{b:02x}")
 }

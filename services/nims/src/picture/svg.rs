@@ -4,7 +4,7 @@ use super::{Chart, Look, Series, clipped, colour_of, equalise, range, scale, tic
 use std::fmt::Write as _;
 
 /// Room for the numbers and the label of the y axis, pixels.
-const LEFT: f64 = 62.0;
+const LEFT: f64 = 74.0;
 /// And right of the plane.
 const RIGHT: f64 = 14.0;
 /// Above it.

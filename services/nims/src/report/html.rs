@@ -1,4 +1,4 @@
-//! The page: one HTML file that needs nothing else, neither network nor scripts; light, and printable.
+//! The page: one HTML file that needs nothing else, neither network nor scripts; light or dark as the reader's system is, and printable.
 
 use super::charts::{self, Figure, cable_name};
 use super::gather::Gathered;
@@ -10,7 +10,8 @@ use messages::CABLES;
 use std::fmt::Write as _;
 
 const STYLE: &str = "\
-:root{--ink:#1d2733;--soft:#5d6b7a;--line:#dde3ea;--paper:#fff;--tint:#f5f7fa}\
+:root{color-scheme:light dark;--ink:#1d2733;--soft:#5d6b7a;--line:#dde3ea;--paper:#fff;--tint:#f5f7fa;--label:#46525f;--grid:#e9edf1;--frame:#b9c3cd;--black:#000}\
+@media screen and (prefers-color-scheme:dark){:root{--ink:#e3e9ef;--soft:#9fadbb;--line:#33404d;--paper:#141a21;--tint:#1d252e;--label:#b4c0cc;--grid:#27313c;--frame:#46535f;--black:#f2f5f8}}\
 *{box-sizing:border-box}body{font:15px/1.5 system-ui,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif;color:var(--ink);background:var(--paper);margin:0}\
 main{max-width:1140px;margin:0 auto;padding:1.6rem 1.2rem 4rem}main.several{max-width:1900px}\
 header{border-bottom:1px solid var(--line);padding-bottom:1.1rem;margin-bottom:1.4rem}\
@@ -23,9 +24,9 @@ h3{font-size:1rem;margin:.2rem 0 .6rem;color:var(--soft)}p{margin:.4rem 0}.soft{
 .runs{display:grid;grid-template-columns:repeat(var(--runs),minmax(0,1fr));gap:1.6rem}.run{display:flex;flex-wrap:wrap;gap:.4rem 16px;align-content:flex-start}.run>*{width:100%}\
 figure{margin:.3rem 0 .6rem;break-inside:avoid}figure.half{width:calc(50% - 8px)}\
 figcaption{font-size:.9rem;margin-left:.2rem}figcaption b{font-weight:600;margin-right:.6rem}\
-.key{white-space:nowrap;color:var(--soft);margin-right:.8rem;font-size:.84rem}.key i{display:inline-block;width:.8em;height:.8em;border-radius:2px;margin-right:.35em;vertical-align:-.05em}\
-svg{display:block;width:100%;height:auto;font:12px system-ui,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif;fill:#46525f}\
-svg .grid{stroke:#e9edf1;fill:none}svg .frame{fill:none;stroke:#b9c3cd}\
+.key{white-space:nowrap;color:var(--soft);margin-right:.8rem;font-size:.84rem}.key i{color:var(--black);display:inline-block;width:.8em;height:.8em;border-radius:2px;margin-right:.35em;vertical-align:-.05em}\
+svg{display:block;width:100%;height:auto;font:12px system-ui,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif;fill:var(--label);color:var(--black)}\
+svg .grid{stroke:var(--grid);fill:none}svg .frame{fill:none;stroke:var(--frame)}\
 .scroll{overflow:auto;max-height:36rem;margin:.3rem 0 .8rem}table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;min-width:50%}\
 caption{text-align:left;font-weight:600;padding:.2rem 0}th,td{border-bottom:1px solid var(--line);padding:.28rem .6rem;text-align:right;vertical-align:top}td{white-space:nowrap}.words td{white-space:normal}\
 th{color:var(--soft);font-weight:600;background:var(--tint);position:sticky;top:0}td:first-child,th:first-child{text-align:left}\
@@ -111,7 +112,7 @@ pub fn page(runs: &[Judged]) -> String {
     let _ = writeln!(
         out,
         "<footer>Made by nims {} from the run {}. Bands show the least and the greatest value of each stretch of time, lines the mean.</footer>\n</main>\n</body>\n</html>",
-        env!("CARGO_PKG_VERSION"),
+        escape(service::build::own()),
         if runs.len() == 1 { "alone" } else { "files alone" }
     );
     out

@@ -2,6 +2,7 @@
 
 use crate::failure::{Answer, Failure};
 use serde_json::{Value, json};
+use service::build;
 use service::config::BoxFile;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -73,7 +74,10 @@ impl RunFolder {
             "robot": file.robot.file_name().map(|name| name.to_string_lossy()),
             "virtual": file.motor_box.is_some(),
             "rate_hz": file.rate_hz,
-            "nims_version": env!("CARGO_PKG_VERSION"),
+            "nims_version": build::VERSION,
+            "build": build::PROFILE,
+            "git_commit": build::commit().map(|(commit, _)| commit),
+            "git_dirty": build::commit().map(|(_, dirty)| dirty),
             "started_utc": runlog::utc(now),
         });
         let folder = Self { path, manifest };

@@ -1,0 +1,74 @@
+//! What this build is.
+
+/// Version of nims, e.g. `0.1.0`.
+pub const VERSION: &str = env!("CARGO_PKG_VERSION");
+
+/// How it was built: `release` or `debug`.
+pub const PROFILE: &str = if cfg!(debug_assertions) { "debug" } else { "release" };
+
+/// The commit it was built from, if that is known, and whether files differed from it. Only a release knows; `NIMS_COMMIT` in the environment of a
+/// build says it where there is no git.
+#[must_use]
+pub fn commit() -> Option<(&'static str, bool)> {
+    split(env!("NIMS_STAMP"))
+}
+
+fn split(stamp: &str) -> Option<(&str, bool)> {
+    let commit = stamp.strip_suffix("-dirty");
+    (!stamp.is_empty()).then(|| (commit.unwrap_or(stamp), commit.is_some()))
+}
+
+/// In one word or three: `0.1.0 debug`, `0.1.0 release 1a2b3c4d5e-dirty`.
+#[must_use]
+pub fn described(version: &str) -> String {
+    format!("{version} {PROFILE} {}", env!("NIMS_STAMP")).trim_end().to_owned()
+}
+
+/// The same of nims itself.
+#[must_use]
+pub fn own() -> &'static str {
+    static OWN: std::sync::OnceLock<String> = std::sync::OnceLock::new();
+    OWN.get_or_init(|| described(VERSION))
+}
+
+#[cfg(test)]
+#[path = "../stamp.rs"]
+mod stamp;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::fs;
+    use std::process::Command;
+
+    #[test]
+    fn a_build_is_of_a_commit_or_beside_one_or_of_none() {
+        let folder = tempfile::tempdir().unwrap();
+        assert_eq!(stamp::of(folder.path()), None, "outside a checkout");
+        assert_eq!(stamp::of(&folder.path().join("nowhere")), None);
+        let git = |arguments: &[&str]| {
+            let who = ["-c", "user.name=x", "-c", "user.email=x@example.org", "-c", "commit.gpgsign=false"];
+            Command::new("git").arg("-C").arg(folder.path()).args(who).args(arguments).output()
+        };
+        if git(&["init", "-q"]).is_err() {
+            return; // no git here: that it is done without has been seen above
+        }
+        assert_eq!(stamp::of(folder.path()), None, "no commit yet");
+        fs::write(folder.path().join("a"), "1").unwrap();
+        git(&["add", "a"]).unwrap();
+        assert!(git(&["commit", "-qm", "a"]).unwrap().status.success());
+        let clean = stamp::of(folder.path()).unwrap();
+        assert_eq!(split(&clean), Some((clean.as_str(), false)));
+        fs::write(folder.path().join("a"), "2").unwrap();
+        let dirty = stamp::of(folder.path()).unwrap();
+        assert_eq!(split(&dirty), Some((clean.as_str(), true)));
+        assert_eq!(split(""), None);
+    }
+
+    #[test]
+    fn a_description_fits_where_it_goes() {
+        let longest = format!("{} release {}-dirty", VERSION, "f".repeat(10));
+        assert!(longest.len() <= messages::Heartbeat::default().version.len());
+        assert!(described("1.2.3").starts_with("1.2.3 "));
+    }
+}
