@@ -160,6 +160,8 @@ pub enum Command {
     },
     /// The channels of a run as tables for other tools, one file each, whatever type they have.
     Export(Export),
+    /// What the sensors of a run measured as maps with uncertainty: contour pictures, grids, point clouds, tables.
+    Map(Map),
     /// Restore run files that were not closed or are damaged.
     Recover {
         /// Run folder, or a file that ends in .mcap.part or .mcap.
@@ -206,6 +208,40 @@ pub struct Export {
     /// In place of tables: as Foxglove, Lichtblick, RViz and rerun draw it in three dimensions, to this new file.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "format", "channel", "from", "to"])]
     pub scene: Option<PathBuf>,
+}
+
+/// `nims map`.
+#[derive(Debug, clap::Args)]
+pub struct Map {
+    /// Run folder or file.
+    pub run: PathBuf,
+    /// Folder for the files; default: map in the run folder, or beside the run file.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Only this sensor, NAME of sensor/NAME. May be given several times.
+    #[arg(long, value_name = "NAME")]
+    pub sensor: Vec<String>,
+    /// Side of a cell, m; default: a round size, of which about 80 cover what was measured.
+    #[arg(long, value_name = "M", value_parser = above_zero)]
+    pub cell: Option<f64>,
+    /// How far a sample speaks for its surroundings, m: half the distance of neighbouring tracks or more; default: four cells.
+    #[arg(long, value_name = "M", value_parser = above_zero)]
+    pub reach: Option<f64>,
+    /// Which of a sensor's values, from 1; default: as the box file says, else the first.
+    #[arg(long, value_name = "N", requires = "sensor", value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub value: Option<u8>,
+    /// The value is a distance straight down, m: map the height of what is there.
+    #[arg(long, requires = "sensor")]
+    pub looks_down: bool,
+    /// Standard deviation of a value, in its unit; default: as the box file says, else estimated from the scatter.
+    #[arg(long, value_name = "SIGMA", requires = "sensor", value_parser = above_zero)]
+    pub sigma: Option<f64>,
+    /// Diameter of what the sensor sees at once, m; default: as the box file says, else a point.
+    #[arg(long, value_name = "M", requires = "sensor", value_parser = above_zero)]
+    pub footprint: Option<f64>,
+    /// Find the place of every reading anew, also where the sensor logger did so in flight.
+    #[arg(long)]
+    pub recompute: bool,
 }
 
 /// How tables are written.
@@ -559,6 +595,11 @@ pub struct Numbers(pub Vec<f64>);
 fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.trim().parse().map_err(|_| format!("`{text}` is not a number"))?;
     if value.is_finite() { Ok(value) } else { Err(format!("{text} is not a finite number")) }
+}
+
+fn above_zero(text: &str) -> Result<f64, String> {
+    let value = finite(text)?;
+    if value > 0.0 { Ok(value) } else { Err(format!("{text} is not above 0")) }
 }
 
 fn numbers(text: &str) -> Result<Numbers, String> {

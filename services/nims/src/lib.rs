@@ -20,6 +20,7 @@ pub mod fault;
 pub mod findings;
 pub mod live;
 pub mod lockstep;
+pub mod map;
 pub mod motor_table;
 mod new_sensor;
 mod offline;
@@ -190,6 +191,11 @@ pub fn run(cli: &Cli) -> Answer {
                 Some(scene) => scene_export::export_scene(&asked.run, scene)?,
                 None => export::export(asked)?,
             };
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Map(asked) => {
+            let (value, words) = map::map(asked)?;
             print(&value, &words);
             Ok(())
         }

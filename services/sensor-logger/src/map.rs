@@ -138,6 +138,12 @@ impl SensorMap {
         self.mapping.plane
     }
 
+    /// Whether it shows the height of what the sensor looks down at.
+    #[must_use]
+    pub fn looks_down(&self) -> bool {
+        self.mapping.looks_down
+    }
+
     /// The map itself.
     #[must_use]
     pub fn grid(&self) -> &GridMap {

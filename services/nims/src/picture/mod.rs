@@ -7,6 +7,7 @@ mod canvas;
 mod svg;
 
 pub use canvas::Canvas;
+pub(crate) use svg::ticks;
 pub use svg::{ranges, svg};
 
 use crate::failure::{Answer, Failure};
@@ -234,7 +235,7 @@ fn range(axis: &Axis, values: impl Iterator<Item = f64>) -> [f64; 2] {
 }
 
 /// Widens the narrower of two ranges until both have the same scale on a plane of this size.
-fn equalise(x: &mut [f64; 2], y: &mut [f64; 2], (width, height): (u32, u32)) {
+pub(crate) fn equalise(x: &mut [f64; 2], y: &mut [f64; 2], (width, height): (u32, u32)) {
     let per_pixel = |range: &[f64; 2], pixels: u32| (range[1] - range[0]) / f64::from(pixels.max(1));
     let scale = per_pixel(x, width).max(per_pixel(y, height));
     for (range, pixels) in [(x, width), (y, height)] {
@@ -244,7 +245,7 @@ fn equalise(x: &mut [f64; 2], y: &mut [f64; 2], (width, height): (u32, u32)) {
 }
 
 /// A number as short as it can be told apart from its neighbours on the axis.
-fn tick(value: f64) -> String {
+pub(crate) fn tick(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
 }

@@ -76,7 +76,7 @@ pub fn svg(chart: &Chart, size: (u32, u32)) -> String {
 }
 
 /// About so many round numbers within a range.
-fn ticks(range: [f64; 2], about: f64) -> Vec<f64> {
+pub(crate) fn ticks(range: [f64; 2], about: f64) -> Vec<f64> {
     let span = range[1] - range[0];
     if !(span.is_finite() && span > 0.0) {
         return Vec::new();
