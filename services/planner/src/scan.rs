@@ -6,6 +6,7 @@
 use cable_robot::Vector3;
 use serde::{Deserialize, Serialize};
 use service::config::Point;
+use survey::adaptive::Patch;
 use thiserror::Error;
 
 /// Most lines of a raster.
@@ -197,6 +198,33 @@ pub fn raster(
         points.extend(if line % 2 == 0 { [near, far] } else { [far, near] });
     }
     Ok(points)
+}
+
+/// Lines to and fro over each of the patches at a height (m), at most `spacing_m` apart, beginning at whichever end of a patch is nearer
+/// to where the last one ended; from `from` on.
+///
+/// # Errors
+/// A patch that would take more than [`MAX_LINES`] lines.
+pub fn over_patches(
+    patches: &[Patch],
+    height_m: f64,
+    spacing_m: f64,
+    from: Vector3<f64>,
+) -> Result<Vec<Vector3<f64>>, ScanError> {
+    let mut way: Vec<Vector3<f64>> = Vec::new();
+    for patch in patches {
+        let [low, high] = [patch.low_m, patch.high_m].map(|[x, y]| Vector3::new(x, y, height_m));
+        let along = if patch.along == 0 { Axis::X } else { Axis::Y };
+        let mut lines = raster(low, high, spacing_m, Some(along))?;
+        let here = way.last().copied().unwrap_or(from);
+        if let (Some(first), Some(last)) = (lines.first(), lines.last())
+            && (last - here).norm() < (first - here).norm()
+        {
+            lines.reverse();
+        }
+        way.extend(lines);
+    }
+    Ok(way)
 }
 
 /// From one point straight to another, with stays at both ends and in between at most `step_m` apart.

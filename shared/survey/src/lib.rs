@@ -26,6 +26,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+pub mod adaptive;
 mod error;
 pub mod grid;
 pub mod track;

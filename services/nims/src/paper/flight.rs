@@ -114,7 +114,8 @@ impl Flight {
         }
     }
 
-    fn scenario(&self) -> Result<Scenario> {
+    /// As the lockstep takes it.
+    pub fn scenario(&self) -> Result<Scenario> {
         let robot = stand_in::three_cable_robot()?;
         let mut plant = PlantConfig::new(stand_in::three().to_vec(), self.start_m);
         plant.node.mass_kg = stand_in::MASS_KG;

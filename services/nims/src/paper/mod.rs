@@ -10,6 +10,7 @@ mod calibration;
 mod control;
 mod energy;
 mod flight;
+mod mapping;
 mod page;
 mod random;
 pub mod section;
@@ -51,6 +52,7 @@ pub const ENTRIES: &[Entry] = &[
     entry("fig7", 20.0, control::fig7),
     entry("fig8", 20.0, control::fig8),
     entry("table3", 20.0, control::table3),
+    entry("fig10", 60.0, mapping::fig10),
     entry("fig11", 10.0, energy::fig11),
     entry("fig12", 10.0, energy::fig12),
     entry("fig13", 10.0, energy::fig13),

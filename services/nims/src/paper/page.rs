@@ -19,7 +19,7 @@ const FOREWORD: &str = "Every figure and table of Borgstrom et al., \u{201c}Desi
 IEEE Transactions on Robotics 25 (2), 2009, computed with the library and the control chain that fly the robot. The numbers in \
 the tables of the printed paper were not at hand, so every configuration here is a stand-in of the sizes that the text gives \
 (spans of about 10 m, range errors of 1.5 mm, 43 points, a spiral of 1.125 m), and no number is given as the paper's that is \
-not in its text. Figures 1, 2 and 9 are photographs and drawings; Figure 10 needs a rangefinder. Everything is seeded: the same \
+not in its text. Figures 1, 2 and 9 are photographs and drawings. Everything is seeded: the same \
 program writes the same page. Each verdict is computed from the statements listed below it.";
 
 fn class(verdict: Verdict) -> &'static str {
