@@ -44,9 +44,10 @@ pub struct KnownCell {
 
 impl From<&GridMap> for Known {
     fn from(map: &GridMap) -> Self {
-        let cells = map.cells().iter().map(|cell| {
-            cell.map(|cell| KnownCell { value: cell.value, sigma: cell.sigma, sampled: cell.samples > 0 })
-        });
+        let cells = map
+            .cells()
+            .iter()
+            .map(|cell| cell.map(|cell| KnownCell { value: cell.value, sigma: cell.sigma, sampled: cell.samples > 0 }));
         Self { spec: *map.spec(), cells: cells.collect() }
     }
 }

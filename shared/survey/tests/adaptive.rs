@@ -1,9 +1,9 @@
 //! Where a finer scan goes: every edge that a coarse one may have seen, and nowhere else.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use proptest::prelude::*;
 use survey::adaptive::{Known, Merit, Patch, PatchOptions, patches};
 use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};
-use proptest::prelude::*;
 
 const LOW_M: [f64; 2] = [0.0, 0.0];
 const HIGH_M: [f64; 2] = [3.0, 2.4];

@@ -168,8 +168,7 @@ pub fn fig10(effort: Effort) -> Result<Section> {
 
 /// A chart of cells in colours for values from 0 to 1.
 fn cells(area: &Area, spec: &GridSpec, caption: String, value: impl Fn(usize, [f64; 2]) -> f64) -> Chart {
-    let points: Vec<[f64; 2]> =
-        (0..spec.cells()).map(|at| spec.centre(at % spec.columns, at / spec.columns)).collect();
+    let points: Vec<[f64; 2]> = (0..spec.cells()).map(|at| spec.centre(at % spec.columns, at / spec.columns)).collect();
     let values = points.iter().enumerate().map(|(at, place)| value(at, *place)).collect();
     let side = spec.cell_m * 1.02;
     Chart {
@@ -189,16 +188,15 @@ fn maps(area: &Area, scene: &Scene, fine: &Scan, adaptive: &Scan) -> Picture {
     let span = format!("dark 0 m, bright {TOP_M} m");
     let charts = vec![
         cells(area, spec, format!("idealised heights, {span}"), |_, place| scene.height_m(place) / TOP_M),
-        cells(area, spec, format!("uniform fine raster, {:.0} m of way", fine.length_m), |at, _| height(fine, at) / TOP_M),
+        cells(area, spec, format!("uniform fine raster, {:.0} m of way", fine.length_m), |at, _| {
+            height(fine, at) / TOP_M
+        }),
         cells(area, spec, format!("adaptive scan, {:.0} m of way", adaptive.length_m), |at, _| {
             height(adaptive, at) / TOP_M
         }),
-        cells(
-            area,
-            spec,
-            format!("error of the adaptive scan, bright {:.0} mm", 1e3 * WORST_M),
-            |at, place| (height(adaptive, at) - scene.height_m(place)).abs() / WORST_M,
-        ),
+        cells(area, spec, format!("error of the adaptive scan, bright {:.0} mm", 1e3 * WORST_M), |at, place| {
+            (height(adaptive, at) - scene.height_m(place)).abs() / WORST_M
+        }),
     ];
     Picture { title: String::new(), size: (1040, 900), columns: 2, charts }
 }
@@ -233,7 +231,8 @@ fn course(flown: &[(&str, f64, &Scan)], errors: &[Errors], adaptive: &Scan) -> P
         x: Axis::of("path, m"),
         y: Axis::of("mm"),
         series: vec![
-            Series::line("as good as the fine raster", BLACK, vec![[0.0, level], [longest, level]]).looking(Look::Dashed),
+            Series::line("as good as the fine raster", BLACK, vec![[0.0, level], [longest, level]])
+                .looking(Look::Dashed),
             Series::line("uniform rasters", 0, uniform).looking(Look::Marked),
             Series::line("adaptive", 1, course),
         ],

@@ -104,8 +104,7 @@ impl Rangefinder<'_> {
                 [0, 1, 2].map(|k| a[k] + share * (b[k] - a[k]))
             };
             // what it saw is where it was; where that was taken to be is the told time less the mean latency
-            let (truth, seems) =
-                (between(self.due_s, before.1, now.1), between(told_s - mean_s, before.2, now.2));
+            let (truth, seems) = (between(self.due_s, before.1, now.1), between(told_s - mean_s, before.2, now.2));
             let distance_m = self.scene.distance_m(truth, BEAM_DEG.to_radians()) + NOISE_M * self.random.normal();
             let covariance = cycle.estimate.covariance_m2;
             take(&GridSample {
@@ -129,7 +128,8 @@ struct Flown<'a> {
 
 impl<'a> Flown<'a> {
     fn new(area: &Area, scene: &'a Scene, start: Vector3<f64>) -> Result<Self> {
-        let flight = Flight { period_s: PERIOD_S, horizon: HORIZON, ..Flight::new(start.into(), IDLE.to_owned(), DRIVES[0]) };
+        let flight =
+            Flight { period_s: PERIOD_S, horizon: HORIZON, ..Flight::new(start.into(), IDLE.to_owned(), DRIVES[0]) };
         let mut lockstep = Lockstep::new(flight.scenario()?)?;
         lockstep.zero_and_arm()?;
         let spec = GridSpec::covering(area.low_m, area.high_m, CELL_M)?;
