@@ -193,6 +193,20 @@ fn ground_that_was_flown_over_is_on_the_map() {
 }
 
 #[test]
+fn the_report_of_the_flight_shows_the_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    fly(&run, false);
+    let out = std::env::var_os("NIMS_KEEP").map_or_else(|| folder.path().to_owned(), PathBuf::from);
+    let page = out.join("page.html");
+    nims::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
+    let text = std::fs::read_to_string(&page).unwrap();
+    assert!(
+        text.contains("range as a map: distance from 0.") && text.contains("soil as a map: moisture_percent from ")
+    );
+}
+
+#[test]
 fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
     let folder = tempfile::tempdir().unwrap();
     let run = folder.path().join("run.mcap");

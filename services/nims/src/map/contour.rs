@@ -1,5 +1,25 @@
 //! Lines of equal value through a grid, by marching squares.
 
+use crate::picture::ticks;
+
+/// Numbers at the bar of a map, about.
+const NUMBERS: f64 = 8.0;
+
+/// Numbers to be written beside the colours of values of this range.
+pub(super) fn numbers(range: [f64; 2]) -> Vec<f64> {
+    ticks(range, NUMBERS)
+}
+
+/// Values of which lines are drawn: half-way between those numbers, because made things are as high as round numbers, and a line through
+/// level ground would follow nothing but noise.
+#[must_use]
+pub fn levels([low, high]: [f64; 2]) -> Vec<f64> {
+    let numbers = numbers([low, high]);
+    let half = numbers.windows(2).map(|two| 0.5 * (two[1] - two[0])).next().unwrap_or(high - low);
+    let below = numbers.first().map(|first| first - half).into_iter();
+    below.chain(numbers.iter().map(|number| number + half)).filter(|level| (low..high).contains(level)).collect()
+}
+
 /// The lines of one value: pieces between the centres of four cells that are all known, x and y in columns and rows.
 ///
 /// Where the two pairs of opposite corners of a square lie on different sides, the mean of the four decides how the lines go.

@@ -1,8 +1,9 @@
 //! A map as a picture: filled cells, lines of equal value, the flown path, a bar that says what the colours mean.
 
 use crate::failure::{Answer, Failure};
-use crate::map::contours;
-use crate::picture::{Canvas, equalise, scale, tick, ticks};
+use crate::map::contour::numbers as numbers_of;
+use crate::map::{contours, levels};
+use crate::picture::{Canvas, equalise, scale, tick};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::path::Path;
@@ -18,8 +19,6 @@ const BAR_PX: u32 = 150;
 const MARGIN_PX: u32 = 12;
 const TITLE_PX: u32 = 20;
 const TEXT_PX: u32 = 16;
-/// Numbers at the bar, about.
-const LEVELS: f64 = 8.0;
 /// Colours that are told apart, so that neighbours of one colour become one rectangle.
 const SHADES: f64 = 96.0;
 
@@ -71,17 +70,6 @@ impl Plot<'_> {
         let height = PLANE_PX * self.rows as f64 / self.columns as f64;
         let height = height.clamp(HEIGHTS_PX[0], HEIGHTS_PX[1]) as u32;
         (PLANE_PX as u32 + LABELS_PX + BAR_PX + 2 * MARGIN_PX, height + LABELS_PX + 2 * TITLE_PX + 2 * MARGIN_PX)
-    }
-
-    /// Where lines are drawn: half-way between the numbers of the bar, because made things are as high as round numbers, and a line through
-    /// level ground would follow nothing but noise.
-    fn levels(&self) -> Vec<f64> {
-        let [low, high] = self.range();
-        let numbers = ticks([low, high], LEVELS);
-        let half = numbers.windows(2).map(|two| 0.5 * (two[1] - two[0])).next().unwrap_or(high - low);
-        let below = numbers.first().map(|first| first - half).into_iter();
-        let between = numbers.iter().map(|number| number + half);
-        below.chain(between).filter(|level| (low..high).contains(level)).collect()
     }
 
     /// A shade for a value of this range, 0 to 1.
@@ -159,7 +147,7 @@ fn plane<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Re
         }
     }
     let at = |[column, row]: [f64; 2]| (x0 + (column + 0.5) * plot.cell_m, y0 + (row + 0.5) * plot.cell_m);
-    for level in plot.levels() {
+    for level in levels(range) {
         let lines = contours(&|column, row| plot.value(column, row), plot.columns, plot.rows, level);
         let lines = lines.into_iter().map(|[a, b]| PathElement::new([at(a), at(b)], CONTOUR.mix(0.75).stroke_width(1)));
         plane.draw_series(lines).map_err(words)?;
@@ -197,7 +185,7 @@ fn bar<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Resu
         Rectangle::new([(0.0, value(step + 1)), (1.0, value(step))], scale(shade).filled())
     });
     bar.draw_series(steps_of_colour).map_err(words)?;
-    for level in plot.levels() {
+    for level in levels(range) {
         let line = PathElement::new([(0.0, level), (1.0, level)], CONTOUR.mix(0.75).stroke_width(1));
         bar.draw_series([line]).map_err(words)?;
     }
@@ -205,7 +193,7 @@ fn bar<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Resu
     let (_, height) = area.dim_in_pixel();
     let tall = f64::from(height.saturating_sub(2 * MARGIN_PX + LABELS_PX));
     let (left, middle) = ((BAR_PX - numbers) as i32, f64::from(MARGIN_PX));
-    for level in ticks(range, LEVELS) {
+    for level in numbers_of(range) {
         let y = middle + tall * (high - level) / (high - low);
         let text = Text::new(tick(level), (left, y as i32 - TEXT_PX as i32 / 2), style.clone());
         area.draw(&text).map_err(words)?;

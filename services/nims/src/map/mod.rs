@@ -5,7 +5,7 @@ mod draw;
 mod files;
 mod read;
 
-pub use contour::contours;
+pub use contour::{contours, levels};
 pub use read::{Origin, config_of, samples_of};
 
 use crate::cli;
@@ -81,6 +81,44 @@ pub fn map(asked: &cli::Map) -> Answer<(Value, String)> {
     }
     words.push(format!("files in {}", folder.display()));
     Ok((json!({ "run": asked.run, "folder": folder, "maps": values }), words.join("\n")))
+}
+
+/// Maps of the sensors of a run within these areas, by name, with about `cells` cells along the longer side; in memory that does not grow with
+/// the run.
+///
+/// # Errors
+/// The run cannot be read.
+pub fn maps_within(
+    run: &Path,
+    config: &LoggerConfig,
+    areas: &BTreeMap<String, [[f64; 2]; 2]>,
+    cells: f64,
+) -> Answer<BTreeMap<String, SensorMap>> {
+    let empty = |name: &str| -> Option<SensorMap> {
+        let sensor = config.sensor(name)?;
+        let [low, high] = areas.get(name)?;
+        let map = SensorMap::new(config, &sensor, 8).ok()??;
+        let longest_m = (high[0] - low[0]).max(high[1] - low[1]).max(0.01);
+        let spec = around(&[*low, *high], Some(longest_m / cells))?.ok()?;
+        let options = GridOptions { reach_m: 4.0 * spec.cell_m, ..config.options(&sensor, spec.cell_m) };
+        Some(map.on(GridMap::new(spec, options).ok()?))
+    };
+    // of each sensor what was recorded, and what is computed: which of them counts shows at the end
+    let mut both: BTreeMap<String, [Option<SensorMap>; 2]> = BTreeMap::new();
+    samples_of(run, config, &mut Vec::new(), &mut |name, origin, sample| {
+        if !both.contains_key(name) {
+            both.insert(name.to_owned(), [empty(name), empty(name)]);
+        }
+        if let Some(Some(map)) = both.get_mut(name).map(|maps| &mut maps[usize::from(origin == Origin::Computed)]) {
+            map.add(sample);
+        }
+    })?;
+    let filled = both.into_iter().filter_map(|(name, maps)| {
+        let mut map = maps.into_iter().flatten().find(|map| map.grid().counts().inside > 0)?;
+        map.grid_mut().refresh_all();
+        Some((name, map))
+    });
+    Ok(filled.collect())
 }
 
 /// What was asked for goes before what the box file says.

@@ -15,7 +15,7 @@ const SETPOINT: usize = GREY;
 const ALONE: usize = 4;
 /// Pixels of a chart over time, and of one of the two views of the path.
 const WIDE: (u32, u32) = (1060, 250);
-const VIEW: (u32, u32) = (520, 430);
+pub(super) const VIEW: (u32, u32) = (520, 430);
 /// A timeline has so many pixels per lane, and these for its axis.
 const LANE_PX: u32 = 26;
 const AXIS_PX: u32 = 58;
@@ -39,7 +39,8 @@ pub struct Figure {
 }
 
 impl Figure {
-    fn new(caption: &str, size: (u32, u32), chart: Chart) -> Self {
+    /// Of a chart.
+    pub(super) fn new(caption: &str, size: (u32, u32), chart: Chart) -> Self {
         let named = chart.series.iter().filter(|series| !series.name.is_empty());
         let key = named.map(|series| (colour_of(series.colour), series.name.clone())).collect();
         Self { caption: caption.to_owned(), key, half: size.0 < WIDE.0, same_y: true, size, chart }

@@ -13,6 +13,7 @@ use messages::{
     CABLES, Heartbeat, LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, RecorderStatus, text_of,
 };
 use runlog::{Inspection, Recorded, RunReader, RunReport};
+use sensor_logger::SensorMap;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -129,6 +130,8 @@ pub struct Gathered {
     pub processes: BTreeMap<String, Heartbeat>,
     /// Readings and samples.
     pub sensors: Sensors,
+    /// What they say together, by the sensors' names.
+    pub maps: BTreeMap<String, SensorMap>,
     /// The recorder's last word on each channel.
     pub recorder: BTreeMap<String, RecorderStatus>,
     /// Least free space, bytes.
@@ -166,7 +169,9 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
     tracker.finish(&mut |cycle: &Cycle<'_>| book.cycle(cycle));
     let recording = inspection.report(&reader);
     let robot = super::robot::robot_of(run, reader.attachments());
-    Ok(book.close(run, recording, robot, &other_version))
+    let mut gathered = book.close(run, recording, robot, &other_version);
+    gathered.maps = super::maps::maps_of(run, &gathered.sensors);
+    Ok(gathered)
 }
 
 /// What is being gathered.
@@ -205,6 +210,7 @@ impl Book {
             events: Events::default(),
             processes: BTreeMap::new(),
             sensors: Sensors::default(),
+            maps: BTreeMap::new(),
             recorder: BTreeMap::new(),
             least_free_bytes: None,
             mission: None,

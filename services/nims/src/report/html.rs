@@ -106,7 +106,11 @@ pub fn page(runs: &[Judged]) -> String {
         after: process_table(&judged.run),
     });
     if runs.iter().any(|judged| !judged.run.sensors.channels().is_empty()) {
-        section(&mut out, runs, "Sensors", |judged| Part { figures: charts::sensors(&judged.run), ..Part::default() });
+        section(&mut out, runs, "Sensors", |judged| {
+            let mut figures = super::maps::figures(&judged.run);
+            figures.extend(charts::sensors(&judged.run));
+            Part { figures, ..Part::default() }
+        });
     }
     section(&mut out, runs, "The recording", |judged| Part { before: recording(&judged.run), ..Part::default() });
     let _ = writeln!(
