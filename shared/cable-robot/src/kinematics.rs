@@ -299,7 +299,7 @@ impl Jacobian {
             if !(length >= 1e-9 && length.is_finite()) {
                 return Err(KinematicsError::singular(position));
             }
-            *row = d / length;
+            *row = d * (1.0 / length);
         }
         Ok(Self { rows, len: anchors.len(), planar: anchors.is_planar() })
     }

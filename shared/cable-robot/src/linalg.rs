@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::MAX_CABLES;
+use crate::{CableVec, MAX_CABLES};
 
 /// Below this the diagonal of R counts as zero: rows are unit vectors, so it is a sine of an angle.
 const RANK_TOLERANCE: f64 = 1e-9;
@@ -13,49 +13,99 @@ const SPACE: [usize; 3] = [0, 1, 2];
 /// Those of the plane y = 0.
 const PLANE: [usize; 2] = [0, 2];
 
-/// Columns of the 3 x n (pseudo-)inverse of the n x 3 matrix with these rows, or None where the rank is below three. In
-/// the plane the y of the rows is left out, the rank is two and the y of the columns 0.
+/// The n x D matrix of these axes of some rows as Q R: Q with orthonormal columns, padded with rows of zeros to N; R upper triangular.
 ///
-/// QR by Gram-Schmidt carried out twice: unlike the normal equations it does not square the condition number.
-pub(crate) fn pseudo_inverse(rows: &[Vector3<f64>], planar: bool) -> Option<[Vector3<f64>; MAX_CABLES]> {
-    let axes = if planar { &PLANE[..] } else { &SPACE };
-    let n = rows.len();
-    let mut q = [[0.0; MAX_CABLES]; 3];
-    let mut r = [[0.0; 3]; 3];
-    for (j, axis) in axes.iter().enumerate() {
-        let mut v = [0.0; MAX_CABLES];
-        for (vi, row) in v.iter_mut().zip(rows) {
-            *vi = row[*axis];
-        }
-        for _ in 0..2 {
-            for i in 0..j {
-                let d = dot(&q[i][..n], &v[..n]);
-                r[i][j] += d;
-                for (vk, qk) in v.iter_mut().zip(&q[i]) {
-                    *vk -= d * qk;
+/// By Gram-Schmidt carried out twice: unlike the normal equations it does not square the condition number.
+struct Qr<const N: usize, const D: usize> {
+    q: [[f64; N]; D],
+    r: [[f64; D]; D],
+}
+
+impl<const N: usize, const D: usize> Qr<N, D> {
+    /// None where the rank is below D. At most N rows.
+    fn of(rows: &[Vector3<f64>], axes: [usize; D]) -> Option<Self> {
+        let (mut q, mut r) = ([[0.0; N]; D], [[0.0; D]; D]);
+        for j in 0..D {
+            let mut v = [0.0; N];
+            for (vi, row) in v.iter_mut().zip(rows) {
+                *vi = row[axes[j]];
+            }
+            for _ in 0..2 {
+                for i in 0..j {
+                    let d = dot(&q[i], &v);
+                    r[i][j] += d;
+                    for (vk, qk) in v.iter_mut().zip(&q[i]) {
+                        *vk -= d * qk;
+                    }
                 }
             }
-        }
-        let norm = dot(&v[..n], &v[..n]).sqrt();
-        if norm.is_nan() || norm < RANK_TOLERANCE {
-            return None;
-        }
-        r[j][j] = norm;
-        for (qk, vk) in q[j].iter_mut().zip(&v) {
-            *qk = vk / norm;
-        }
-    }
-    let mut columns = [Vector3::zeros(); MAX_CABLES];
-    for (i, column) in columns.iter_mut().enumerate().take(n) {
-        for (j, axis) in axes.iter().enumerate().rev() {
-            let mut rest = q[j][i];
-            for (later, other) in axes.iter().enumerate().skip(j + 1) {
-                rest -= r[j][later] * column[*other];
+            let norm = dot(&v, &v).sqrt();
+            if norm.is_nan() || norm < RANK_TOLERANCE {
+                return None;
             }
-            column[*axis] = rest / r[j][j];
+            r[j][j] = norm;
+            let scale = 1.0 / norm;
+            q[j] = v.map(|vk| vk * scale);
+        }
+        Some(Self { q, r })
+    }
+}
+
+/// Columns of the 3 x n (pseudo-)inverse of the n x 3 matrix with these rows, or None where the rank is below three. In
+/// the plane the y of the rows is left out, the rank is two and the y of the columns 0.
+pub(crate) fn pseudo_inverse(rows: &[Vector3<f64>], planar: bool) -> Option<[Vector3<f64>; MAX_CABLES]> {
+    // Most robots have three or four cables, and theirs is solved in every cycle.
+    match (rows.len() <= 4, planar) {
+        (true, false) => inverse_columns::<4, 3>(rows, SPACE),
+        (false, false) => inverse_columns::<MAX_CABLES, 3>(rows, SPACE),
+        (_, true) => inverse_columns::<MAX_CABLES, 2>(rows, PLANE),
+    }
+}
+
+fn inverse_columns<const N: usize, const D: usize>(
+    rows: &[Vector3<f64>],
+    axes: [usize; D],
+) -> Option<[Vector3<f64>; MAX_CABLES]> {
+    let Qr { q, r } = Qr::<N, D>::of(rows, axes)?;
+    let mut columns = [Vector3::zeros(); MAX_CABLES];
+    for (i, column) in columns.iter_mut().enumerate().take(rows.len()) {
+        for j in (0..D).rev() {
+            let mut rest = q[j][i];
+            for later in j + 1..D {
+                rest -= r[j][later] * column[axes[later]];
+            }
+            column[axes[j]] = rest / r[j][j];
         }
     }
     Some(columns)
+}
+
+/// The shortest x with A x = b for the 3 x n matrix A of these columns, or None where its rank is below three; in the plane, where y is left
+/// out, below two.
+pub(crate) fn shortest(columns: &[Vector3<f64>], planar: bool, b: &Vector3<f64>) -> Option<CableVec> {
+    match (columns.len() <= 4, planar) {
+        (true, false) => shortest_of::<4, 3>(columns, SPACE, b),
+        (false, false) => shortest_of::<MAX_CABLES, 3>(columns, SPACE, b),
+        (_, true) => shortest_of::<MAX_CABLES, 2>(columns, PLANE, b),
+    }
+}
+
+/// Aᵀ = Q R, so x = Q y with Rᵀ y = b.
+fn shortest_of<const N: usize, const D: usize>(
+    columns: &[Vector3<f64>],
+    axes: [usize; D],
+    b: &Vector3<f64>,
+) -> Option<CableVec> {
+    let Qr { q, r } = Qr::<N, D>::of(columns, axes)?;
+    let (mut x, mut y) = ([0.0; N], [0.0; D]);
+    for j in 0..D {
+        let known: f64 = (0..j).map(|i| r[i][j] * y[i]).sum();
+        y[j] = (b[axes[j]] - known) / r[j][j];
+        for (xk, qk) in x.iter_mut().zip(&q[j]) {
+            *xk += y[j] * qk;
+        }
+    }
+    Some(CableVec::from_fn(columns.len(), |i| x[i]))
 }
 
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {

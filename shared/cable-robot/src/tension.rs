@@ -190,9 +190,7 @@ pub fn unique(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<Ca
 
 /// Λᵀ(ΛΛᵀ)⁻¹b: the least norm without limits (38), N. For as many cables as directions the unique solution.
 pub fn least_norm_unbounded(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
-    let columns = linalg::pseudo_inverse(structure, structure.is_planar()).ok_or(TensionError::Singular)?;
-    // The rows given are Λ's columns, so this is the pseudo-inverse of Λᵀ, and its transpose is that of Λ.
-    Ok(CableVec::from_fn(structure.len(), |i| columns[i].dot(wrench_n)))
+    linalg::shortest(structure, structure.is_planar(), wrench_n).ok_or(TensionError::Singular)
 }
 
 /// Tensions within `limits_n` = [min, max] whose forces add up to the wrench, N.
@@ -316,9 +314,9 @@ impl FourCables {
         }
         check_arguments(wrench_n, limits_n)?;
         let null = null_vector(structure);
-        let norm = null.norm_squared().sqrt();
+        let scale = 1.0 / null.norm_squared().sqrt();
         let particular_n = least_norm_unbounded(structure, wrench_n)?;
-        let direction = null.map(|v| v / norm);
+        let direction = null.map(|v| v * scale);
         let [min, max] = limits_n;
         let scale = particular_n.max_abs().max(min).max(1.0);
         let (mut low_n, mut high_n) = (f64::NEG_INFINITY, f64::INFINITY);
@@ -330,7 +328,8 @@ impl FourCables {
                 }
                 continue;
             }
-            let (a, b) = ((min - t) / d, (max - t) / d);
+            let per_d = 1.0 / d;
+            let (a, b) = ((min - t) * per_d, (max - t) * per_d);
             low_n = low_n.max(a.min(b));
             high_n = high_n.min(a.max(b));
         }

@@ -8,8 +8,8 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Three control cycles at the usual rate: without a command for so long the robot stops.
-const STALL: Duration = Duration::from_millis(30);
+/// Two control cycles at the usual rate: with the one that is under way, enough for the robot to stop.
+const STALL: Duration = Duration::from_millis(20);
 /// How often a witness looks at the clock.
 const NAP: Duration = Duration::from_millis(2);
 const TRIES: usize = 4;
