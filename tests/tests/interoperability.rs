@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use bus::clock::now_ns;
 use bus::{Bus, Domain};
-use messages::schema::{Number, Schema};
+use messages::schema::{Number, Primitive, Schema};
 use messages::{
     ControlStatus, Energy, Field, FieldMap, Header, Heartbeat, LogEvent, Message, MotorAuthority, MotorCommand,
     MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, ProcessState, Reading,
@@ -34,6 +34,17 @@ impl Random {
         let mut sample = T::zeroed();
         for byte in bytemuck::bytes_of_mut(&mut sample) {
             *byte = self.next() as u8;
+        }
+        // a signalling NaN turns into a quiet one wherever a reader widens it to its own kind of number
+        let schema = Schema::parse(T::schema()).ok();
+        let fields = schema.iter().flat_map(|schema| schema.fields());
+        for field in fields.filter(|field| field.primitive == Primitive::Float32) {
+            let bytes = &mut bytemuck::bytes_of_mut(&mut sample)[field.offset..field.offset + field.size()];
+            for number in bytes.chunks_exact_mut(4) {
+                if f32::from_le_bytes(number.try_into().unwrap()).is_nan() {
+                    number[2] |= 0x40;
+                }
+            }
         }
         let header = sample.header_mut();
         (header.seq, header.stamp_ns) = (seq, stamp_ns);

@@ -146,10 +146,13 @@ fn draw(out: &mut String, plane: &Plane, series: &Series) {
             series.points.chunks_exact(2).for_each(|pair| rectangle(out, plane, [pair[0], pair[1]], &colour))
         }
         Look::Cells([width, height], values) => {
+            // without seams between neighbours
+            out.push_str("<g shape-rendering=\"crispEdges\">");
             for (p, value) in series.points.iter().zip(values) {
                 let (w, h) = (0.5 * width, 0.5 * height);
                 rectangle(out, plane, [[p[0] - w, p[1] - h], [p[0] + w, p[1] + h]], &hex(scale(*value)));
             }
+            out.push_str("</g>");
         }
         Look::Scaled(radius, values) => {
             for (p, value) in series.points.iter().zip(values).filter(|(p, _)| plane.shows(p)) {
