@@ -342,6 +342,7 @@ impl Lockstep {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),
             estimate: self.estimate.as_ref(),
+            map: None,
         };
         let sentence = self.planner.run(mission, &seen)?;
         (self.motion, self.plan) = self.planner.step(&seen);
@@ -417,6 +418,7 @@ impl Lockstep {
                 now_ns: self.plant.time_ns(),
                 authority: self.authority.as_ref(),
                 estimate: self.estimate.as_ref(),
+                map: None,
             };
             (self.motion, self.plan) = self.planner.step(&seen);
         }

@@ -10,6 +10,7 @@
 //! * [`Planner`] is pure: time and samples come with every call.
 #![forbid(unsafe_code)]
 
+pub mod adaptive;
 mod dry_run;
 pub mod mission;
 pub mod plan;

@@ -3,7 +3,8 @@
 use std::process::ExitCode;
 
 use bus::clock::now_ns;
-use messages::{MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, SLOT_NAMES};
+use bus::{Bus, Subscriber};
+use messages::{FieldMap, MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, SLOT_NAMES};
 use planner::progress::{Keeper, Progress};
 use planner::{Planner, PlannerConfig, Seen, requests};
 use service::{Args, Chassis};
@@ -13,6 +14,26 @@ const PERIOD_NS: u64 = 50_000_000;
 
 fn main() -> ExitCode {
     service::main("planner", run)
+}
+
+/// The map that the planner waits for, and the newest of it.
+struct Map {
+    name: String,
+    channel: Subscriber<FieldMap>,
+    newest: Option<Box<FieldMap>>,
+}
+
+impl Map {
+    fn of(bus: &Bus, name: &str) -> anyhow::Result<Self> {
+        Ok(Self { name: name.to_owned(), channel: bus.subscriber(&format!("map/{name}"))?, newest: None })
+    }
+
+    fn look(&mut self) -> anyhow::Result<Option<&FieldMap>> {
+        if let Some(map) = self.channel.latest()? {
+            self.newest = Some(Box::new(map));
+        }
+        Ok(self.newest.as_deref())
+    }
 }
 
 fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
@@ -33,6 +54,7 @@ fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     let mut statuses = bus.publisher::<PlanStatus>("plan/status")?;
     let mut server = bus.server(chassis.name())?;
     let mut waiter = chassis.waiter(&[server.event()])?;
+    let mut maps: Option<Map> = None;
     let (mut authority, mut newest, mut state) = (None::<MotorAuthority>, [None::<NodeEstimate>; 2], 0);
     let mut due_ns = now_ns();
     chassis.ready()?;
@@ -43,7 +65,11 @@ fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
             *newest = estimates.latest()?.or(*newest);
         }
         let estimate = messages::blended_estimate(authority.as_ref(), [newest[0].as_ref(), newest[1].as_ref()]);
-        let seen = Seen { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref() };
+        if planner.wants_map() != maps.as_ref().map(|map| map.name.as_str()) {
+            maps = planner.wants_map().map(|name| Map::of(chassis.bus(), name)).transpose()?;
+        }
+        let map = maps.as_mut().map(Map::look).transpose()?.flatten();
+        let seen = Seen { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref(), map };
         let mut asked = false;
         while let Some(call) = server.try_next()? {
             let (accepted, sentence) = requests::answer(&mut planner, &call.request, &file.planner.missions, &seen);

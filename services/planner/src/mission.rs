@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use service::config::Point;
 use thiserror::Error;
 
-use crate::scan::{DwellPoints, Profile, Raster, Transect};
+use crate::scan::{Adaptive, DwellPoints, Profile, Raster, Transect};
 
 /// Most legs of a mission; more is a scan pattern that belongs into one polyline.
 pub const MAX_LEGS: usize = 200;
@@ -88,6 +88,8 @@ pub enum Leg {
     Transect(Transect),
     /// A straight line up or down.
     Profile(Profile),
+    /// Fine lines where a map says that it is worth it.
+    Adaptive(Adaptive),
 }
 
 /// `line = { .. }`.
@@ -264,6 +266,7 @@ impl Mission {
                     self.range(here(), "overlap", l.overlap, 0.0, 0.9, "0 to 0.9, a share of pitch_m")?;
                     self.speed(here(), l.speed_m_s)?;
                 }
+                Leg::Adaptive(l) => self.adaptive(i, l)?,
                 Leg::DwellPoints(l) => {
                     self.points(here(), &l.points_m)?;
                     self.stay(here(), "duration_s", l.duration_s)?;
@@ -317,6 +320,36 @@ impl Mission {
             return Err(self.wrong(leg, "points_m", value, "1 to 1000 points"));
         }
         points_m.iter().try_for_each(|p| self.point(leg.clone(), "points_m", p))
+    }
+
+    fn adaptive(&self, number: usize, l: &Adaptive) -> Result<(), MissionError> {
+        let here = || format!(", leg {}", number + 1);
+        if number == 0 || self.relative {
+            let accepted = "a leg that makes the map before it, and relative = false";
+            return Err(self.wrong(here(), "adaptive", "the first leg, or the points are relative".into(), accepted));
+        }
+        if l.map.is_empty() || l.map.len() > 32 {
+            return Err(self.wrong(
+                here(),
+                "map",
+                format!("\"{}\"", l.map),
+                "the name of a map, map/NAME without map/",
+            ));
+        }
+        self.point(here(), "corner_m", &l.corner_m)?;
+        self.point(here(), "opposite_m", &l.opposite_m)?;
+        let (a, b) = (l.corner_m.position_m, l.opposite_m.position_m);
+        if a[2] != b[2] || a[0] == b[0] || a[1] == b[1] {
+            let accepted = "a corner at the height of corner_m, and elsewhere in x and y";
+            return Err(self.wrong(here(), "opposite_m", format!("{b:?}"), accepted));
+        }
+        self.range(here(), "pitch_m", l.pitch_m, 1e-3, 1000.0, "0.001 to 1000 m")?;
+        if let Some(tile_m) = l.tile_m {
+            self.range(here(), "tile_m", tile_m, 1e-3, 1000.0, "0.001 to 1000 m")?;
+        }
+        self.range(here(), "share", l.share, 0.0, 1.0, "0 to 1")?;
+        self.range(here(), "least", l.least, 0.0, 1.0, "0 to 1")?;
+        self.speed(here(), l.speed_m_s)
     }
 
     fn stay(&self, leg: String, key: &'static str, duration_s: f64) -> Result<(), MissionError> {

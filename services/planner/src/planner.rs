@@ -2,13 +2,14 @@
 
 use cable_robot::Vector3;
 use messages::{
-    Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text, text_of,
+    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text, text_of,
 };
 use service::motion::segment_message;
 use thiserror::Error;
 
+use crate::adaptive;
 use crate::mission::{self, Leg, Mission, PathShape};
-use crate::plan::{Plan, PlanError, PlannerConfig};
+use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
 
 /// An estimate this many cycles behind motor-io is no longer where the node is.
@@ -19,6 +20,9 @@ const AGREES_M: f64 = 0.001;
 
 /// A motion that is not taken up within this time is withdrawn, ns. Two controllers swapped in a row take three.
 const TAKE_UP_NS: u64 = 5_000_000_000;
+
+/// A map that has not come for this long after a leg's end will not come, ns: one a second is the rule.
+const MAP_NS: u64 = 20_000_000_000;
 
 /// motor-io that has not been heard for this long is gone, ns. A shared machine stands still for up to 250 ms.
 const SILENT_NS: u64 = 1_000_000_000;
@@ -32,6 +36,8 @@ pub struct Seen<'a> {
     pub authority: Option<&'a MotorAuthority>,
     /// Newest node/estimate: [`messages::blended_estimate`].
     pub estimate: Option<&'a NodeEstimate>,
+    /// Newest map of the name that [`Planner::wants_map`] gives.
+    pub map: Option<&'a FieldMap>,
 }
 
 /// Why a request is not carried out.
@@ -51,6 +57,14 @@ struct Flight {
     plan: Plan,
     /// What was flown of it before, s.
     before_s: f64,
+    /// The same, all of it from its beginning.
+    whole: Plan,
+    /// What comes then, beginning with an adaptive leg; how long it takes at most, s; legs before this part of the mission.
+    left: Option<Mission>,
+    later_s: f64,
+    legs_before: u32,
+    /// At its end, waiting for a map since then.
+    waits_ns: Option<u64>,
     /// A mission, not a single move: how far it comes is kept.
     kept: bool,
     name: String,
@@ -59,6 +73,27 @@ struct Flight {
     current: usize,
     accepted_ns: u64,
     taken_up: bool,
+}
+
+impl Flight {
+    fn new(name: String, plan: Plan, whole: Plan, kept: bool, authority: &MotorAuthority, seen: &Seen<'_>) -> Self {
+        Self {
+            plan,
+            before_s: 0.0,
+            whole,
+            left: None,
+            later_s: 0.0,
+            legs_before: 0,
+            waits_ns: None,
+            kept,
+            name,
+            motion: 0,
+            epoch: authority.epoch,
+            current: 0,
+            accepted_ns: seen.now_ns,
+            taken_up: false,
+        }
+    }
 }
 
 /// Missions and requests to motion segments. Pure: time and samples come with every call.
@@ -177,23 +212,22 @@ impl Planner {
         let mission = mission.clone().checked().map_err(|error| Refusal::NotReady(error.to_string()))?;
         let (authority, estimate) = self.ready(seen)?;
         let start = Vector3::from(estimate.position_m);
-        let plan = Plan::new(&mission, &self.config, start, authority.plan_time_s, self.next_id)?;
+        // All of it may be flown; an adaptive leg as if all of its area were worth it.
+        let all = Plan::new(&mission, &self.config, start, authority.plan_time_s, self.next_id)?;
+        let (first, left) = adaptive::split(&mission);
+        let plan = match &left {
+            None => all.clone(),
+            Some(_) => Plan::new(&first, &self.config, start, authority.plan_time_s, self.next_id)?,
+        };
         if kept {
             let at_m = estimate.position_m;
-            self.progress =
-                Some(Progress { start_m: at_m, segment: 0, along: 0.0, at_m, done: false, mission: mission.clone() });
+            let stage = left.is_some().then_some(first);
+            let (segment, along, done) = (0, 0.0, false);
+            let (mission, left) = (mission.clone(), left.clone());
+            self.progress = Some(Progress { start_m: at_m, segment, along, at_m, done, mission, stage, left });
         }
-        let flight = Flight {
-            before_s: 0.0,
-            kept,
-            name: mission.name,
-            motion: 0,
-            epoch: authority.epoch,
-            current: 0,
-            accepted_ns: seen.now_ns,
-            taken_up: false,
-            plan,
-        };
+        let later_s = all.end_s() - plan.end_s();
+        let flight = Flight { later_s, left, ..Flight::new(mission.name, plan.clone(), plan, kept, authority, seen) };
         Ok(self.offer(flight, "accepted"))
     }
 
@@ -212,7 +246,8 @@ impl Planner {
             return refuse(format!("mission \"{name}\" is done; nothing is left of it"));
         }
         let (authority, estimate) = self.ready(seen)?;
-        let whole = Plan::new(mission, &self.config, Vector3::from(progress.start_m), 0.0, 1)?;
+        let stage = progress.stage.as_ref().unwrap_or(mission);
+        let whole = Plan::new(stage, &self.config, Vector3::from(progress.start_m), 0.0, 1)?;
         let mark = progress.mark();
         let segment = whole.segments.get(mark.segment).ok_or(PlanError::OtherPlan)?;
         if (segment.path.point(mark.along) - Vector3::from(progress.at_m)).norm() > AGREES_M {
@@ -221,22 +256,30 @@ impl Planner {
         let dwells = matches!(segment.path, cable_robot::Path::Dwell(_));
         let before_s = segment.start_s + if dwells { mark.along } else { segment.profile.time_at(mark.along) };
         let here = Vector3::from(estimate.position_m);
-        let plan = match whole.rest(mission, &self.config, mark, here, authority.plan_time_s, self.next_id) {
+        let plan = match whole.rest(stage, &self.config, mark, here, authority.plan_time_s, self.next_id) {
+            // Only the map is missing: it is waited for at rest.
+            Err(PlanError::AlreadyThere) if progress.left.is_some() => {
+                let stay = Leg::Dwell(mission::Dwell { duration_s: SHORTEST_S });
+                let stay = Mission { leg: vec![stay], ..mission.clone() };
+                Plan::new(&stay, &self.config, here, authority.plan_time_s, self.next_id)?
+            }
             Err(PlanError::AlreadyThere) => {
                 return refuse(format!("mission \"{name}\" is done; nothing is left of it"));
             }
             plan => plan?,
         };
+        let later_s = match &progress.left {
+            Some(left) => Plan::new(left, &self.config, whole.end(), 0.0, 1)?.end_s(),
+            None => 0.0,
+        };
+        let legs_left = stage.leg.len() + progress.left.as_ref().map_or(0, |left| left.leg.len());
+        let legs_before = mission.leg.len().saturating_sub(legs_left) as u32;
         let flight = Flight {
             before_s,
-            kept: true,
-            name: name.clone(),
-            motion: 0,
-            epoch: authority.epoch,
-            current: 0,
-            accepted_ns: seen.now_ns,
-            taken_up: false,
-            plan,
+            later_s,
+            left: progress.left,
+            legs_before,
+            ..Flight::new(name.clone(), plan, whole, true, authority, seen)
         };
         Ok(self.offer(flight, "goes on"))
     }
@@ -247,16 +290,26 @@ impl Planner {
         self.next_id = self.next_id.wrapping_add(plan.segments.len() as u32).max(1);
         self.motions = self.motions.wrapping_add(1).max(1);
         flight.motion = self.motions;
+        let then = match flight.left {
+            Some(_) => format!(", then where the map is worth it: at most {:.0} s more", flight.later_s),
+            None => String::new(),
+        };
         let energy = plan.energy_j(&self.config).map_or(String::new(), |joules| format!(", about {joules:.0} J"));
         let sentence = format!(
-            "mission \"{}\" {verb}: {} segments, {:.2} m, {:.1} s{energy}",
+            "mission \"{}\" {verb}: {} segments, {:.2} m, {:.1} s{energy}{then}",
             flight.name,
             plan.segments.len(),
             plan.length_m(),
             plan.end_s() - plan.start_s()
         );
-        self.status =
-            PlanStatus { refused: self.refused, legs: plan.leg_count, leg: plan.legs[0], ..PlanStatus::default() };
+        self.status = PlanStatus {
+            refused: self.refused,
+            legs: 0,
+            leg: flight.legs_before + plan.legs[0],
+            ..PlanStatus::default()
+        };
+        let left = flight.left.as_ref().map_or(0, |left| left.leg.len() as u32);
+        self.status.legs = flight.legs_before + plan.leg_count + left;
         self.status.state = PlanStatus::STATE_READY;
         self.status.target_m = plan.end().into();
         put_text(&mut self.status.mission, &flight.name);
@@ -334,6 +387,7 @@ impl Planner {
         self.look(seen);
         if let Some(authority) = seen.authority {
             self.advance(authority, seen.now_ns);
+            self.refine(authority, seen);
         }
         self.beat = self.beat.wrapping_add(1);
         let cycle = seen.authority.map_or(0, |authority| authority.header.cycle);
@@ -357,6 +411,62 @@ impl Planner {
         self.flight.as_ref().map_or(&[], |flight| &flight.plan.segments[flight.current..])
     }
 
+    /// The map that the next leg of the mission waits for.
+    pub fn wants_map(&self) -> Option<&str> {
+        match self.flight.as_ref()?.left.as_ref()?.leg.first()? {
+            Leg::Adaptive(leg) => Some(&leg.map),
+            _ => None,
+        }
+    }
+
+    /// At the end of the legs before an adaptive one, with a map that knows of all of them: what comes next.
+    fn refine(&mut self, authority: &MotorAuthority, seen: &Seen<'_>) {
+        let Some((flight, since_ns)) = self.flight.as_ref().and_then(|flight| Some((flight, flight.waits_ns?))) else {
+            return;
+        };
+        let (Some(map), Some(left)) = (seen.map.filter(|map| map.header.stamp_ns > since_ns), &flight.left) else {
+            return;
+        };
+        let Some(known) = adaptive::known(map, &flight.whole) else { return };
+        let start = flight.plan.end();
+        let legs_before = flight.legs_before + flight.plan.leg_count;
+        let name = flight.name.clone();
+        let planned = adaptive::resolved(left, &known, start)
+            .map_err(|error| PlanError::Scan { leg: legs_before as usize + 1, error })
+            .and_then(|mission| {
+                let (first, left) = adaptive::split(&mission);
+                let at_s = authority.plan_time_s;
+                Plan::new(&first, &self.config, start, at_s, self.next_id).map(|plan| (plan, first, left))
+            });
+        match planned {
+            Ok((plan, first, left)) => {
+                let later = left.as_ref().map(|left| Plan::new(left, &self.config, plan.end(), 0.0, 1));
+                let later_s = later.and_then(Result::ok).map_or(0.0, |plan| plan.end_s());
+                if let Some(progress) = &mut self.progress {
+                    (progress.start_m, progress.at_m) = (start.into(), start.into());
+                    (progress.segment, progress.along) = (0, 0.0);
+                    (progress.stage, progress.left) = (Some(first), left.clone());
+                }
+                let flight = Flight::new(name, plan.clone(), plan, true, authority, seen);
+                self.offer(Flight { later_s, left, legs_before, ..flight }, "goes on");
+            }
+            Err(error) => {
+                let done = error == PlanError::AlreadyThere;
+                self.status.state = if done { PlanStatus::STATE_DONE } else { PlanStatus::STATE_ABORTED };
+                self.status.time_left_s = 0.0;
+                if done {
+                    self.status.progress = 1.0;
+                } else {
+                    put_text(&mut self.status.reason, &error.to_string());
+                }
+                if let Some(progress) = &mut self.progress {
+                    progress.done = done;
+                }
+                self.flight = None;
+            }
+        }
+    }
+
     fn advance(&mut self, authority: &MotorAuthority, now_ns: u64) {
         let Some(flight) = &mut self.flight else { return };
         let time_s = authority.plan_time_s;
@@ -367,7 +477,7 @@ impl Planner {
         let (start_s, end_s) = (flight.plan.start_s(), flight.plan.end_s());
         let status = &mut self.status;
         status.elapsed_s = (time_s - start_s).clamp(0.0, end_s - start_s);
-        let whole_s = flight.before_s + end_s - start_s;
+        let whole_s = flight.before_s + end_s - start_s + flight.later_s;
         status.progress = if whole_s > 0.0 { (flight.before_s + status.elapsed_s) / whole_s } else { 1.0 };
         if flight.kept
             && flight.taken_up
@@ -377,14 +487,22 @@ impl Planner {
             let (mark, at) = flight.plan.reached(time_s);
             (progress.segment, progress.along, progress.at_m) = (mark.segment, mark.along, at.into());
         }
-        status.leg = flight.plan.legs[flight.current];
+        status.leg = flight.legs_before + flight.plan.legs[flight.current];
         let rate = authority.plan_rate_target;
-        status.time_left_s = (end_s - time_s).max(0.0) / if rate > 0.0 { rate } else { 1.0 };
+        status.time_left_s = ((end_s - time_s).max(0.0) + flight.later_s) / if rate > 0.0 { rate } else { 1.0 };
         let ours = authority.motion == flight.motion;
         flight.taken_up |= ours && authority.mode == MotorAuthority::MODE_FOLLOWING;
         let moving = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);
         let over = if authority.epoch != flight.epoch {
             Some((PlanStatus::STATE_ABORTED, stopped_by(authority)))
+        } else if !moving && time_s >= end_s && flight.left.is_some() && authority.mode == MotorAuthority::MODE_HOLDING
+        {
+            let since_ns = *flight.waits_ns.get_or_insert(now_ns);
+            status.state = PlanStatus::STATE_RUNNING;
+            (now_ns.saturating_sub(since_ns) > MAP_NS).then_some((
+                PlanStatus::STATE_ABORTED,
+                "no map came for the adaptive leg; is the sensor-logger running, and is there a map of that name? See nims channel list",
+            ))
         } else if !moving && time_s >= end_s {
             Some((PlanStatus::STATE_DONE, ""))
         } else if !matches!(authority.mode, MotorAuthority::MODE_HOLDING) && !moving {

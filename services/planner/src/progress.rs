@@ -33,6 +33,12 @@ pub struct Progress {
     pub done: bool,
     /// The mission as it was begun.
     pub mission: Mission,
+    /// What of it is flown now, if it has adaptive legs: up to the next of them, with those before as they turned out.
+    #[serde(default)]
+    pub stage: Option<Mission>,
+    /// What comes then, beginning with an adaptive leg.
+    #[serde(default)]
+    pub left: Option<Mission>,
 }
 
 impl Progress {
@@ -175,6 +181,8 @@ mod tests {
             along: 1.0 / 3.0,
             at_m: [1.0; 3],
             done: false,
+            left: None,
+            stage: mission.clone().ok(),
             mission: mission.unwrap(),
         }
     }

@@ -6,7 +6,7 @@
 use cable_robot::Vector3;
 use serde::{Deserialize, Serialize};
 use service::config::Point;
-use survey::adaptive::Patch;
+use survey::adaptive::{Merit, Patch};
 use thiserror::Error;
 
 /// Most lines of a raster.
@@ -83,6 +83,62 @@ pub struct Profile {
     pub speed_m_s: Option<f64>,
 }
 
+/// Fine lines over the parts of a level rectangle where a map says that it is worth it; a leg before it makes the map.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Adaptive {
+    /// Name of the map: its channel is `map/NAME`.
+    pub map: String,
+    /// A corner of the area, m.
+    pub corner_m: Point,
+    /// The opposite corner, m, at the same height.
+    pub opposite_m: Point,
+    /// Distance of the fine lines, m.
+    pub pitch_m: f64,
+    /// Side of the squares that the area is divided into, m; default: three times `pitch_m`. Half the pitch of the coarse raster is a good
+    /// choice.
+    pub tile_m: Option<f64>,
+    /// Share of the area that is scanned at most, 0 to 1; default 0.5.
+    #[serde(default = "half")]
+    pub share: f64,
+    /// What changes by less than this share of the largest change is not worth its way, 0 to 1; default 0.2.
+    #[serde(default = "fifth")]
+    pub least: f64,
+    /// What makes a part worth it; default: `gradient`.
+    #[serde(default)]
+    pub by: By,
+    /// Cruise speed, m/s.
+    pub speed_m_s: Option<f64>,
+}
+
+/// What makes a part of a map worth a second look.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum By {
+    /// Where the field changes from one track to the next, or along a track.
+    #[default]
+    Gradient,
+    /// Where the map is least sure.
+    Variance,
+}
+
+impl From<By> for Merit {
+    fn from(by: By) -> Self {
+        match by {
+            By::Gradient => Self::Gradient,
+            By::Variance => Self::Variance,
+        }
+    }
+}
+
+fn half() -> f64 {
+    0.5
+}
+
+fn fifth() -> f64 {
+    0.2
+}
+
 /// An axis of the robot's frame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -132,7 +188,7 @@ pub enum ScanError {
         lines: f64,
     },
     /// Too many stays.
-    #[error("it would stop {stops} times; accepted: up to {MAX_STOPS}; take a larger step_m")]
+    #[error("it would stop {stops} times; accepted: up to {MAX_STOPS}; take a larger step_m or pitch_m")]
     TooMany {
         /// As many as it would take.
         stops: f64,

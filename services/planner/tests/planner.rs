@@ -58,7 +58,7 @@ impl World {
 
     fn seen(&self) -> Seen<'_> {
         let now_ns = self.authority.header.stamp_ns + 1_000_000;
-        Seen { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate) }
+        Seen { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
     }
 
     /// motor-io follows the motion, at a plan time.

@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
-use messages::{Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanStatus, put_text};
+use messages::{FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanStatus, put_text};
 use planner::mission::Mission;
 use planner::plan::Plan;
 use planner::{Planner, PlannerConfig, Progress, Seen, dry_run, requests};
@@ -70,7 +70,7 @@ impl World {
 
     fn seen(&self) -> Seen<'_> {
         let now_ns = self.authority.header.stamp_ns + 1_000_000;
-        Seen { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate) }
+        Seen { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
     }
 
     /// Flies the planner's motion until a time on the plan clock, and gives it up there or lets it end.
@@ -191,6 +191,92 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     let done = world.fly(&mut planner, end_s + 0.1);
     assert_eq!((done.state, done.progress), (PlanStatus::STATE_DONE, 1.0));
     assert!(refused(&mut planner, &world, &scan).contains("is done"));
+}
+
+const ADAPTIVE: &str = r#"
+[[leg]]
+raster = { corner_m = [4.2, 2.6, 0.8], opposite_m = [5.7, 3.8, 0.8], pitch_m = 0.3, along = "x" }
+[[leg]]
+adaptive = { map = "height", corner_m = [4.2, 2.6, 0.8], opposite_m = [5.7, 3.8, 0.8], pitch_m = 0.05, tile_m = 0.15, speed_m_s = 0.3 }
+[[leg]]
+line = { to_m = [4.8, 3.0, 0.5] }
+"#;
+
+/// A map of level ground with a block on it from (4.6, 3.0) on to x = 5.2 and y = 3.5.
+fn block(stamp_ns: u64) -> Box<FieldMap> {
+    let mut map =
+        Box::new(FieldMap { origin_m: [4.0, 2.5], cell_m: 0.05, columns: 40, rows: 30, ..FieldMap::default() });
+    map.header.stamp_ns = stamp_ns;
+    for at in 0..1200 {
+        let (x, y) = (4.025 + 0.05 * (at % 40) as f64, 2.525 + 0.05 * (at / 40) as f64);
+        map.value[at] = if (4.6..5.2).contains(&x) && (3.0..3.5).contains(&y) { 0.3 } else { 0.0 };
+        map.sigma[at] = 0.01;
+    }
+    map
+}
+
+#[test]
+fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an_interruption() {
+    let (scan, config) = (mission(ADAPTIVE), config());
+    let mut world = World::at(START_M);
+    let mut planner = Planner::new(config);
+    let sentence = planner.run(&scan, &world.seen()).unwrap();
+    assert!(sentence.contains("at most") && planner.wants_map() == Some("height"), "{sentence}");
+    let (first, status) = planner.step(&world.seen());
+    assert_eq!((status.leg, status.legs), (1, 3));
+    let waiting = world.fly(&mut planner, first.end_s + 0.1);
+    assert!(waiting.state == PlanStatus::STATE_RUNNING && waiting.progress < 1.0 && waiting.time_left_s > 0.0);
+    // a map that was made before the legs had ended does not know all of them
+    let now_ns = world.seen().now_ns;
+    let old = block(now_ns - 1);
+    assert_eq!(planner.step(&Seen { map: Some(&old), ..world.seen() }).0.motion, first.motion);
+    let mut none = planner.clone();
+    let new = block(now_ns + 1);
+    let (motion, status) = planner.step(&Seen { map: Some(&new), ..world.seen() });
+    assert_eq!((motion.motion, planner.wants_map()), (first.motion + 1, None));
+    assert_eq!((status.leg, status.legs, status.state), (2, 3, PlanStatus::STATE_READY));
+    let second = planner.segments().to_vec();
+    let whole = dry_run(&scan, &config, START_M).unwrap();
+    let (coarse_m, fine_m) = (4.0 * 1.5 + 3.0 * 0.3, measured_m(&second));
+    assert!(fine_m + coarse_m < 0.75 * whole.length_m, "{fine_m} m of {} m", whole.length_m);
+    for edge in [[4.6, 3.2], [5.2, 3.2], [4.9, 3.0], [4.9, 3.5]] {
+        let at = Vector3::new(edge[0], edge[1], 0.8);
+        let from = |segment: &Segment| {
+            let steps = 0..=(segment.path.length() / 0.01) as usize;
+            steps.map(|step| (segment.path.point(0.01 * step as f64) - at).norm()).fold(f64::INFINITY, f64::min)
+        };
+        assert!(second.iter().map(from).fold(f64::INFINITY, f64::min) < 0.04, "{edge:?} is not looked at again");
+    }
+    // broken off in the middle of the fine lines, and everything ends
+    world.estimate.position_m = second[0].path.start().into();
+    let until_s = 0.5 * (motion.current.start_s + motion.end_s);
+    assert_eq!(world.fly(&mut planner, until_s).state, PlanStatus::STATE_ABORTED);
+    let kept = toml::to_string(planner.progress().unwrap()).unwrap();
+    let mut again = Planner::new(config);
+    again.remember(toml::from_str(&kept).unwrap());
+    let here = position(&second, until_s);
+    world = World::at(here.into());
+    let sentence = again.go_on(&scan, &world.seen()).unwrap();
+    assert!(sentence.contains("goes on") && again.wants_map().is_none(), "{sentence}");
+    let rest = again.segments().to_vec();
+    assert!((rest[0].path.start() - here).norm() < 0.002);
+    let flown_m: f64 = second
+        .iter()
+        .filter(|segment| segment.start_s < until_s)
+        .map(|segment| segment.profile.at((until_s - segment.start_s).min(segment.profile.duration())).s_m)
+        .sum();
+    assert!((measured_m(&rest) - (fine_m - flown_m)).abs() < 0.005);
+    let end_s = again.step(&world.seen()).0.end_s;
+    assert_eq!(world.fly(&mut again, end_s + 0.1).state, PlanStatus::STATE_DONE);
+    assert!(again.progress().unwrap().done);
+    // nobody makes a map
+    let still = World::at(START_M);
+    let late = Seen { now_ns: now_ns + 60_000_000_000, ..still.seen() };
+    let mut authority = MotorAuthority { plan_time_s: first.end_s + 1.0, ..still.authority };
+    authority.header.stamp_ns = late.now_ns;
+    let (_, status) = none.step(&Seen { authority: Some(&authority), ..late });
+    assert_eq!(status.state, PlanStatus::STATE_ABORTED);
+    assert!(messages::text_of(&status.reason).contains("sensor-logger"));
 }
 
 proptest! {

@@ -146,6 +146,13 @@ impl<'a> Builder<'a> {
                 let stops: Vec<Stop> = points.into_iter().map(|at| Stop { at, dwell_s: 0.0 }).collect();
                 self.stops(number, &stops, l.speed_m_s)
             }
+            // What it will be only the map can tell: no more than all of the area.
+            Leg::Adaptive(l) => {
+                let [corner, opposite] = [&l.corner_m, &l.opposite_m].map(|p| self.point(number, p));
+                let points = scan::raster(origin + corner?, origin + opposite?, l.pitch_m, None).map_err(scan)?;
+                let stops: Vec<Stop> = points.into_iter().map(|at| Stop { at, dwell_s: 0.0 }).collect();
+                self.stops(number, &stops, l.speed_m_s)
+            }
             Leg::DwellPoints(l) => l.points_m.iter().try_for_each(|p| {
                 let to = origin + self.point(number, p)?;
                 self.line(number, to, l.speed_m_s)?;

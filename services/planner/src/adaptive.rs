@@ -1,0 +1,82 @@
+//! Adaptive legs: a mission is flown up to one, and what comes then follows from the map that was made on the way.
+
+use cable_robot::Vector3;
+use messages::FieldMap;
+use survey::adaptive::{Known, KnownCell, PatchOptions, patches};
+use survey::grid::GridSpec;
+
+use crate::mission::{Dwell, Leg, MAX_POINTS, Mission, Polyline};
+use crate::plan::Plan;
+use crate::scan::{Adaptive, ScanError, over_patches};
+
+/// A mission up to its first adaptive leg, and from that on; the latter is none where there is no such leg.
+pub fn split(mission: &Mission) -> (Mission, Option<Mission>) {
+    let Some(at) = mission.leg.iter().position(|leg| matches!(leg, Leg::Adaptive(_))) else {
+        return (mission.clone(), None);
+    };
+    let of = |leg: &[Leg]| Mission { leg: leg.to_vec(), ..mission.clone() };
+    (of(&mission.leg[..at]), Some(of(&mission.leg[at..])))
+}
+
+/// What a map says of the field, if its cells make sense. Cells that a plan led over are those with samples.
+pub fn known(map: &FieldMap, flown: &Plan) -> Option<Known> {
+    let (columns, rows) = (map.columns as usize, map.rows as usize);
+    let count = columns.checked_mul(rows).filter(|count| (1..=FieldMap::CELLS).contains(count))?;
+    if !(map.cell_m > 0.0 && map.origin_m.iter().all(|x| x.is_finite())) {
+        return None;
+    }
+    let spec = GridSpec { origin_m: map.origin_m, cell_m: map.cell_m, columns, rows };
+    let mut sampled = vec![false; count];
+    for segment in &flown.segments {
+        let steps = (segment.path.length() / (0.5 * map.cell_m)).ceil().max(1.0);
+        for step in 0..=steps as usize {
+            let at = segment.path.point(segment.path.length() * step as f64 / steps);
+            if let Some((column, row)) = spec.cell_at([at.x, at.y]) {
+                sampled[spec.index(column, row)] = true;
+            }
+        }
+    }
+    let cell = |at: usize| {
+        let (value, sigma) = (f64::from(map.value[at]), f64::from(map.sigma[at]));
+        (value.is_finite() && sigma.is_finite()).then_some(KnownCell { value, sigma, sampled: sampled[at] })
+    };
+    Some(Known { spec, cells: (0..count).map(cell).collect() })
+}
+
+/// What is left of a mission that begins with an adaptive leg, with that leg made a way over the parts of its area that are worth it, for
+/// a node at `from` (m).
+///
+/// # Errors
+/// A way of more points than a leg may have.
+pub fn resolved(left: &Mission, known: &Known, from: Vector3<f64>) -> Result<Mission, ScanError> {
+    let Some(Leg::Adaptive(leg)) = left.leg.first() else { return Ok(left.clone()) };
+    let way = way(leg, known, from)?;
+    let first = if way.is_empty() {
+        // nothing is worth a second look
+        Leg::Dwell(Dwell { duration_s: 0.0 })
+    } else {
+        let points_m = way.iter().map(|at| <[f64; 3]>::from(*at).into()).collect();
+        Leg::Polyline(Polyline { points_m, speed_m_s: leg.speed_m_s })
+    };
+    let mut mission = left.clone();
+    mission.leg[0] = first;
+    Ok(mission)
+}
+
+fn way(leg: &Adaptive, known: &Known, from: Vector3<f64>) -> Result<Vec<Vector3<f64>>, ScanError> {
+    let (a, b) = (leg.corner_m.position_m, leg.opposite_m.position_m);
+    let low_m = [a[0].min(b[0]), a[1].min(b[1])];
+    let high_m = [a[0].max(b[0]), a[1].max(b[1])];
+    let options = PatchOptions {
+        merit: leg.by.into(),
+        tile_m: leg.tile_m.unwrap_or(3.0 * leg.pitch_m),
+        share: leg.share,
+        least: leg.least,
+    };
+    let chosen = patches(known, low_m, high_m, [from.x, from.y], &options);
+    let way = over_patches(&chosen, a[2], leg.pitch_m, from)?;
+    if way.len() > MAX_POINTS {
+        return Err(ScanError::TooMany { stops: way.len() as f64 });
+    }
+    Ok(way)
+}
