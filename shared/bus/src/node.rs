@@ -26,6 +26,9 @@ use crate::{BusError, CHANNELS_EVENT, Domain};
 
 /// A channel half made by another process: longer than a virtual machine's longest stall, and than what makes it count as abandoned.
 const OPENING_PATIENCE_NS: u64 = 4 * SECOND_NS;
+/// Joining while somebody else sweeps fails for as long as that takes: milliseconds.
+const JOINING_PATIENCE_NS: u64 = SECOND_NS;
+const JOINING_PAUSE: Duration = Duration::from_millis(20);
 /// Every process on `system/channels`; and one notifier more than publishers elsewhere, so that a successor can be there already.
 const EVENT_PORTS: usize = 64;
 /// Samples a publisher loans at once: it copies into one, sends it, and has none.
@@ -62,15 +65,24 @@ impl Bus {
         let port_name = PortName::new(process)
             .map_err(|_| failed("its name is longer than 64 bytes or not plain ASCII".to_owned()))?;
         let node_name = NodeName::new(process).map_err(|error| failed(error.to_string()))?;
-        domain.before_cleaning(); // making a node cleans up after the dead
-        let node = NodeBuilder::new()
-            .name(&node_name)
-            .config(domain.config())
-            .signal_handling_mode(SignalHandlingMode::Disabled)
-            .create::<ipc::Service>()
-            .map_err(|error| {
-                failed(format!("shared memory cannot be set up in {} ({error:?})", domain.root().display()))
-            })?;
+        let give_up = now_ns() + JOINING_PATIENCE_NS;
+        let node = loop {
+            domain.before_cleaning(); // making a node cleans up after the dead
+            let node = NodeBuilder::new()
+                .name(&node_name)
+                .config(domain.config())
+                .signal_handling_mode(SignalHandlingMode::Disabled)
+                .create::<ipc::Service>();
+            match node {
+                Ok(node) => break node,
+                // Whoever starts the robot in this very moment removes what lies there from before, folders too.
+                Err(_) if now_ns() < give_up => std::thread::sleep(JOINING_PAUSE),
+                Err(error) => {
+                    let place = domain.root().display();
+                    return Err(failed(format!("shared memory cannot be set up in {place} ({error:?})")));
+                }
+            }
+        };
         domain.shut();
         let (announcer, sheets) = (OnceCell::new(), RefCell::default());
         Ok(Self { node, domain: domain.clone(), process: process.to_owned(), port_name, announcer, sheets })

@@ -82,7 +82,11 @@ impl Robot {
         }
         change(&configs);
         let domain = Domain::for_test();
-        let supervisor = start(folder.path(), file, &domain, more, 1);
+        let mut supervisor = start(folder.path(), file, &domain, more, 1);
+        // Whoever starts the robot sweeps its domain before anything else; an observer is to be there afterwards.
+        while domain.alive().is_empty() && supervisor.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(2));
+        }
         let bus = Bus::join(&domain, "observer").unwrap();
         Self {
             supervisor,
@@ -111,6 +115,10 @@ impl Robot {
         self.clients.clear();
         self.supervisor = start(self.folder.path(), self.file, &self.domain, more, self.runs);
         // The old ports went with the old processes.
+        while self.domain.alive().iter().all(|node| node.name == "observer") {
+            assert!(self.supervisor.try_wait().unwrap().is_none(), "it ended\n{}", self.said());
+            std::thread::sleep(Duration::from_millis(2));
+        }
         self.bus = Bus::join(&self.domain, "observer").unwrap();
         self.authority = self.bus.subscriber("motor/authority").unwrap();
         self.truth = self.bus.subscriber("truth/node").unwrap();

@@ -81,9 +81,9 @@ mod tests {
             let (x, y) = (column as f64 - 50.0, row as f64 - 50.0);
             Some((x * x + y * y).sqrt())
         };
-        let lines = contours(&hill, 101, 101, 30.0);
+        let lines = contours(&hill, 101, 101, 30.5);
         let length: f64 = lines.iter().map(|[a, b]| ((a[0] - b[0]).powi(2) + (a[1] - b[1]).powi(2)).sqrt()).sum();
-        assert!((length / (std::f64::consts::TAU * 30.0) - 1.0).abs() < 0.01, "{length}");
+        assert!((length / (std::f64::consts::TAU * 30.5) - 1.0).abs() < 0.01, "{length}");
         // every end is the beginning of another
         for [x, y] in lines.iter().flatten() {
             let near = lines.iter().flatten().filter(|p| (p[0] - x).abs() < 1e-9 && (p[1] - y).abs() < 1e-9);
