@@ -4,7 +4,7 @@
 
 mod live;
 
-use live::{Robot, program, steadily};
+use live::{GOAL, Robot, START, program, steadily};
 use messages::{MotorAuthority, MotorState, OperatorRequest, RecorderStatus};
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -132,5 +132,36 @@ fn a_disk_that_fills_in_flight_ends_the_recording_aloud_and_not_the_mission() {
             runlog::info(&robot.run()).unwrap().files.iter().all(|file| file.finished),
             "the file is closed in order"
         );
+    });
+}
+
+#[test]
+fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_done() {
+    steadily(|| {
+        let mut robot = Robot::up("");
+        let mission =
+            format!("name = \"over\"\nspeed_m_s = 0.15\n[[leg]]\npolyline = {{ points_m = [{GOAL:?}, {START:?}] }}\n");
+        std::fs::write(robot.folder().join("configs/missions/over.toml"), mission).unwrap();
+        robot.arm();
+        robot.until_said("the mission is accepted", |robot| robot.nims(&["run", "over"]).status.success());
+        robot.until("more than half of the first line", |robot| robot.distance_m(START) > 0.5);
+        robot.kill_all();
+        robot.look();
+        let there = robot.seen.position_m;
+        let before = robot.distance_m(START);
+        // The virtual box hangs the node where its file says: where it was left.
+        robot.change_box(|text| text.replace("start_m = [4.8, 3.0, 0.3]", &format!("start_m = {there:?}")));
+        robot.up_again("");
+        robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &there);
+        robot.until_said("the rest is accepted", |robot| robot.nims(&["run", "over", "--continue"]).status.success());
+        robot.until("the first line's end", |robot| {
+            assert!(robot.distance_m(START) > before - 0.1, "it flies again what is done");
+            robot.distance_m(GOAL) < 0.02
+        });
+        robot.arrive();
+        assert!(robot.distance_m(START) < 0.02, "{} m from the end", robot.distance_m(START));
+        // Done is done.
+        robot.refused(&["run", "over", "--continue"], &[]);
     });
 }

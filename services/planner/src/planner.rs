@@ -2,7 +2,8 @@
 
 use cable_robot::Vector3;
 use messages::{
-    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_text, text_of,
+    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence,
+    put_text, text_of,
 };
 use service::motion::segment_message;
 use thiserror::Error;
@@ -132,7 +133,7 @@ impl Planner {
         if !progress.done {
             let name = &progress.mission.name;
             let left = format!("mission \"{name}\" was left unfinished; nims run with --continue flies the rest");
-            put_text(&mut self.status.reason, &left);
+            put_sentence(&mut self.status.reason, &left);
         }
         self.progress = Some(progress);
     }
@@ -203,7 +204,7 @@ impl Planner {
                 self.status.state = PlanStatus::STATE_REFUSED;
                 put_text(&mut self.status.mission, &mission.name);
             }
-            put_text(&mut self.status.reason, &refusal.to_string());
+            put_sentence(&mut self.status.reason, &refusal.to_string());
         }
         result
     }
@@ -457,7 +458,7 @@ impl Planner {
                 if done {
                     self.status.progress = 1.0;
                 } else {
-                    put_text(&mut self.status.reason, &error.to_string());
+                    put_sentence(&mut self.status.reason, &error.to_string());
                 }
                 if let Some(progress) = &mut self.progress {
                     progress.done = done;
@@ -525,7 +526,7 @@ impl Planner {
         if let Some((state, reason)) = over {
             status.state = state;
             status.time_left_s = 0.0;
-            put_text(&mut status.reason, reason);
+            put_sentence(&mut status.reason, reason);
             if let Some(progress) = self.progress.as_mut().filter(|_| flight.kept) {
                 progress.done = state == PlanStatus::STATE_DONE;
             }

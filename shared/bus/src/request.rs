@@ -7,7 +7,7 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{BackpressureStrategy, PortFactory as _, ipc};
 use iceoryx2::service::builder::request_response::RequestResponseOpenOrCreateError;
 use iceoryx2::service::port_factory::{request_response, server::ServerCreateError};
-use messages::{OperatorRequest, put_text};
+use messages::{OperatorRequest, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
 use crate::node::{Bus, failed, seconds};
@@ -190,7 +190,7 @@ impl Call<'_> {
         answer.answered = 1;
         answer.accepted = u8::from(accepted);
         answer.header.stamp_ns = now_ns();
-        put_text(&mut answer.answer, sentence);
+        put_sentence(&mut answer.answer, sentence);
         let _ = self.active.send_copy(Wire(answer));
         let logged = self.log.send(&mut answer).map(|_| ());
         self.unlogged.map_or(logged, Err)

@@ -10,9 +10,44 @@ pub fn put_text(into: &mut [u8], text: &str) {
     into[..end].copy_from_slice(&text.as_bytes()[..end]);
 }
 
+/// Writes a sentence for people: whole if it fits, otherwise as many of its words as fit and `...`.
+pub fn put_sentence(into: &mut [u8], text: &str) {
+    const MORE: &str = " ...";
+    put_text(into, text);
+    if text.len() <= into.len() || into.len() < MORE.len() {
+        return;
+    }
+    let room = into.len() - MORE.len();
+    let words = text.bytes().take(room + 1).rposition(|byte| byte == b' ' || byte == b'\n').unwrap_or(room);
+    put_text(&mut into[..words], text);
+    into[words..].fill(0);
+    let end = into.iter().position(|byte| *byte == 0).unwrap_or(words);
+    into[end..end + MORE.len()].copy_from_slice(MORE.as_bytes());
+}
+
 /// The text up to the first zero; damaged UTF-8 is replaced, never refused.
 #[must_use]
 pub fn text_of(from: &[u8]) -> String {
     let end = from.iter().position(|byte| *byte == 0).unwrap_or(from.len());
     String::from_utf8_lossy(&from[..end]).into_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_sentence_that_is_too_long_ends_at_a_word_and_says_so() {
+        for (text, room, is) in [
+            ("all of it", 9, "all of it"),
+            ("all of it, and more", 12, "all of ..."),
+            ("all of it, and more", 14, "all of it, ..."),
+            ("Süßwasserfluss", 8, "Sü ..."),
+            ("long", 3, "lon"),
+        ] {
+            let mut field = vec![b'x'; room];
+            put_sentence(&mut field, text);
+            assert_eq!(text_of(&field), is, "{text} in {room}");
+        }
+    }
 }

@@ -10,7 +10,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use bus::{Bus, BusError, Publisher, clock};
-use messages::{LogEvent, put_text};
+use messages::{LogEvent, put_sentence, put_text};
 use tracing::field::{Field, Visit};
 use tracing::level_filters::LevelFilter;
 use tracing::{Event, Level, Subscriber};
@@ -160,7 +160,7 @@ impl Log {
             Level::TRACE => LogEvent::LEVEL_TRACE,
         };
         put_text(&mut sample.target, target);
-        put_text(&mut sample.text, text);
+        put_sentence(&mut sample.text, text);
         self.publisher.send(sample).map(|_| ())
     }
 }

@@ -4,7 +4,7 @@ use super::Supervisor;
 use super::child::{Child, ending};
 use crate::failure::Answer;
 use bus::clock;
-use messages::{ProcessState, put_text};
+use messages::{ProcessState, put_sentence, put_text};
 use service::Slot;
 use service::config::{ProcessSection, Role};
 use std::os::unix::process::ExitStatusExt;
@@ -63,7 +63,7 @@ fn row(child: &Child) -> ProcessState {
     put_text(&mut row.name, &member.name);
     put_text(&mut row.role, member.role.name());
     put_text(&mut row.law, member.law.as_deref().or(member.alias.as_deref()).unwrap_or_default());
-    put_text(&mut row.reason, &reason(child));
+    put_sentence(&mut row.reason, &reason(child));
     row
 }
 
@@ -76,7 +76,7 @@ fn not_started(section: &ProcessSection) -> ProcessState {
     } else {
         format!("`nims start {}`", section.name)
     };
-    put_text(&mut row.reason, &format!("not started; {with} starts it"));
+    put_sentence(&mut row.reason, &format!("not started; {with} starts it"));
     row
 }
 

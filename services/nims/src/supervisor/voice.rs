@@ -2,7 +2,7 @@
 
 use crate::failure::Answer;
 use bus::{Bus, Publisher, clock};
-use messages::{LogEvent, put_text};
+use messages::{LogEvent, put_sentence, put_text};
 use std::io::Write;
 
 /// Says things.
@@ -36,7 +36,7 @@ impl Voice {
         event.header.oldest_input_ns = now;
         put_text(&mut event.process, "nims");
         put_text(&mut event.target, "nims::supervisor");
-        put_text(&mut event.text, text);
+        put_sentence(&mut event.text, text);
         // The terminal has it already; a log that cannot be published must not stop the supervisor.
         let _ = self.log.send(&mut event);
     }

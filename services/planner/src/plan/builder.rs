@@ -95,6 +95,8 @@ impl<'a> Builder<'a> {
             if (path.start() - self.at).norm() >= THERE_M {
                 self.path(leg, Path::line(self.at, path.start()), None)?;
             }
+            // Also where that is not worth a way: what follows hangs together.
+            self.at = path.start();
             self.mark = Some(Mark { segment: number, along });
             if along == 0.0 {
                 self.push(leg, path, segment.profile)?;

@@ -1,0 +1,120 @@
+//! Units that show the time, and a bus of them that is driven at the control rate.
+
+use roboclaw::driver::WIRE_MARGIN_NS;
+use roboclaw::unit::{Measured, Target, Unit, UnitLine, UnitOptions};
+use roboclaw::{Bus, BusConfig, Drive, UnitAnswer, UnitConfig};
+use serial::{Device, Paced, Pipe, Transport};
+
+pub const MS: u64 = 1_000_000;
+pub const PERIOD_NS: u64 = 10 * MS;
+pub const BUDGET_NS: u64 = 9 * MS;
+pub const BAUD: u32 = 230_400;
+
+/// Units whose encoders show the time: motor 1 counts microseconds, motor 2 counts them backwards. So every sample tells by itself
+/// when it was taken, and a stale one cannot hide.
+#[derive(Debug)]
+pub struct Clockwork {
+    pub line: UnitLine,
+    /// Speeds each unit was told, in the order in which it was told them.
+    pub told: Vec<Vec<f64>>,
+}
+
+impl Clockwork {
+    pub fn show(&mut self, now_ns: u64) {
+        for (index, unit) in self.line.units_mut().iter_mut().enumerate() {
+            let micros = (now_ns / 1000) as i64;
+            let measured = Measured { counts: [micros, -micros], currents_a: [1.5, -0.25], ..*unit.measured() };
+            unit.measure(&measured);
+            if let Target::Speed(speed) = unit.target(roboclaw::codec::Motor::One)
+                && self.told[index].last() != Some(&speed)
+            {
+                self.told[index].push(speed);
+            }
+        }
+    }
+}
+
+impl Device for Clockwork {
+    fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
+        self.line.receive(now_ns, byte, reply);
+        self.show(now_ns);
+    }
+
+    fn advance(&mut self, now_ns: u64) {
+        self.show(now_ns);
+        self.line.advance(now_ns);
+    }
+}
+
+pub type TestBus = Bus<Pipe<Clockwork>>;
+
+pub fn unit_config(address: u8) -> UnitConfig {
+    // 1 MHz of microseconds is what the clockwork shows.
+    UnitConfig { address, watchdog_tenths: 3, fastest_counts_s: 2_000_000 }
+}
+
+pub fn config(units: Vec<UnitConfig>) -> BusConfig {
+    BusConfig { baud: BAUD, margin_ns: WIRE_MARGIN_NS, units, stop_pin: None }
+}
+
+pub fn bus_of(options: &[UnitOptions]) -> TestBus {
+    let line = UnitLine::new(options.iter().map(|options| Unit::new(*options)).collect());
+    let pipe = Pipe::new("test line", BAUD, Clockwork { line, told: vec![Vec::new(); options.len()] });
+    let units = options.iter().map(|options| unit_config(options.address)).collect();
+    Bus::new(pipe, &config(units)).unwrap()
+}
+
+pub fn two_units() -> TestBus {
+    bus_of(&[UnitOptions::new(0x80), UnitOptions::new(0x81)])
+}
+
+pub fn units(bus: &mut TestBus) -> &mut [Unit] {
+    bus.line_mut().device_mut().line.units_mut()
+}
+
+/// A bus being driven at the control rate.
+pub struct Run {
+    pub bus: TestBus,
+    pub answers: Vec<UnitAnswer>,
+    pub tick_ns: u64,
+}
+
+impl Run {
+    pub fn connected(mut bus: TestBus) -> Run {
+        let until_ns = bus.line().now_ns() + 5_000 * MS;
+        while bus.settle(until_ns).is_err() {
+            assert!(bus.line().now_ns() < until_ns, "never set up");
+        }
+        let tick_ns = bus.line().now_ns().next_multiple_of(PERIOD_NS);
+        let answers = bus.blank_answers();
+        let mut run = Run { bus, answers, tick_ns };
+        run.cycle(Drive::HOLD);
+        run
+    }
+
+    pub fn cycle(&mut self, drive: Drive) -> &[UnitAnswer] {
+        self.bus.line_mut().wait_until(self.tick_ns);
+        let start_ns = self.bus.line().now_ns();
+        let count = self.bus.unit_count();
+        self.bus.cycle(&vec![[drive; 2]; count], start_ns + BUDGET_NS, &mut self.answers);
+        self.tick_ns = (self.bus.line().now_ns() + 1).next_multiple_of(PERIOD_NS);
+        &self.answers
+    }
+
+    /// Cycles until all units are well; how many it took.
+    pub fn recover(&mut self) -> usize {
+        for cycles in 1..500 {
+            if self.cycle(Drive::HOLD).iter().all(|answer| answer.outcome.is_ok()) {
+                return cycles;
+            }
+        }
+        panic!("did not recover: {:?}", self.answers);
+    }
+}
+
+/// How far the clockwork's time in a sample is from the time at which the driver says it asked, ns.
+pub fn age_ns(answer: &UnitAnswer, zero_us: i64) -> i64 {
+    let counts = answer.report.counts;
+    assert_eq!(counts.value[0], -counts.value[1], "two motors of one sample disagree");
+    (counts.value[0] + zero_us) * 1000 - counts.at_ns as i64
+}
