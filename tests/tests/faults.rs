@@ -167,6 +167,12 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
         }
 
         robot.fly();
+        found_after(&mut robot, row("kill", "estimator"), |robot| robot.signal("estimator", Signal::KILL));
+        robot.told(&["start", "estimator"]);
+        robot.until_said("it is back", |robot| robot.pid("estimator").is_some());
+        std::thread::sleep(Duration::from_millis(300));
+        robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+        robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
         found_after(&mut robot, row("kill", "controller"), |robot| robot.signal("controller", Signal::KILL));
         robot.look();
         assert!(robot.seen.tension_n[..3].iter().all(|tension| *tension > 1.0), "{:?}", robot.seen.tension_n);

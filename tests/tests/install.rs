@@ -11,14 +11,19 @@ fn project() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
-const PROGRAMS: [&str; 9] =
-    ["nims", "motor-io", "estimator", "controller", "planner", "recorder", "motor-box", "sensor", "scene"];
+/// Every program of the workspace.
+fn workspace() -> Vec<String> {
+    let services = fs::read_dir(project().join("services")).unwrap().map(|entry| entry.unwrap().path());
+    let own = |folder: &PathBuf| !fs::read_to_string(folder.join("Cargo.toml")).unwrap().contains("[workspace]");
+    let programs = services.filter(|folder| folder.join("src/main.rs").exists()).filter(own);
+    programs.map(|folder| folder.file_name().unwrap().to_str().unwrap().to_owned()).collect()
+}
 
 /// A folder with programs that say `word`.
 fn programs(folder: &Path, word: &str) -> PathBuf {
     let folder = folder.join(word);
     fs::create_dir(&folder).unwrap();
-    for program in PROGRAMS {
+    for program in workspace() {
         let path = folder.join(program);
         fs::write(&path, format!("#!/bin/sh\necho {word}\n")).unwrap();
         fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();

@@ -35,12 +35,14 @@ pub struct Row {
     pub found: &'static str,
     /// Within so many control cycles of a moving robot; 0: not at all.
     pub cycles: u32,
-    /// At least one of these is named.
+    /// At least one of these is named; 0: it is no fault of the robot's, and `says` stands in the log.
     pub bits: u32,
     /// The mode that follows, `MotorAuthority::MODE_*`.
     pub mode: u8,
     /// What the robot does.
     pub reaction: &'static str,
+    /// What is said where no fault is named.
+    pub says: &'static str,
 }
 
 const FAULTED: u8 = MotorAuthority::MODE_FAULTED;
@@ -70,30 +72,39 @@ const fn row(
     mode: u8,
     reaction: &'static str,
 ) -> Row {
-    Row { example, found, cycles, bits, mode, reaction }
+    Row { example, found, cycles, bits, mode, reaction, says: "" }
+}
+
+/// What is no fault of the robot's, and is said by whoever sees it.
+const fn noted(
+    example: &'static str,
+    found: &'static str,
+    mode: u8,
+    reaction: &'static str,
+    says: &'static str,
+) -> Row {
+    Row { example, found, cycles: 0, bits: 0, mode, reaction, says }
 }
 
 /// Every kind of fault at least once.
-pub const ROWS: [Row; 24] = [
-    row(
+pub const ROWS: [Row; 28] = [
+    noted(
         "noise 1 0.0005 for 1",
         "checksums and encoder steps that cannot be; the bus is brought back into step, 50 to 100 ms each time",
-        0,
-        0,
         FOLLOWING,
         "goes on more slowly while readings are missing; the cycles are counted as `skipped`",
+        "PORT, unit 0x80: the answer to COMMAND has a wrong checksum; look for noise or two units of one address",
     ),
     row("silence 1", IN_VAIN, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
     row("late 1 0.05", IN_VAIN, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
     row("mute 1 128", IN_VAIN, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
     row("unplug 1", "the port is gone", 10, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
-    row(
+    noted(
         "plug 1",
         "the port is opened again by itself, and the units found in it",
-        0,
-        0,
         HOLDING,
         "holds after a reset",
+        "over: A drive unit does not answer: check its power and its cable, then reset.",
     ),
     row(
         "reboot 1 128 for 0.1",
@@ -163,7 +174,14 @@ pub const ROWS: [Row; 24] = [
         HOLDING,
         ON_THE_PATH,
     ),
-    row("continue controller", "commands arrive again", 0, 0, HOLDING, "holds; `resume` goes on with the motion"),
+    noted(
+        "continue controller",
+        "commands arrive again",
+        HOLDING,
+        "holds; `resume` goes on with the motion",
+        "over: The controller stopped answering, so the robot stopped and holds: when nims status shows it again, resume; if it does not come \
+         back, end nims up and start it again.",
+    ),
     row(
         "stop estimator",
         "no estimate for as many cycles as ttl_cycles",
@@ -179,6 +197,36 @@ pub const ROWS: [Row; 24] = [
         MotorAuthority::FAULT_COMMAND_LOST,
         HOLDING,
         ON_THE_PATH,
+    ),
+    row(
+        "kill estimator",
+        "no estimate for as many cycles as ttl_cycles",
+        10,
+        MotorAuthority::FAULT_ESTIMATE_LOST | MotorAuthority::FAULT_COMMAND_LOST,
+        HOLDING,
+        ON_THE_PATH,
+    ),
+    row(
+        "kill planner",
+        "no sign of life for two seconds",
+        250,
+        MotorAuthority::FAULT_PLANNER_LOST,
+        HOLDING,
+        "finishes the segment that it is on and holds",
+    ),
+    noted(
+        "kill recorder",
+        "the supervisor sees its end at once and starts another, which repairs the file of the first",
+        FOLLOWING,
+        "the mission goes on; the channels keep over a second for the next recorder",
+        "recorder was ended by signal 9",
+    ),
+    noted(
+        "kill motor-io",
+        "the drives hear nothing for as long as their own watchdog waits (watchdog_s), and stop their motors",
+        MotorAuthority::MODE_DISARMED,
+        "the gears hold the lines or let them run out, as `nims check` says; started again it is disarmed, with the position from before",
+        "motor-io was ended by signal 9",
     ),
     row("slow controller 10", OLD_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, ON_THE_PATH),
     row("slow estimator 10", OLD_ESTIMATE, 10, MotorAuthority::FAULT_ESTIMATE_LOST, HOLDING, ON_THE_PATH),
@@ -212,7 +260,7 @@ impl Row {
     /// What the operator reads, without the cables and units.
     #[must_use]
     pub fn sentence(&self) -> String {
-        fault_sentences(self.bits).collect::<Vec<_>>().join(" ")
+        if self.bits == 0 { self.says.to_owned() } else { fault_sentences(self.bits).collect::<Vec<_>>().join(" ") }
     }
 }
 
@@ -235,14 +283,16 @@ pub fn page() -> String {
          Cables, ports and units count as in the box file, from 1; a unit is named by its address.\n\
          What is said of a controller or an estimator is so without a standby; with one, the standby's answer of the same cycle is used.\n\n\
          This page is the output of `nims fault list`. The tests break each of these things in flight and hold the robot to the number of\n\
-         control cycles, the fault and the mode that stand here (`tests/tests/faults.rs`).\n\n\
+         control cycles, the fault and the mode that stand here (`tests/tests/faults.rs`; the deaths of processes: `tests/tests/processes.rs`).\n\
+         From the moment in which a line's encoder or motor is wrong (`stall`, `dead`, `slip`) to the one in which it is found out, the loop pulls the node\n\
+         after that line, so that others can hang loose for as long and while the node swings back; none is pulled beyond its limit.\n\n\
          | fault | what happens | how the robot finds out | within cycles | what it does | mode | what it says |\n\
          |---|---|---|---|---|---|---|\n",
     );
     for row in &ROWS {
         let (arguments, what) = kind_of(row.kind());
         let cycles = if row.cycles == 0 { "-".to_owned() } else { row.cycles.to_string() };
-        let sentence = if row.bits == 0 { "-".to_owned() } else { row.sentence() };
+        let sentence = row.sentence();
         let _ = writeln!(
             page,
             "| `{} {arguments}`, e.g. `{}` | {what} | {} | {cycles} | {} | {} | {sentence} |",

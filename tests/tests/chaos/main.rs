@@ -390,7 +390,9 @@ fn whatever_breaks_the_robot_comes_back() {
     let mut random = Random(seed);
     let rounds = plan::rounds(count as usize, &mut random);
     let mut complaints = Vec::new();
+    let begun_ns = clock::now_ns();
     let (chaos, flown) = fly(rounds, &mut random, &mut complaints);
+    let minutes = (clock::now_ns() - begun_ns) as f64 / 60e9;
 
     let file = RobotFile::load(&root().join("configs/robots/lab3.toml")).unwrap();
     let [_, limit_n] = file.robot().unwrap().tension_limits_n();
@@ -406,7 +408,7 @@ fn whatever_breaks_the_robot_comes_back() {
         }
     }
     let table = judge::table(&judged);
-    println!("{table}");
+    println!("{table}\n{} faults in {minutes:.1} min", judged.len());
     if let Ok(path) = std::env::var("NIMS_CHAOS_TABLE") {
         std::fs::write(path, &table).unwrap();
     }

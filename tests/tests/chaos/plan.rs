@@ -79,30 +79,15 @@ pub struct Round {
     pub ending: Ending,
 }
 
-/// Deaths that are no row of the page, because what follows stands beside it: see "When a process dies" in ARCHITECTURE.md.
-const DEATHS: [(&str, u32, u8); 3] = [
-    ("kill planner", MotorAuthority::FAULT_PLANNER_LOST, MotorAuthority::MODE_HOLDING),
-    ("kill recorder", 0, MotorAuthority::MODE_FOLLOWING),
-    ("kill motor-io", 0, MotorAuthority::MODE_DISARMED),
-];
-
 /// Every fault from which the robot can be brought back.
 fn rows() -> Vec<Row> {
-    let from_table = ROWS.iter().filter(|row| !["plug", "continue", "break"].contains(&row.kind())).map(|row| {
+    let back = |row: &&Row| !["plug", "continue", "break"].contains(&row.kind());
+    let widened = |row: &Row| {
         // A jam may show in the motor's current before it shows in the line.
         let current = MotorAuthority::FAULT_OVER_CURRENT | MotorAuthority::FAULT_OVER_TENSION;
         Row { bits: row.bits | if row.kind() == "stall" { current } else { 0 }, ..*row }
-    });
-    let deaths = DEATHS.iter().map(|(example, bits, mode)| Row {
-        example,
-        found: "",
-        // A planner that is gone is missed after two seconds without a beat.
-        cycles: if *bits == 0 { 0 } else { 250 },
-        bits: *bits,
-        mode: *mode,
-        reaction: "",
-    });
-    from_table.chain(deaths).collect()
+    };
+    ROWS.iter().filter(back).map(widened).collect()
 }
 
 /// So many faults, in rounds with and without standbys; every kind comes before any comes again.
@@ -153,6 +138,7 @@ fn fault(row: Row, random: &mut Random) -> Fault {
             (format!("jump {number} {sign}{}", 300 + random.below(2700)), None)
         }
         "slip" => (format!("slip {number} 1.0"), Some(format!("slip {number} off"))),
+        "estop" => (format!("estop 1 {unit}"), Some(format!("estop 1 {unit} off"))),
         kind @ ("stall" | "dead") => (format!("{kind} {number}"), Some(format!("{kind} {number} off"))),
         _ => (String::new(), None),
     };
@@ -172,4 +158,22 @@ fn fault(row: Row, random: &mut Random) -> Fault {
         }
     };
     Fault { what, row, how, process, cable, lasts_s }
+}
+
+/// What is drawn is a fault to the motor box, or names a process: each row of the table can be struck.
+#[test]
+fn every_row_can_be_struck() {
+    let mut random = Random(1);
+    for row in rows() {
+        let fault = fault(row, &mut random);
+        match fault.how {
+            How::Box(text, repair) => {
+                for text in std::iter::once(text).chain(repair) {
+                    assert!(text.parse::<motor_box::FaultRequest>().is_ok(), "{}: `{text}`", row.example);
+                }
+                assert_eq!(fault.process, "motor-box");
+            }
+            How::Signal(_) | How::Output(_) => assert!(row.example.contains(fault.process), "{}", row.example),
+        }
+    }
 }
