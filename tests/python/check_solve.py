@@ -6,6 +6,7 @@ Prints one line per operation; exits 1 if anything disagrees. The oracles share 
 singular values, tensions by trying every combination of limits, the control law as one linear system.
 """
 
+import functools
 import itertools
 import json
 import math
@@ -13,6 +14,7 @@ import subprocess
 import sys
 
 import numpy as np
+from solve_fits import check_fits
 
 rng = np.random.default_rng(20090415)
 G = 9.80665
@@ -506,7 +508,8 @@ def main():
     solve = Solver(sys.argv[1])
     cases = int(sys.argv[2]) if len(sys.argv) > 2 else 100
     failed = False
-    checks = [check_geometry, check_calibration, check_tensions, check_distribute, check_control, check_energy]
+    checks = [check_geometry, check_calibration, check_tensions, check_distribute, check_control, check_energy, functools.partial(check_fits, rng)]
+    name = lambda check: getattr(check, "func", check).__name__
     for check, count in [*((check, cases) for check in checks), (check_errors, 1)]:
         before = solve.count
         wrong = []
@@ -515,7 +518,7 @@ def main():
                 check(solve)
             except AssertionError as error:
                 wrong.append(str(error))
-        print(f"{check.__name__}: {solve.count - before} requests, {len(wrong)} wrong")
+        print(f"{name(check)}: {solve.count - before} requests, {len(wrong)} wrong")
         for text in wrong[:3]:
             print("  " + text[:1500])
         failed |= bool(wrong)

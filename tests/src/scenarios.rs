@@ -4,9 +4,10 @@ use anyhow::Result;
 use cable_robot::Robot;
 use controller::Law;
 use estimator::Method;
+use motor_box::BoxConfig;
 use planner::Mission;
 use plant::PlantConfig;
-use service::config::{ControllerSection, EstimatorSection, RobotFile};
+use service::config::{BoxFile, ControllerSection, EstimatorSection, RobotFile};
 
 use crate::lockstep::{Flight, Scenario};
 
@@ -86,6 +87,29 @@ impl Case {
             longest_s: 300.0,
         })
     }
+}
+
+/// NIMS-AQ: box and mission as they come with the project.
+///
+/// # Errors
+/// What is wrong with the files.
+pub fn planar() -> Result<Scenario> {
+    let configs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
+    let file = BoxFile::load(&configs.join("boxes/aq4.toml"))?;
+    let robot_file = file.robot_file()?;
+    let robot = robot_file.robot()?;
+    Ok(Scenario {
+        robot,
+        plant: BoxConfig::from_files(&file, &robot_file, std::path::Path::new("/"))?.plant,
+        mission: Mission::read(&file.planner.missions.join(&file.planner.demo).with_extension("toml"))?,
+        period_s: file.period_s(),
+        law: Law::of(&file.controller)?,
+        horizon: u32::try_from(file.controller.horizon_cycles)?,
+        method: Method::of(&file.estimator)?,
+        stretch: true,
+        distribution: file.controller.distribution_for(&robot),
+        longest_s: 300.0,
+    })
 }
 
 /// Heads the rows of [`row`].

@@ -10,13 +10,18 @@ use counting::allocations;
 use estimator::Method;
 use messages::OperatorRequest;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep};
-use nims_tests::scenarios::Case;
+use nims_tests::scenarios::{self, Case};
+use planner::mission::PathShape;
 use service::config::EstimatorSection;
 use std::hint::black_box;
 
 /// A flight with all that happens in one: zeroing, arming, moving, a pause, going on, a stop.
-fn flight(robot: &'static str, law: Option<Law>, method: &str) -> (Chain, Vec<Cycle>) {
-    let mut scenario = Case { robot, mission: "polyline", motor_s: [0.030, 0.040] }.scenario(true).unwrap();
+fn flight(robot: &'static str, shape: PathShape, law: Option<Law>, method: &str) -> (Chain, Vec<Cycle>) {
+    let mut scenario = match robot {
+        "aq4" => scenarios::planar().unwrap(),
+        _ => Case { robot, mission: "polyline", motor_s: [0.030, 0.040] }.scenario(true).unwrap(),
+    };
+    scenario.mission.path = shape;
     scenario.law = law.unwrap_or(scenario.law);
     scenario.method = Method::of(&EstimatorSection { method: method.into(), ..EstimatorSection::default() }).unwrap();
     let chain = Chain::new(&scenario).unwrap();
@@ -44,14 +49,15 @@ fn estimation_control_and_arbitration_allocate_nothing() {
     // The preview law identifies the drives on the way.
     let preview = nims_tests::laws::law(None, true).unwrap();
     let plain = Law::PFeedforward(PFeedforward::new(2.0).unwrap());
-    for (robot, law, method) in [
-        ("lab3", None, "phi"),
-        ("lab4", None, "phi"),
-        ("lab3", Some(preview), "phi"),
-        ("lab4", Some(preview), "kalman"),
-        ("lab3", Some(plain), "kalman"),
+    for (robot, shape, law, method) in [
+        ("lab3", PathShape::Line, None, "phi"),
+        ("lab4", PathShape::Line, None, "phi"),
+        ("lab3", PathShape::Parabola, Some(preview), "phi"),
+        ("lab4", PathShape::Lateral, Some(preview), "kalman"),
+        ("lab3", PathShape::Line, Some(plain), "kalman"),
+        ("aq4", PathShape::Line, None, "phi"),
     ] {
-        let (mut chain, cycles) = flight(robot, law, method);
+        let (mut chain, cycles) = flight(robot, shape, law, method);
         let count = allocations(|| {
             for cycle in &cycles {
                 chain.core.decide(&cycle.input);
@@ -65,7 +71,7 @@ fn estimation_control_and_arbitration_allocate_nothing() {
                 }));
             }
         });
-        assert_eq!(count, 0, "{robot}, {law:?}, {method}");
+        assert_eq!(count, 0, "{robot}, {shape:?}, {law:?}, {method}");
         assert!(cycles.iter().any(|cycle| cycle.control.error_norm_m > 0.0));
     }
 }

@@ -3,37 +3,15 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use cable_robot::Vector3;
-use controller::Law;
-use estimator::Method;
 use messages::{MotorAuthority, OperatorRequest, PlanStatus};
-use motor_box::BoxConfig;
 use nims_tests::lockstep::{Flight, Lockstep, Scenario, fly};
-use planner::Mission;
-use service::config::BoxFile;
-use std::path::{Path, PathBuf};
-
-fn configs() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs")
-}
 
 /// The box and the mission as they come with the project.
 fn scenario() -> Scenario {
-    let file = BoxFile::load(&configs().join("boxes/aq4.toml")).unwrap();
-    let robot_file = file.robot_file().unwrap();
-    let robot = robot_file.robot().unwrap();
+    let scenario = nims_tests::scenarios::planar().unwrap();
+    let robot = &scenario.robot;
     assert_eq!((robot.dimensions(), robot.redundancy(), robot.net_weight_n()), (2, 2, 0.0));
-    Scenario {
-        robot,
-        plant: BoxConfig::from_files(&file, &robot_file, Path::new("/")).unwrap().plant,
-        mission: Mission::read(&file.planner.missions.join(&file.planner.demo).with_extension("toml")).unwrap(),
-        period_s: file.period_s(),
-        law: Law::of(&file.controller).unwrap(),
-        horizon: u32::try_from(file.controller.horizon_cycles).unwrap(),
-        method: Method::of(&file.estimator).unwrap(),
-        stretch: true,
-        distribution: file.controller.distribution_for(&robot),
-        longest_s: 300.0,
-    }
+    scenario
 }
 
 fn accurate(flight: &Flight) {

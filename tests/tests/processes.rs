@@ -396,6 +396,21 @@ fn without_motor_io_the_drives_stop_the_motors() {
 }
 
 #[test]
+fn a_planar_robot_that_floats_flies() {
+    steadily(|| {
+        let mut robot = Robot::up_with("aq4", "", |_| ());
+        robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        robot.told(&["zero", "--at", "4.0,2.0"]);
+        robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+        robot.until_said("the move is accepted", |robot| robot.nims(&["goto", "4.8,2.4"]).status.success());
+        robot.until("it moves", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+        robot.arrive();
+        assert!(robot.distance_m([4.8, 0.0, 2.4]) < SWING_M, "{:?}", robot.seen.position_m);
+        assert!(robot.seen.tension_n[..4].iter().all(|tension| *tension > 1.0), "{:?}", robot.seen.tension_n);
+    });
+}
+
+#[test]
 fn without_motor_io_lines_run_out_as_fast_as_check_says() {
     steadily(|| {
         let mut robot = Robot::up_with(THREE_LINES, "", |configs| {

@@ -1,5 +1,7 @@
 //! `nims solve` against numpy, which shares no code with it, and `nims plan` and `nims workspace` against what is known of
 //! them.
+//!
+//! `NIMS_SOLVE_ROUNDS=600 cargo test --workspace --test solve -- --nocapture` draws ten times as many cases.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use serde_json::Value;
@@ -31,7 +33,8 @@ fn every_operation_agrees_with_numpy() {
         "{}: no Python with numpy; run scripts/test, or see tests/python/requirements.txt",
         python.display()
     );
-    let output = Command::new(python).arg(root.join("python/check_solve.py")).arg(nims()).arg("60").output().unwrap();
+    let rounds = std::env::var("NIMS_SOLVE_ROUNDS").unwrap_or_else(|_| "60".to_owned());
+    let output = Command::new(python).arg(root.join("python/check_solve.py")).arg(nims()).arg(rounds).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     println!("{text}");
     assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));

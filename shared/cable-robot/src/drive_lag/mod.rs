@@ -9,6 +9,13 @@
 //! of what is left when commands are taken as carried out at once. For slow motion a delay and a lag together shift the
 //! lengths by (delay + lag) v, so a model whose sum is 30 % off has a misfit of about 0.3; 0 is perfect, 1 no better
 //! than no model.
+//!
+//! ```
+//! use cable_robot::drive_lag::DriveLag;
+//! let winch = DriveLag::new(0.030, 0.040)?;
+//! assert_eq!(winch.delay_s() + winch.lag_s(), 0.070);
+//! # Ok::<(), cable_robot::drive_lag::LagError>(())
+//! ```
 
 mod history;
 mod identify;
