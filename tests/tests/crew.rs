@@ -35,6 +35,12 @@ fn ready(more: &str) -> Robot {
 #[test]
 fn processes_come_and_go_while_the_robot_runs() {
     let mut up = ready("");
+    // A run that is cut off says with which programs it flew: this much stands there from the beginning.
+    let manifest = std::fs::read_to_string(up.run().join("manifest.json")).unwrap();
+    let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    let processes = manifest["processes"].as_array().unwrap();
+    assert!(processes.len() >= 6 && processes.iter().all(|process| process["version"].is_string()), "{manifest:#}");
+    assert!(manifest["ended_utc"].is_null());
     // A second controller beside the first one, in the free slot.
     assert!(up.told(&["start", "controller"]).contains("controller-b is ready"));
     assert_eq!(up.state("controller-b"), "ready");
@@ -71,6 +77,11 @@ fn processes_come_and_go_while_the_robot_runs() {
     assert_eq!(up.state("wind"), "no row");
     assert!(!lives(wind));
     assert_eq!(up.down(Signal::INT), Some(0), "nothing has died: {}", up.said());
+    // What was plugged in can be read in the run, and in its file.
+    let kept = up.run().join("processes/1-wind-sensor.sh");
+    assert!(std::fs::read_to_string(&kept).unwrap().contains("sleep 1000"));
+    let attachments = runlog::info(&up.run()).unwrap().attachments;
+    assert!(attachments.contains(&"processes/1-wind-sensor.sh".to_owned()), "{attachments:?}");
 }
 
 #[test]

@@ -62,7 +62,6 @@ fn run(folder: &Path) {
         segment_bytes: u64::MAX,
         segment_ns: 10 * SECOND,
         about: BTreeMap::new(),
-        attachments: Vec::new(),
     };
     let clock = RunClock { t0_unix_ns: 1_700_000_000_123_456_789, t0_mono_ns: 0 };
     let session = Session::open(settings, clock, 0, u64::MAX).unwrap();

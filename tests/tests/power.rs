@@ -6,6 +6,7 @@ mod live;
 
 use live::{GOAL, Robot, START, program, steadily};
 use messages::{MotorAuthority, MotorState, OperatorRequest, RecorderStatus};
+use rustix::process::Signal;
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::process::Command;
@@ -66,12 +67,15 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         assert!(recovered.status.success(), "{}", String::from_utf8_lossy(&recovered.stderr));
         is_whole(&home, &seen);
 
+        // A power cut takes all that stands in memory, so also who ran where.
+        robot.forget();
         // By the next start, which also says where the robot believes to be, and that this is a belief.
         robot.up_again("");
         // The old ports went with the old processes.
         let mut states = robot.bus.subscriber::<MotorState>("motor/state").unwrap();
         let cycle = robot.last.header.cycle + 5;
         robot.until("some cycles more", |robot| robot.last.header.cycle > cycle);
+        robot.until_said("the earlier run is recovered", |robot| robot.said().contains("has been recovered"));
         is_whole(&run, &seen);
         assert_eq!(robot.last.mode, MotorAuthority::MODE_DISARMED, "nothing arms by itself");
         assert_eq!(robot.last.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
@@ -141,7 +145,8 @@ fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_don
         let mut robot = Robot::up("");
         let mission =
             format!("name = \"over\"\nspeed_m_s = 0.15\n[[leg]]\npolyline = {{ points_m = [{GOAL:?}, {START:?}] }}\n");
-        std::fs::write(robot.folder().join("configs/missions/over.toml"), mission).unwrap();
+        let file = robot.folder().join("configs/missions/over.toml");
+        std::fs::write(&file, &mission).unwrap();
         robot.arm();
         robot.until_said("the mission is accepted", |robot| robot.nims(&["run", "over"]).status.success());
         robot.until("more than half of the first line", |robot| robot.distance_m(START) > 0.5);
@@ -163,5 +168,12 @@ fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_don
         assert!(robot.distance_m(START) < 0.02, "{} m from the end", robot.distance_m(START));
         // Done is done.
         robot.refused(&["run", "over", "--continue"], &[]);
+        // What was flown stands in the run, whatever becomes of the file that said so.
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(std::fs::read_to_string(robot.run().join("missions/1-over.toml")).unwrap(), mission);
+        assert!(!robot.run().join("missions/2-over.toml").exists(), "what was refused was not flown");
+        let kept = runlog::info(&robot.run()).unwrap().attachments;
+        assert!(kept.contains(&"missions/1-over.toml".to_owned()), "{kept:?}");
     });
 }

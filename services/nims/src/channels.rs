@@ -62,9 +62,12 @@ pub fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<(Value, Stri
     let width = names.iter().map(String::len).max().unwrap_or(0);
     let mut lines = Vec::new();
     let mut rows = Vec::new();
-    for (name, (received, lost)) in names.iter().zip(&counts) {
+    for ((name, (received, lost)), tap) in names.iter().zip(&counts).zip(&taps) {
         let hz = *received as f64 / elapsed;
-        lines.push(format!("{name:width$}  {hz:7.1} Hz  {lost} lost"));
+        // Without numbers nobody knows.
+        let lost = tap.has_header().then_some(*lost);
+        let words = lost.map_or_else(|| "-".to_owned(), |lost| lost.to_string());
+        lines.push(format!("{name:width$}  {hz:7.1} Hz  {words} lost"));
         rows.push(json!({ "name": name, "hz": hz, "received": received, "lost": lost }));
     }
     Ok((json!({ "seconds": elapsed, "channels": rows }), lines.join("\n")))

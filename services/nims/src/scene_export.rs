@@ -14,6 +14,9 @@ const FRAME_NS: u64 = 40_000_000;
 /// Between two frames of what changes slowly, ns.
 const SLOW_NS: u64 = 500_000_000;
 
+/// Between two looks at how far it is, bytes.
+const SHOW_BYTES: u64 = 1 << 20;
+
 /// Draws a run into a file of its own; JSON and words.
 ///
 /// # Errors
@@ -24,8 +27,14 @@ pub fn export_scene(run: &Path, out: &Path) -> Answer<(Value, String)> {
         return Err(Failure::BadInput(format!("{} exists already: give another name, or remove it", out.display())));
     }
     let mut reader = RunReader::open(run).map_err(Failure::not_now)?;
-    let mut film: Option<Film> = None;
-    while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
+    let (mut film, mut show): (Option<Film>, _) = (None, crate::runs::progress("drawing"));
+    let mut shown = 0;
+    loop {
+        if reader.position() - shown >= SHOW_BYTES {
+            shown = reader.position();
+            show(shown, reader.bytes());
+        }
+        let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
         if !Scene::wants(&recorded.channel.name) {
             continue;
         }
@@ -37,6 +46,7 @@ pub fn export_scene(run: &Path, out: &Path) -> Answer<(Value, String)> {
         };
         film.take(&channel.name, &channel.type_name, &sample, now_ns)?;
     }
+    show(reader.bytes(), reader.bytes());
     let Some(film) = film else {
         return Err(Failure::NotNow(format!("{} holds nothing that could be drawn", run.display())));
     };

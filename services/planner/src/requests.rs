@@ -46,7 +46,8 @@ pub fn answer(planner: &mut Planner, request: &OperatorRequest, missions: &Path,
 }
 
 /// The file that `given` means: a path, or the name of one of the missions.
-fn mission_file(given: &str, missions: &Path) -> PathBuf {
+#[must_use]
+pub fn mission_file(given: &str, missions: &Path) -> PathBuf {
     let path = PathBuf::from(given);
     if path.is_file() || path.components().count() > 1 {
         return path;

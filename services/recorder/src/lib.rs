@@ -17,6 +17,7 @@
 mod batch;
 mod listen;
 mod recorder;
+mod recording;
 mod row;
 mod session;
 

@@ -7,7 +7,6 @@ use std::process::ExitCode;
 
 use bus::CHANNELS_EVENT;
 use recorder::{Recorder, Settings, recover_leftovers};
-use runlog::Attachment;
 use service::config::RecorderSection;
 use service::{BadInput, Chassis, CommonArgs, build};
 
@@ -44,7 +43,6 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         segment_bytes: section.segment_bytes,
         segment_ns: (section.segment_s * 1e9) as u64,
         about: about(chassis, &args.run),
-        attachments: configuration(&args.run),
     };
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
     let mut recorder = Recorder::open(chassis.bus(), settings, section.exclude)?;
@@ -81,18 +79,4 @@ fn about(chassis: &Chassis, folder: &Path) -> BTreeMap<String, String> {
         about.insert("box".to_owned(), file.name.clone());
     }
     about
-}
-
-/// The configuration files in the run folder, in the order of their names.
-fn configuration(folder: &Path) -> Vec<Attachment> {
-    let mut paths: Vec<PathBuf> =
-        fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path()).collect();
-    paths.sort();
-    let text = |path: &PathBuf| path.extension().is_some_and(|ending| ending == "toml" || ending == "json");
-    let attachment = |path: PathBuf| {
-        let name = path.file_name()?.to_str()?.to_owned();
-        let media_type = if name.ends_with("json") { "application/json" } else { "application/toml" }.to_owned();
-        Some(Attachment { name, media_type, data: fs::read(&path).ok()? })
-    };
-    paths.into_iter().filter(text).filter_map(attachment).collect()
 }

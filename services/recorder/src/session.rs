@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
 use messages::{Message, RecorderGap, RecorderStatus, put_text};
-use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunError, RunWriter, next_file};
+use runlog::{ChannelId, ChannelSpec, RunClock, RunError, RunWriter, kept_files, next_file};
 
 use crate::batch::{Batch, Heard};
+use crate::recording::Recording;
 use crate::row::Row;
 
 const SECOND_NS: u64 = 1_000_000_000;
@@ -26,7 +27,7 @@ const GAPS: &str = "recorder/gap";
 /// What a recording needs to know.
 #[derive(Debug, Clone)]
 pub struct Settings {
-    /// The run folder.
+    /// The run folder. The files that describe the run in it are kept inside every run file.
     pub folder: PathBuf,
     /// Recording stops below this much free space.
     pub min_free_bytes: u64,
@@ -38,31 +39,6 @@ pub struct Settings {
     pub segment_ns: u64,
     /// Who, what, with which versions.
     pub about: BTreeMap<String, String>,
-    /// Files to be kept inside every run file.
-    pub attachments: Vec<Attachment>,
-}
-
-struct Recording {
-    writer: RunWriter,
-    gaps: Option<ChannelId>,
-    begun_ns: u64,
-    split_ns: u64,
-    settled: u64,
-}
-
-impl Recording {
-    /// Hands all that was written to the system; nothing else of it is unsettled then.
-    fn flush(&mut self) -> Result<(), RunError> {
-        self.writer.flush()?;
-        self.has_settled();
-        Ok(())
-    }
-
-    /// Whether all that was written has come into the file whole since this was asked last.
-    fn has_settled(&mut self) -> bool {
-        let before = std::mem::replace(&mut self.settled, self.writer.settled());
-        before != self.settled
-    }
 }
 
 enum State {
@@ -130,7 +106,8 @@ impl Session {
         let path = next_file(&self.settings.folder);
         let mut about = self.settings.about.clone();
         about.insert("segment".to_owned(), (self.files + 1).to_string());
-        let mut writer = RunWriter::create(&path, self.clock, &about, &self.settings.attachments)?;
+        let kept = kept_files(&self.settings.folder);
+        let mut writer = RunWriter::create(&path, self.clock, &about, &kept)?;
         let ids = match self.repeat(&mut writer, now_ns) {
             Ok(ids) => ids,
             Err(error) => {
@@ -153,12 +130,10 @@ impl Session {
             }
         }
         let split_ns = now_ns.saturating_add(self.settings.segment_ns);
-        let settled = writer.settled();
-        let recording = Recording { writer, gaps: None, begun_ns: now_ns, split_ns, settled };
-        self.state = State::Recording(Box::new(recording));
+        self.state = State::Recording(Box::new(Recording::new(writer, now_ns, split_ns, &kept)));
         if let Some(before) = before {
             let summary = self.summary("the next file was begun");
-            self.finishing.push(std::thread::spawn(move || before.writer.finish(&summary)));
+            self.finishing.push(std::thread::spawn(move || before.finish(&kept, &summary)));
         }
         Ok(())
     }
@@ -289,6 +264,9 @@ impl Session {
             self.free_bytes = free_bytes;
             self.next_watch_ns = now_ns + WATCH_NS;
             self.look_at_finished();
+            if let State::Recording(recording) = &mut self.state {
+                recording.look_at_disk();
+            }
         }
         let room = self.free_bytes as f64 >= self.settings.min_free_bytes as f64 * ROOM_FACTOR;
         match &mut self.state {
@@ -415,7 +393,7 @@ impl Session {
             return Err(error);
         }
         self.settle();
-        recording.writer.finish(&self.summary(reason)).map(Some)
+        recording.finish(&kept_files(&self.settings.folder), &self.summary(reason)).map(Some)
     }
 
     /// One sample of `recorder/status` per channel.

@@ -21,7 +21,6 @@ fn settings(folder: &Path) -> Settings {
         segment_bytes: u64::MAX,
         segment_ns: u64::MAX,
         about: BTreeMap::new(),
-        attachments: Vec::new(),
     }
 }
 
@@ -158,8 +157,8 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
     let folder = tempfile::tempdir().unwrap();
     let mut wanted = settings(folder.path());
     wanted.segment_ns = 10 * SECOND;
-    wanted.attachments =
-        vec![runlog::Attachment { name: "box.toml".into(), media_type: "application/toml".into(), data: vec![b'x'] }];
+    fs::write(folder.path().join("box.toml"), "x").unwrap();
+    fs::create_dir(folder.path().join("missions")).unwrap();
     let mut session = Session::open(wanted, RunClock::now(), 0, 10_000).unwrap();
     let [busy, still, silent] =
         ["truth/busy", "truth/still", "truth/silent"].map(|name| session.declare(ChannelSpec::of::<TruthNode>(name)));
@@ -169,6 +168,10 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
         let now = seq * SECOND / 2;
         hear(&mut session, busy, seq, now, 0);
         session.tick(now, None);
+        // flown while the first and the third file are being written
+        if seq == 4 || seq == 50 {
+            fs::write(folder.path().join(format!("missions/{seq}-over.toml")), format!("{seq}")).unwrap();
+        }
     }
     hear(&mut session, still, 2, 31 * SECOND, 0);
     session.close("stopped").unwrap().unwrap();
@@ -182,7 +185,11 @@ fn a_run_of_several_files_is_one_run_and_each_file_can_be_read_alone() {
         assert_eq!(numbers(file, "truth/still")[0], 1, "{names:?} {at}: what rarely speaks stands in every file");
         let mut reader = RunReader::open(file).unwrap();
         while reader.next_sample().unwrap().is_some() {}
-        assert_eq!(reader.attachments().len(), 1);
+        let kept: Vec<&str> = reader.attachments().iter().map(|file| file.name.as_str()).collect();
+        let mut expected = vec!["box.toml", "missions/4-over.toml"];
+        expected.extend((at >= 2).then_some("missions/50-over.toml"));
+        assert_eq!(kept, expected, "{names:?} {at}");
+        assert_eq!(reader.ends()[0]["failed_syncs"], "0");
         assert_eq!(reader.about()["segment"], (at + 1).to_string());
         assert_eq!(reader.channels().len(), 2, "a channel that never spoke is in none");
     }

@@ -9,6 +9,7 @@ use iceoryx2::prelude::{CallbackProgression, MessagingPattern, NodeState, Servic
 use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
 use messages::Header;
+use messages::schema::Schema;
 
 use crate::domain::info_of;
 use crate::losses::Losses;
@@ -41,11 +42,11 @@ pub struct ChannelInfo {
 pub struct Raw<'a> {
     /// The whole sample, header included; a little-endian CDR body.
     pub bytes: &'a [u8],
-    /// Its first 32 bytes; zeros if it is shorter.
+    /// Its first 32 bytes, where the type has this header ([`Tap::has_header`]); otherwise zeros.
     pub header: Header,
     /// Tells publishers apart, also those of one process.
     pub publisher: u128,
-    /// Samples of this publisher that are missing before this one.
+    /// Samples of this publisher that are missing before this one; 0 where the type has no header, and so no numbers to tell by.
     pub missing: u64,
 }
 
@@ -56,6 +57,7 @@ type RawPort = iceoryx2::port::subscriber::Subscriber<ipc::Service, [CustomPaylo
 pub struct Tap {
     port: RawPort,
     info: ChannelInfo,
+    has_header: bool,
     losses: Losses,
     received: u64,
 }
@@ -134,7 +136,9 @@ impl Bus {
             },
             other => failed(name, "be subscribed to", &other),
         })?;
-        Ok(Tap { port, info, losses: Losses::default(), received: 0 })
+        let layout = info.schema.as_deref().and_then(|text| Schema::parse(text).ok());
+        let has_header = layout.is_some_and(|layout| layout.has_header());
+        Ok(Tap { port, info, has_header, losses: Losses::default(), received: 0 })
     }
 
     #[allow(clippy::type_complexity)]
@@ -191,9 +195,10 @@ impl Tap {
         // SAFETY: `CustomPayloadMarker` is one byte wide (`repr(C)` over a u8), the slice counts bytes, and a channel carries plain data only.
         #[allow(unsafe_code)]
         let bytes: &[u8] = unsafe { std::slice::from_raw_parts(payload.as_ptr().cast(), payload.len()) };
-        let header = bytes.get(..size_of::<Header>()).map_or_else(Header::default, bytemuck::pod_read_unaligned);
+        let header = bytes.get(..size_of::<Header>()).filter(|_| self.has_header);
+        let header = header.map_or_else(Header::default, bytemuck::pod_read_unaligned);
         let publisher = sample.header().publisher_id().value();
-        let missing = self.losses.note(publisher, header.seq);
+        let missing = if self.has_header { self.losses.note(publisher, header.seq) } else { 0 };
         self.received += 1;
         Ok(Some(take(Raw { bytes, header, publisher, missing })))
     }
@@ -204,7 +209,13 @@ impl Tap {
         &self.info
     }
 
-    /// Samples that were published and never arrived here.
+    /// Whether the channel's definition says that samples begin with [`Header`]: only then it is known which are missing.
+    #[must_use]
+    pub fn has_header(&self) -> bool {
+        self.has_header
+    }
+
+    /// Samples that were published and never arrived here, as far as they are numbered.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.losses.lost

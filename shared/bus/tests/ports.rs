@@ -183,6 +183,29 @@ fn a_tap_sees_the_bytes_that_the_type_has() {
 }
 
 #[test]
+fn where_samples_have_no_numbers_none_is_called_missing() {
+    use messages::ros::PoseStamped;
+    let domain = Domain::for_test();
+    let bus = Bus::join(&domain, "test").unwrap();
+    let mut poses = bus.publisher::<PoseStamped>("scene/pose").unwrap();
+    let mut states = bus.publisher::<MotorState>("motor/state").unwrap();
+    let (mut without, mut with) = (bus.tap("scene/pose").unwrap(), bus.tap("motor/state").unwrap());
+    assert!(with.has_header() && !without.has_header());
+    // where the header would have its number: ever another one
+    for content in [1, 100, 3, 200] {
+        poses.send(&mut PoseStamped::of(&[content; 72]).unwrap()).unwrap();
+        states.send(&mut MotorState::default()).unwrap();
+    }
+    let mut received = 0;
+    while without.receive(|raw| assert_eq!((raw.missing, raw.header.seq), (0, 0))).unwrap().is_some() {
+        received += 1;
+    }
+    assert_eq!((received, without.lost(), without.gaps()), (4, 0, 0));
+    while with.receive(|raw| assert_ne!(raw.header.seq, 0)).unwrap().is_some() {}
+    assert_eq!(with.lost(), 0);
+}
+
+#[test]
 fn a_new_channel_is_announced() {
     let domain = Domain::for_test();
     let recorder = Bus::join(&domain, "recorder").unwrap();

@@ -17,6 +17,8 @@ pub struct SyncReport {
     pub worst_ns: u64,
     /// Times that the disk refused.
     pub failed: u64,
+    /// It refused the last time. What it refused once may be lost although it accepts what comes later.
+    pub failing: bool,
     /// Bytes at the beginning of the file that a power cut would leave there.
     pub safe_bytes: u64,
 }
@@ -58,9 +60,13 @@ impl Syncer {
                 match result {
                     Ok(()) => {
                         guard.report.done += 1;
+                        guard.report.failing = false;
                         guard.report.safe_bytes = bytes;
                     }
-                    Err(_) => guard.report.failed += 1,
+                    Err(_) => {
+                        guard.report.failed += 1;
+                        guard.report.failing = true;
+                    }
                 }
                 guard.report.worst_ns = guard.report.worst_ns.max(took);
             }
@@ -91,4 +97,31 @@ impl Drop for Syncer {
 
 fn lock(state: &Mutex<State>) -> MutexGuard<'_, State> {
     state.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn after_one(file: File) -> SyncReport {
+        let syncer = Syncer::start(file).unwrap();
+        syncer.ask(1);
+        for _ in 0..60_000 {
+            let report = syncer.report();
+            if report.done + report.failed > 0 {
+                return report;
+            }
+            thread::sleep(std::time::Duration::from_millis(1));
+        }
+        panic!("the disk does not answer");
+    }
+
+    #[test]
+    fn a_file_that_cannot_be_kept_is_told_from_one_that_is() {
+        // nothing to synchronise: the system refuses
+        let report = after_one(File::open("/dev/null").unwrap());
+        assert_eq!((report.done, report.failed, report.failing, report.safe_bytes), (0, 1, true, 0));
+        let report = after_one(tempfile::tempfile().unwrap());
+        assert_eq!((report.done, report.failed, report.failing, report.safe_bytes), (1, 0, false, 1));
+    }
 }

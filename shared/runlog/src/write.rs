@@ -278,6 +278,15 @@ impl RunWriter {
         Ok(())
     }
 
+    /// Keeps a file inside this one. It closes the open chunk: not for every second.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn attach(&mut self, attachment: &Attachment) -> Result<(), RunError> {
+        self.close_chunk()?;
+        attach(&mut self.writer, attachment, self.clock.t0_unix_ns).map_err(RunError::write(&self.part))
+    }
+
     /// Gives the file up and removes it.
     pub fn abandon(self) {
         let _ = fs::remove_file(&self.part);
@@ -308,7 +317,9 @@ impl RunWriter {
     pub fn finish(mut self, summary: &BTreeMap<String, String>) -> Result<PathBuf, RunError> {
         self.flush()?;
         let mut metadata = summary.clone();
-        metadata.insert("worst_sync_ns".into(), self.syncer.report().worst_ns.to_string());
+        let syncs = self.syncer.report();
+        metadata.insert("worst_sync_ns".into(), syncs.worst_ns.to_string());
+        metadata.insert("failed_syncs".into(), syncs.failed.to_string());
         let end = Metadata { name: RUN_END.into(), metadata };
         let Self { mut writer, part, path, syncer, .. } = self;
         drop(syncer);

@@ -402,6 +402,16 @@ impl Robot {
         kill(self.pid(process).unwrap(), signal);
     }
 
+    /// Removes what the supervisor has written down in memory, as a machine does that is switched off.
+    pub fn forget(&self) {
+        for entry in std::fs::read_dir(self.domain.root()).unwrap().flatten() {
+            if entry.path().extension().is_some_and(|ending| ending == "json") {
+                std::fs::remove_file(entry.path()).unwrap();
+            }
+        }
+        assert!(!self.domain.root().join("running.json").exists());
+    }
+
     /// Sudden end of everything.
     pub fn kill_all(&mut self) {
         let _ = kill_process(Pid::from_child(&self.supervisor), Signal::KILL);

@@ -1,6 +1,8 @@
 //! The end of a run: the robot at rest, the processes ended in order, the run files whole.
 
 use super::child::ending;
+use super::leftovers::parts;
+use super::members::Member;
 use super::orphans;
 use super::{Ending, Supervisor};
 use crate::live::RUNNING_FILE;
@@ -9,13 +11,16 @@ use bus::clock;
 use messages::{Heartbeat, MotorAuthority, OperatorRequest};
 use serde_json::{Value, json};
 use service::config::Role;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Duration;
 
 /// Time for the robot to come to rest when everything ends, ns: the longest stop ramp and some.
 const REST_NS: u64 = 6_000_000_000;
 /// From the last command to standing drums, ns: several times a drive's delay and lag.
 const SETTLE_NS: u64 = 500_000_000;
+
+/// How long the end of a run waits for what earlier ones left, once the robot is at rest and its processes have ended.
+const LEFTOVERS: Duration = Duration::from_secs(5);
 
 /// Whether the robot moves, or is about to stand.
 pub(super) fn moves(authority: &MotorAuthority) -> bool {
@@ -33,8 +38,10 @@ impl Supervisor {
         let mode = self.last_authority.map(|authority| authority.mode);
         let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
         self.close(because);
-        let Self { crew, domain, bus, voice, heartbeat, table, authority, beats, server, waiter, claim, .. } = self;
-        drop((crew, voice, heartbeat, table, authority, beats, server, waiter, bus));
+        let Self {
+            crew, domain, bus, voice, heartbeat, table, authority, beats, server, waiter, claim, requests, ..
+        } = self;
+        drop((crew, voice, heartbeat, table, authority, beats, server, waiter, requests, bus));
         // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
         let _ = domain.sweep();
         let _ = domain.retire(claim);
@@ -83,10 +90,25 @@ impl Supervisor {
             self.voice.warn(&format!("{name} did not end by itself and was killed"));
         }
         let _ = self.publish_table();
+        for trouble in self.archive.finish() {
+            self.voice.warn(&trouble);
+        }
         let run = self.folder.path().to_path_buf();
         self.recover(&run);
-        let processes: Vec<Value> = self
-            .crew
+        let news = self.leftovers.finish(LEFTOVERS);
+        self.tell(news);
+        let processes = self.processes();
+        if let Err(failure) = self.folder.close(because, processes) {
+            self.voice.error(&failure.to_string());
+        }
+        // Nobody is left but this process, whose names the next start wipes.
+        let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
+        let _ = orphans::note(&self.domain, &[]);
+    }
+
+    /// The processes of the run, for its manifest.
+    fn processes(&self) -> Value {
+        self.crew
             .iter()
             .map(|child| {
                 let (member, ended) = (&child.member, child.exit.map(ending));
@@ -98,17 +120,33 @@ impl Supervisor {
                     "restarts": child.restarts.total, "ended": ended,
                 })
             })
-            .collect();
-        if let Err(failure) = self.folder.close(because, Value::Array(processes)) {
-            self.voice.error(&failure.to_string());
+            .collect()
+    }
+
+    /// Writes into the manifest what runs: a run that is cut off then still says with which programs it flew.
+    pub(super) fn note_processes(&mut self) {
+        let processes = self.processes();
+        self.folder.note_processes(processes);
+        let (path, text) = self.folder.manifest();
+        self.archive.write(path, text);
+    }
+
+    /// Keeps a copy of each file that the command of a process names: a sensor's, a script.
+    pub(super) fn keep_files_of(&mut self, member: &Member) {
+        let Some(folder) = &member.folder else { return };
+        let arguments = member.args.iter().map(Path::new).chain([member.program.as_path()]);
+        let kept = |path: &Path| {
+            path.extension().is_some_and(|ending| runlog::KEPT_ENDINGS.iter().any(|kept| ending == *kept))
+        };
+        for path in arguments.filter(|path| kept(path)).map(|path| folder.join(path)) {
+            if path.is_file() && path != self.site.box_path {
+                self.archive.keep_of_process(&member.name, path);
+            }
         }
-        // Nobody is left but this process, whose names the next start wipes.
-        let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
-        let _ = orphans::note(&self.domain, &[]);
     }
 
     /// Closes the run files that a dead recorder left open.
-    pub(super) fn recover(&mut self, run: &Path) {
+    fn recover(&mut self, run: &Path) {
         for part in parts(run) {
             match runlog::recover(&part, &mut |_, _| {}) {
                 Ok(_) => self
@@ -127,10 +165,4 @@ impl Supervisor {
 fn utc(time: std::time::SystemTime) -> String {
     let since = time.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
     runlog::utc(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
-}
-
-/// Run files that were never closed.
-fn parts(folder: &Path) -> Vec<PathBuf> {
-    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
-    entries.map(|entry| entry.path()).filter(|path| path.to_string_lossy().ends_with(runlog::PART_ENDING)).collect()
 }

@@ -6,11 +6,13 @@
 //! Architecture invariant: nothing here waits for a process while others run. The supervisor's own heartbeat would stop, and the robot
 //! with it.
 
+mod archive;
 mod asked;
 mod beats;
 mod child;
 mod closing;
 mod crew;
+mod leftovers;
 mod members;
 mod orphans;
 mod requests;
@@ -27,11 +29,13 @@ pub use members::consequence;
 pub use run_folder::RunFolder;
 
 use crate::failure::{Answer, Failure};
+use archive::Archive;
 use beats::Beats;
 use bus::{Bus, Claim, Domain, Publisher, Server, Subscriber, Waiter, clock};
 use crew::Crew;
+use leftovers::Leftovers;
 use members::Site;
-use messages::{Heartbeat, MotorAuthority, ProcessState};
+use messages::{Heartbeat, MotorAuthority, OperatorRequest, ProcessState};
 use service::config::BoxFile;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -89,6 +93,8 @@ pub struct Supervisor {
     crew: Crew,
     site: Site,
     folder: RunFolder,
+    archive: Archive,
+    leftovers: Leftovers,
     stop: StopFlag,
     beats: Beats,
     sweeper: Sweeper,
@@ -98,6 +104,7 @@ pub struct Supervisor {
     table: Publisher<ProcessState>,
     authority: Subscriber<MotorAuthority>,
     last_authority: Option<MotorAuthority>,
+    requests: Subscriber<OperatorRequest>,
     beat: Heartbeat,
     last_beat_ns: u64,
     last_table_ns: u64,

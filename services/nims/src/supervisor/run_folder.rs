@@ -1,5 +1,6 @@
 //! One run, one folder: the run file, the configuration as it was, diagnostics, and a manifest that says what it is.
 
+use super::archive::replace;
 use crate::failure::{Answer, Failure};
 use serde_json::{Value, json};
 use service::build;
@@ -104,17 +105,27 @@ impl RunFolder {
     pub fn close(&mut self, because: &str, processes: Value) -> Answer {
         self.manifest["ended_utc"] = json!(runlog::utc(bus::clock::unix_ns()));
         self.manifest["ended_because"] = json!(because);
-        self.manifest["processes"] = processes;
+        self.note_processes(processes);
         let files = runlog::segments(&self.path).unwrap_or_default();
         let names = files.iter().filter_map(|file| Some(file.file_name()?.to_string_lossy()));
         self.manifest["files"] = names.collect();
         self.write()
     }
 
+    /// Takes note of what runs.
+    pub fn note_processes(&mut self, processes: Value) {
+        self.manifest["processes"] = processes;
+    }
+
+    /// The manifest so far: its file, and what is to stand there.
+    #[must_use]
+    pub fn manifest(&self) -> (PathBuf, String) {
+        (self.path.join("manifest.json"), format!("{:#}\n", self.manifest))
+    }
+
     fn write(&self) -> Answer {
-        let path = self.path.join("manifest.json");
-        let text = serde_json::to_string_pretty(&self.manifest).map_err(Failure::not_now)?;
-        fs::write(&path, text + "\n")
+        let (path, text) = self.manifest();
+        replace(&path, text.as_bytes())
             .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
     }
 }

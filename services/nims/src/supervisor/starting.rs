@@ -1,8 +1,10 @@
 //! From a box file to running processes, each started when those it needs are ready.
 
+use super::archive::Archive;
 use super::beats::Beats;
 use super::child::{Child, ending};
 use super::crew::Crew;
+use super::leftovers::Leftovers;
 use super::members::{Member, Site};
 use super::orphans::{self, Started};
 use super::restarts::Restarts;
@@ -43,6 +45,7 @@ impl Supervisor {
         domain.sweep()?;
         let folder = RunFolder::make(&file, &box_path, wanted.run, wanted.mission)?;
         let run = folder.path().to_path_buf();
+        let archive = Archive::open(&run).map_err(Failure::not_now)?;
         let site = Site { file, box_path: box_path.clone(), domain: domain.name().to_owned(), run: run.clone() };
         let members = site.members()?;
 
@@ -63,6 +66,8 @@ impl Supervisor {
             crew: Crew::default(),
             site,
             folder,
+            archive,
+            leftovers: Leftovers::default(),
             stop,
             beats: Beats::default(),
             sweeper: Sweeper::new(&domain),
@@ -72,6 +77,7 @@ impl Supervisor {
             table: bus.publisher("system/process")?,
             authority: bus.subscriber("motor/authority")?,
             last_authority: None,
+            requests: bus.subscriber("operator/request")?,
             beat,
             last_beat_ns: 0,
             last_table_ns: 0,
@@ -84,15 +90,26 @@ impl Supervisor {
         if !orphans.is_empty() {
             supervisor.voice.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
         }
-        if let Some(earlier) = earlier {
-            supervisor.recover(&earlier.run);
-        }
         if let Err(failure) = supervisor.bring_up(members) {
             supervisor.close("a process did not come up");
             return Err(failure);
         }
         supervisor.beat.state = Heartbeat::STATE_READY;
+        supervisor.note_processes();
+        supervisor.recover_leftovers(earlier);
         Ok(supervisor)
+    }
+
+    /// Begins to close what earlier runs left open. What shared memory knows of the last one is gone after a power cut, so it is only a hint.
+    fn recover_leftovers(&mut self, earlier: Option<Running>) {
+        let present = self.folder.path().to_path_buf();
+        let mut folders = vec![self.site.file.runs.clone()];
+        folders.extend(present.parent().map(Path::to_path_buf));
+        let runs = earlier.into_iter().map(|earlier| earlier.run).collect();
+        match Leftovers::recover(folders, runs, present) {
+            Ok(leftovers) => self.leftovers = leftovers,
+            Err(error) => self.voice.error(&format!("earlier runs were not looked through: {error}")),
+        }
     }
 
     /// Starts all of them and waits until they are ready.
@@ -157,8 +174,12 @@ impl Supervisor {
         self.beats.listen(&self.bus, &member.name)?;
         let (child, warning) = Child::start(member, &self.site.domain, &self.folder.log(&member.name), restarts)?;
         self.crew.enter(child);
+        self.keep_files_of(member);
         if let Some(warning) = warning {
             self.voice.warn(&format!("{}: {warning}", member.name));
+        }
+        if self.beat.state == Heartbeat::STATE_READY {
+            self.note_processes();
         }
         let started: Vec<Started> = self
             .crew

@@ -3,11 +3,13 @@
 use super::Supervisor;
 use super::beats::Change;
 use super::child::{Then, ending};
+use super::leftovers::News;
 use super::members::{Member, consequence};
 use super::restarts::{Restarts, Verdict};
 use super::starting::READY_NS;
 use crate::failure::Answer;
 use bus::clock;
+use messages::{Heartbeat, OperatorRequest, text_of};
 use service::config::Role;
 use std::time::Duration;
 
@@ -43,6 +45,7 @@ impl Supervisor {
         while let Some(authority) = self.authority.latest()? {
             self.last_authority = Some(authority);
         }
+        self.look_at_files()?;
         self.beat_if_due()?;
         self.refresh_table()
     }
@@ -58,7 +61,38 @@ impl Supervisor {
                 Change::Back(name) => self.voice.warn(&format!("{name} is back")),
             }
         }
+        if self.beat.state == Heartbeat::STATE_READY && changes.iter().any(|change| matches!(change, Change::Ready(_)))
+        {
+            self.note_processes();
+        }
         if changes.is_empty() { Ok(()) } else { self.publish_table() }
+    }
+
+    /// What belongs into this run folder, and what becomes of earlier ones.
+    fn look_at_files(&mut self) -> Answer {
+        while let Some(request) = self.requests.receive()? {
+            if request.verb == OperatorRequest::VERB_RUN && (request.answered, request.accepted) == (1, 1) {
+                let given = text_of(&request.text);
+                self.archive.keep_mission(planner::requests::mission_file(&given, &self.site.file.planner.missions));
+            }
+        }
+        for trouble in self.archive.troubles() {
+            self.voice.warn(&trouble);
+        }
+        let news = self.leftovers.news();
+        self.tell(news);
+        Ok(())
+    }
+
+    /// Says what has become of earlier runs.
+    pub(super) fn tell(&mut self, news: Vec<News>) {
+        for news in news {
+            match news {
+                News::Begun(sentence) => self.voice.info(&sentence),
+                News::Recovered(sentence) => self.voice.warn(&sentence),
+                News::Failed(sentence) => self.voice.error(&sentence),
+            }
+        }
     }
 
     fn look_at_children(&mut self) -> Answer {

@@ -1,0 +1,81 @@
+//! The files beside the samples that say what a run is: they stand in its folder, and are kept inside its run files too.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use crate::Attachment;
+
+/// Folders of a run with what came while it ran, numbered in the order of its coming: missions that were flown, and files that processes
+/// were started with.
+pub const KEPT_FOLDERS: [&str; 2] = ["missions", "processes"];
+/// Endings of the names of such files.
+pub const KEPT_ENDINGS: [&str; 6] = ["toml", "json", "yaml", "yml", "py", "sh"];
+
+/// The files of a run folder that its run files are to hold: the configuration in the order of its names, then what came later in its order.
+#[must_use]
+pub fn kept_files(folder: &Path) -> Vec<Attachment> {
+    let of = |place: Option<&str>| {
+        let mut paths = files_in(&place.map_or_else(|| folder.to_owned(), |place| folder.join(place)));
+        paths.sort_by_cached_key(|path| (number(path), path.clone()));
+        paths.into_iter().filter_map(move |path| attachment(&path, place)).collect::<Vec<_>>()
+    };
+    [None].into_iter().chain(KEPT_FOLDERS.into_iter().map(Some)).flat_map(of).collect()
+}
+
+fn files_in(folder: &Path) -> Vec<PathBuf> {
+    fs::read_dir(folder)
+        .into_iter()
+        .flatten()
+        .flatten()
+        .map(|entry| entry.path())
+        .filter(|path| path.is_file())
+        .collect()
+}
+
+/// Of `12-name.toml`: 12.
+fn number(path: &Path) -> u64 {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    name.split_once('-').and_then(|(number, _)| number.parse().ok()).unwrap_or(0)
+}
+
+fn attachment(path: &Path, place: Option<&str>) -> Option<Attachment> {
+    let ending = path.extension()?.to_str().filter(|ending| KEPT_ENDINGS.contains(ending))?;
+    let media_type = match ending {
+        "py" => "text/x-python".to_owned(),
+        "sh" => "text/x-shellscript".to_owned(),
+        "yml" => "application/yaml".to_owned(),
+        other => format!("application/{other}"),
+    };
+    let name = path.file_name()?.to_str()?;
+    let name = place.map_or_else(|| name.to_owned(), |place| format!("{place}/{name}"));
+    Some(Attachment { name, media_type, data: fs::read(path).ok()? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_configuration_comes_first_and_then_what_was_flown_in_its_order() {
+        let folder = tempfile::tempdir().unwrap();
+        let write = |name: &str| {
+            let path = folder.path().join(name);
+            fs::create_dir_all(path.parent().unwrap()).unwrap();
+            fs::write(path, name).unwrap();
+        };
+        for name in ["missions/10-a.toml", "missions/2-b.toml", "robot.toml", "box.toml", "processes/1-wind-wind.py"] {
+            write(name);
+        }
+        for left_out in ["run.mcap", "missions/3-c.toml.new", "log/x.txt", "export/tables.json"] {
+            write(left_out);
+        }
+        let kept = kept_files(folder.path());
+        let names: Vec<&str> = kept.iter().map(|file| file.name.as_str()).collect();
+        assert_eq!(
+            names,
+            ["box.toml", "robot.toml", "missions/2-b.toml", "missions/10-a.toml", "processes/1-wind-wind.py"]
+        );
+        assert!(kept.iter().all(|file| file.data == file.name.as_bytes()));
+        assert_eq!((kept[0].media_type.as_str(), kept[4].media_type.as_str()), ("application/toml", "text/x-python"));
+    }
+}
