@@ -38,6 +38,8 @@ struct File {
     sigma_gps_m: Option<f64>,
     sigma_scale: Option<f64>,
     sigma_offset_m: Option<f64>,
+    /// What the robot reckoned the lengths with, if they are its own.
+    counts_per_m: Option<Vec<f64>>,
     loss: Option<LossName>,
     refuse_above_std_m: Option<f64>,
     #[serde(default)]
@@ -133,6 +135,13 @@ impl File {
                 by_line: h.by.unwrap_or(HeightBy::Line) == HeightBy::Line,
             });
         }
+        if let Some(counts) = &self.counts_per_m
+            && (counts.len() != cables || counts.iter().any(|counts| !counts.is_finite() || *counts == 0.0))
+        {
+            return Err(format!(
+                "counts_per_m is {counts:?}; accepted: one value for each of the {cables} lines, as in the box file; no key where the lengths are not the robot's own"
+            ));
+        }
         let set = |key: &mut f64, value: Option<f64>| *key = value.unwrap_or(*key);
         set(&mut measured.sigma_length_m, self.sigma_length_m);
         set(&mut measured.sigma_gps_m, self.sigma_gps_m);
@@ -170,9 +179,10 @@ pub fn calibrate(asked: &Calibrate, json_only: bool) -> Answer<Value> {
     let found = calibration::calibrate(&measured, method).map_err(|e| refuse(e.to_string()))?;
     let holdout = calibration::hold_out(&measured, method).map_err(|e| refuse(e.to_string()))?;
     let verdict = verdict(&found, &measured);
-    let value = answer(&found, holdout.as_ref(), &verdict);
+    let mut value = answer(&found, holdout.as_ref(), &verdict);
+    value["counts_per_m"] = json!(file.counts_per_m);
     if !json_only {
-        eprint!("{}", words(&found, holdout.as_ref(), &verdict));
+        eprint!("{}", words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref()));
     }
     if let Some(out) = &asked.out {
         write(out, path, &value, &found.covariance)?;
@@ -257,7 +267,7 @@ fn verdict(found: &Calibration, measured: &Measurements) -> String {
     text
 }
 
-fn words(found: &Calibration, holdout: Option<&Holdout>, verdict: &str) -> String {
+fn words(found: &Calibration, holdout: Option<&Holdout>, verdict: &str, counts_per_m: Option<&[f64]>) -> String {
     let mut text = String::new();
     for (i, (a, s)) in found.anchors_m.iter().zip(found.covariance.std_m()).enumerate() {
         let _ = writeln!(
@@ -274,6 +284,13 @@ fn words(found: &Calibration, holdout: Option<&Holdout>, verdict: &str) -> Strin
     }
     if found.scale_std > 0.0 {
         let _ = writeln!(text, "lengths read {:.5} ±{:.5} times the true ones", found.scale, found.scale_std);
+        if let Some(counts) = counts_per_m {
+            let counts: Vec<f64> = counts.iter().map(|counts| counts * found.scale).collect();
+            let _ = writeln!(
+                text,
+                "so there are {counts:.1?} counts in a metre; a robot file that names this calibration says so to the robot"
+            );
+        }
     }
     for (i, (o, s)) in found.offsets_m.iter().zip(found.offset_std_m.iter()).enumerate().filter(|(_, (_, s))| **s > 0.0)
     {

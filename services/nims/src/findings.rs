@@ -251,10 +251,20 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
 /// Which calibration, and how well it knows the anchors.
 fn calibrated(file: &CalibrationFile) -> Finding {
     let (anchor, axis, std_m) = file.worst();
-    let sentence = format!(
+    let mut sentence = format!(
         "the anchors are of the calibration of {} ({}): {axis} of anchor {anchor} is known least, to ±{std_m:.3} m",
         file.date, file.method
     );
+    if file.scale_std > 0.0 {
+        let then = match file.true_counts_per_m() {
+            Some(counts) => format!("the robot's own, so it reckons with {counts:.1?} counts per metre instead"),
+            None => "not said to be the robot's own (counts_per_m), so its encoders are left as they are".to_owned(),
+        };
+        sentence.push_str(&format!(
+            "; the lengths read {:.4} ±{:.4} times the true ones, and were {then}",
+            file.scale, file.scale_std
+        ));
+    }
     if file.verdict.starts_with("poor") {
         return warning(sentence, "add points near the corners below the anchors and calibrate again before a mission");
     }

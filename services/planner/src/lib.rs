@@ -12,6 +12,7 @@
 
 pub mod adaptive;
 mod dry_run;
+mod flight;
 pub mod mission;
 pub mod plan;
 mod planner;

@@ -9,6 +9,7 @@ use service::motion::segment_message;
 use thiserror::Error;
 
 use crate::adaptive;
+use crate::flight::{Flight, Later};
 use crate::mission::{self, Leg, Mission, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
@@ -50,51 +51,6 @@ pub enum Refusal {
     /// The motion would break a limit, or is none.
     #[error(transparent)]
     Plan(#[from] PlanError),
-}
-
-/// A mission being flown.
-#[derive(Debug, Clone)]
-struct Flight {
-    plan: Plan,
-    /// What was flown of it before, s.
-    before_s: f64,
-    /// The same, all of it from its beginning.
-    whole: Plan,
-    /// What comes then, beginning with an adaptive leg; how long it takes at most, s; legs before this part of the mission.
-    left: Option<Mission>,
-    later_s: f64,
-    legs_before: u32,
-    /// At its end, waiting for a map since then.
-    waits_ns: Option<u64>,
-    /// A mission, not a single move: how far it comes is kept.
-    kept: bool,
-    name: String,
-    motion: u32,
-    epoch: u32,
-    current: usize,
-    accepted_ns: u64,
-    taken_up: bool,
-}
-
-impl Flight {
-    fn new(name: String, plan: Plan, whole: Plan, kept: bool, authority: &MotorAuthority, seen: &Seen<'_>) -> Self {
-        Self {
-            plan,
-            before_s: 0.0,
-            whole,
-            left: None,
-            later_s: 0.0,
-            legs_before: 0,
-            waits_ns: None,
-            kept,
-            name,
-            motion: 0,
-            epoch: authority.epoch,
-            current: 0,
-            accepted_ns: seen.now_ns,
-            taken_up: false,
-        }
-    }
 }
 
 /// Missions and requests to motion segments. Pure: time and samples come with every call.
@@ -225,10 +181,16 @@ impl Planner {
             let stage = left.is_some().then_some(first);
             let (segment, along, done) = (0, 0.0, false);
             let (mission, left) = (mission.clone(), left.clone());
-            self.progress = Some(Progress { start_m: at_m, segment, along, at_m, done, mission, stage, left });
+            let (flown_s, share) = (0.0, 0.0);
+            let start_m = at_m;
+            self.progress =
+                Some(Progress { start_m, segment, along, at_m, done, flown_s, share, mission, stage, left });
         }
-        let later_s = all.end_s() - plan.end_s();
-        let flight = Flight { later_s, left, ..Flight::new(mission.name, plan.clone(), plan, kept, authority, seen) };
+        let later = match left {
+            Some(_) => Later::between(&all, &plan, &self.config),
+            None => Later::default(),
+        };
+        let flight = Flight { later, left, ..Flight::new(mission.name, plan.clone(), plan, kept, authority, seen) };
         Ok(self.offer(flight, "accepted"))
     }
 
@@ -255,7 +217,8 @@ impl Planner {
             return Err(PlanError::OtherPlan.into());
         }
         let dwells = matches!(segment.path, cable_robot::Path::Dwell(_));
-        let before_s = segment.start_s + if dwells { mark.along } else { segment.profile.time_at(mark.along) };
+        let in_segment_s = if dwells { mark.along } else { segment.profile.time_at(mark.along) };
+        let before_s = progress.flown_s + segment.start_s + in_segment_s;
         let here = Vector3::from(estimate.position_m);
         let plan = match whole.rest(stage, &self.config, mark, here, authority.plan_time_s, self.next_id) {
             // Only the map is missing: it is waited for at rest.
@@ -269,15 +232,16 @@ impl Planner {
             }
             plan => plan?,
         };
-        let later_s = match &progress.left {
-            Some(left) => Plan::new(left, &self.config, whole.end(), 0.0, 1)?.end_s(),
-            None => 0.0,
+        let later = match &progress.left {
+            Some(left) => Later::of(&Plan::new(left, &self.config, whole.end(), 0.0, 1)?, &self.config),
+            None => Later::default(),
         };
         let legs_left = stage.leg.len() + progress.left.as_ref().map_or(0, |left| left.leg.len());
         let legs_before = mission.leg.len().saturating_sub(legs_left) as u32;
         let flight = Flight {
             before_s,
-            later_s,
+            share: progress.share,
+            later,
             left: progress.left,
             legs_before,
             ..Flight::new(name.clone(), plan, whole, true, authority, seen)
@@ -291,22 +255,13 @@ impl Planner {
         self.next_id = self.next_id.wrapping_add(plan.segments.len() as u32).max(1);
         self.motions = self.motions.wrapping_add(1).max(1);
         flight.motion = self.motions;
-        let then = match flight.left {
-            Some(_) => format!(", then where the map is worth it: at most {:.0} s more", flight.later_s),
-            None => String::new(),
-        };
-        let energy = plan.energy_j(&self.config).map_or(String::new(), |joules| format!(", about {joules:.0} J"));
-        let sentence = format!(
-            "mission \"{}\" {verb}: {} segments, {:.2} m, {:.1} s{energy}{then}",
-            flight.name,
-            plan.segments.len(),
-            plan.length_m(),
-            plan.end_s() - plan.start_s()
-        );
+        let sentence = flight.sentence(verb, &self.config);
         self.status = PlanStatus {
             refused: self.refused,
             legs: 0,
             leg: flight.legs_before + plan.legs[0],
+            elapsed_s: flight.before_s,
+            progress: flight.share,
             ..PlanStatus::default()
         };
         let left = flight.left.as_ref().map_or(0, |left| left.leg.len() as u32);
@@ -432,6 +387,7 @@ impl Planner {
         let start = flight.plan.end();
         let legs_before = flight.legs_before + flight.plan.leg_count;
         let name = flight.name.clone();
+        let (flown_s, share) = (flight.flown_s(f64::INFINITY), flight.share);
         let planned = adaptive::resolved(left, &known, start)
             .map_err(|error| PlanError::Scan { leg: legs_before as usize + 1, error })
             .and_then(|mission| {
@@ -442,14 +398,15 @@ impl Planner {
         match planned {
             Ok((plan, first, left)) => {
                 let later = left.as_ref().map(|left| Plan::new(left, &self.config, plan.end(), 0.0, 1));
-                let later_s = later.and_then(Result::ok).map_or(0.0, |plan| plan.end_s());
+                let later = later.and_then(Result::ok).map_or(Later::default(), |plan| Later::of(&plan, &self.config));
                 if let Some(progress) = &mut self.progress {
                     (progress.start_m, progress.at_m) = (start.into(), start.into());
-                    (progress.segment, progress.along) = (0, 0.0);
+                    (progress.segment, progress.along, progress.flown_s) = (0, 0.0, flown_s);
                     (progress.stage, progress.left) = (Some(first), left.clone());
                 }
                 let flight = Flight::new(name, plan.clone(), plan, true, authority, seen);
-                self.offer(Flight { later_s, left, legs_before, ..flight }, "goes on");
+                let flight = Flight { before_s: flown_s, share, later, left, legs_before, ..flight };
+                self.offer(flight, "goes on");
             }
             Err(error) => {
                 let done = error == PlanError::AlreadyThere;
@@ -475,11 +432,11 @@ impl Planner {
         {
             flight.current += 1;
         }
-        let (start_s, end_s) = (flight.plan.start_s(), flight.plan.end_s());
+        let end_s = flight.plan.end_s();
         let status = &mut self.status;
-        status.elapsed_s = (time_s - start_s).clamp(0.0, end_s - start_s);
-        let whole_s = flight.before_s + end_s - start_s + flight.later_s;
-        status.progress = if whole_s > 0.0 { (flight.before_s + status.elapsed_s) / whole_s } else { 1.0 };
+        status.elapsed_s = flight.flown_s(time_s);
+        flight.share = flight.share_at(time_s);
+        status.progress = flight.share;
         if flight.kept
             && flight.taken_up
             && authority.epoch == flight.epoch
@@ -487,10 +444,11 @@ impl Planner {
         {
             let (mark, at) = flight.plan.reached(time_s);
             (progress.segment, progress.along, progress.at_m) = (mark.segment, mark.along, at.into());
+            progress.share = flight.share;
         }
         status.leg = flight.legs_before + flight.plan.legs[flight.current];
         let rate = authority.plan_rate_target;
-        status.time_left_s = ((end_s - time_s).max(0.0) + flight.later_s) / if rate > 0.0 { rate } else { 1.0 };
+        status.time_left_s = ((end_s - time_s).max(0.0) + flight.later.time_s) / if rate > 0.0 { rate } else { 1.0 };
         let ours = authority.motion == flight.motion;
         flight.taken_up |= ours && authority.mode == MotorAuthority::MODE_FOLLOWING;
         let moving = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);

@@ -31,6 +31,12 @@ pub struct Progress {
     pub at_m: [f64; 3],
     /// Nothing is left.
     pub done: bool,
+    /// How long the parts of the mission before the present one were flown, s.
+    #[serde(default)]
+    pub flown_s: f64,
+    /// How much of the mission is done, 0 to 1, as it was said.
+    #[serde(default)]
+    pub share: f64,
     /// The mission as it was begun.
     pub mission: Mission,
     /// What of it is flown now, if it has adaptive legs: up to the next of them, with those before as they turned out.
@@ -181,6 +187,8 @@ mod tests {
             along: 1.0 / 3.0,
             at_m: [1.0; 3],
             done: false,
+            flown_s: 12.5,
+            share: 1.0 / 7.0,
             left: None,
             stage: mission.clone().ok(),
             mission: mission.unwrap(),

@@ -2,7 +2,9 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
-use messages::{FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanStatus, put_text};
+use messages::{
+    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, put_text,
+};
 use planner::mission::Mission;
 use planner::plan::Plan;
 use planner::{Planner, PlannerConfig, Progress, Seen, dry_run, requests};
@@ -52,6 +54,8 @@ spiral = { rise_m = 0.4, radius_m = 0.3, turns = 2.0 }
 struct World {
     authority: MotorAuthority,
     estimate: NodeEstimate,
+    /// How much of its mission the planner said to be done.
+    share: f64,
 }
 
 impl World {
@@ -65,7 +69,8 @@ impl World {
             position_known: MotorState::POSITION_KNOWN,
             ..MotorAuthority::default()
         };
-        Self { authority, estimate: NodeEstimate { header, position_m, valid: 1, ..NodeEstimate::default() } }
+        let estimate = NodeEstimate { header, position_m, valid: 1, ..NodeEstimate::default() };
+        Self { authority, estimate, share: 0.0 }
     }
 
     fn seen(&self) -> Seen<'_> {
@@ -73,22 +78,30 @@ impl World {
         Seen { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
     }
 
+    /// One pass of the planner, which never says that less is done than before.
+    fn step(&mut self, planner: &mut Planner) -> (PlanMotion, PlanStatus) {
+        let (motion, status) = planner.step(&self.seen());
+        assert!((self.share..=1.0).contains(&status.progress), "{} after {}", status.progress, self.share);
+        self.share = status.progress;
+        (motion, status)
+    }
+
     /// Flies the planner's motion until a time on the plan clock, and gives it up there or lets it end.
     fn fly(&mut self, planner: &mut Planner, until_s: f64) -> PlanStatus {
-        let (motion, _) = planner.step(&self.seen());
+        let (motion, _) = self.step(planner);
         self.authority.motion = motion.motion;
         (self.authority.plan_rate, self.authority.plan_rate_target) = (1.0, 1.0);
         self.authority.mode = MotorAuthority::MODE_FOLLOWING;
         let begun_s = self.authority.plan_time_s;
         for step in 0..=20 {
             self.authority.plan_time_s = begun_s + (until_s - begun_s) * f64::from(step) / 20.0;
-            planner.step(&self.seen());
+            self.step(planner);
         }
         self.authority.mode = MotorAuthority::MODE_HOLDING;
         if until_s < motion.end_s {
             self.authority.epoch += 1;
         }
-        planner.step(&self.seen()).1
+        self.step(planner).1
     }
 }
 
@@ -169,10 +182,11 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     planner.run(&scan, &world.seen()).unwrap();
     assert_eq!(world.fly(&mut planner, 20.0).state, PlanStatus::STATE_ABORTED);
     // a single move in between changes nothing
+    let share = std::mem::take(&mut world.share);
     planner.goto([4.9, 3.0, 0.6], 0.0, planner::mission::PathShape::Line, 0.0, &world.seen()).unwrap();
     let end_s = planner.step(&world.seen()).0.end_s;
     assert_eq!(world.fly(&mut planner, end_s + 0.1).state, PlanStatus::STATE_DONE);
-    world.estimate.position_m = [4.9, 3.0, 0.6];
+    (world.estimate.position_m, world.share) = ([4.9, 3.0, 0.6], share);
     let other = Mission { speed_m_s: Some(0.1), ..scan.clone() };
     assert!(refused(&mut planner, &world, &other).contains("was changed"));
     let mut elsewhere = Planner::new(PlannerConfig { check_step_m: 0.05, ..config() });
@@ -222,6 +236,8 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     let mut planner = Planner::new(config);
     let sentence = planner.run(&scan, &world.seen()).unwrap();
     assert!(sentence.contains("at most") && planner.wants_map() == Some("height"), "{sentence}");
+    let all_j = dry_run(&scan, &config, START_M).unwrap().energy_j.unwrap();
+    assert!(sentence.ends_with(&format!(", {all_j:.0} J in all")), "{sentence}");
     let (first, status) = planner.step(&world.seen());
     assert_eq!((status.leg, status.legs), (1, 3));
     let waiting = world.fly(&mut planner, first.end_s + 0.1);
@@ -235,6 +251,8 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     let (motion, status) = planner.step(&Seen { map: Some(&new), ..world.seen() });
     assert_eq!((motion.motion, planner.wants_map()), (first.motion + 1, None));
     assert_eq!((status.leg, status.legs, status.state), (2, 3, PlanStatus::STATE_READY));
+    let coarse_s = first.end_s - first.current.start_s;
+    assert!(status.progress >= waiting.progress && (status.elapsed_s - coarse_s).abs() < 1e-9, "{status:?}");
     let second = planner.segments().to_vec();
     let whole = dry_run(&scan, &config, START_M).unwrap();
     let (coarse_m, fine_m) = (4.0 * 1.5 + 3.0 * 0.3, measured_m(&second));
@@ -250,14 +268,17 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     // broken off in the middle of the fine lines, and everything ends
     world.estimate.position_m = second[0].path.start().into();
     let until_s = 0.5 * (motion.current.start_s + motion.end_s);
-    assert_eq!(world.fly(&mut planner, until_s).state, PlanStatus::STATE_ABORTED);
+    let broken = world.fly(&mut planner, until_s);
+    assert_eq!(broken.state, PlanStatus::STATE_ABORTED);
     let kept = toml::to_string(planner.progress().unwrap()).unwrap();
     let mut again = Planner::new(config);
     again.remember(toml::from_str(&kept).unwrap());
     let here = position(&second, until_s);
-    world = World::at(here.into());
+    world = World { share: world.share, ..World::at(here.into()) };
     let sentence = again.go_on(&scan, &world.seen()).unwrap();
     assert!(sentence.contains("goes on") && again.wants_map().is_none(), "{sentence}");
+    let (_, status) = world.step(&mut again);
+    assert!((status.elapsed_s - broken.elapsed_s).abs() < 1e-6 && status.progress > 0.5, "{status:?}");
     let rest = again.segments().to_vec();
     assert!((rest[0].path.start() - here).norm() < 0.002);
     let flown_m: f64 = second
@@ -307,7 +328,7 @@ proptest! {
             // everything ends; another planner knows what was kept
             planner = Planner::new(config);
             planner.remember(toml::from_str(&text).unwrap());
-            world = World::at([stopped_at.x, stopped_at.y, stopped_at.z + away]);
+            world = World { share: world.share, ..World::at([stopped_at.x, stopped_at.y, stopped_at.z + away]) };
             if let Err(refusal) = planner.go_on(&scan, &world.seen()) {
                 prop_assert!(refusal.to_string().contains("is done") && (stopped_at - whole.end()).norm() < 0.002);
                 return Ok(());

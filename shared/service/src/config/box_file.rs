@@ -58,7 +58,8 @@ pub struct BoxFile {
 pub struct MotorIoSection {
     /// Serial ports and the units on them.
     pub ports: Vec<PortSection>,
-    /// Encoder counts per metre of line, one per cable; negative where the count falls as line pays out.
+    /// Encoder counts per metre of line, one per cable; negative where the count falls as line pays out. A calibration by the robot's
+    /// own lengths that the robot file names takes their place as they are loaded.
     pub counts_per_m: Vec<f64>,
     /// The drives stop their motors after this time without a packet, s; steps of 0.1.
     #[serde(default = "default_watchdog")]

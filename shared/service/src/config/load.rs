@@ -173,6 +173,10 @@ impl BoxFile {
         }
         let robot = RobotFile::load(&file.robot)?;
         check::box_file(&file, &robot).map_err(|problem| ConfigError::value(path, problem))?;
+        let counts = robot.calibration.as_ref().map(|found| found.encoders(&file.motor_io.counts_per_m)).transpose();
+        if let Some(counts) = counts.map_err(|problem| ConfigError::value(path, problem))?.flatten() {
+            file.motor_io.counts_per_m = counts;
+        }
         Ok(file)
     }
 

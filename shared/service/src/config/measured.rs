@@ -18,6 +18,22 @@ pub struct CalibrationFile {
     pub anchors_m: Vec<[f64; 3]>,
     /// Covariance of x1, y1, z1, x2, .., m².
     pub covariance_m2: Vec<Vec<f64>>,
+    /// How many times the true lengths the measured ones read.
+    #[serde(default = "one")]
+    pub scale: f64,
+    /// Its standard deviation; 0 where it was not sought.
+    #[serde(default)]
+    pub scale_std: f64,
+    /// The encoder counts per metre that the lengths were reckoned with, if they are the robot's own; those of a tape say nothing of
+    /// the encoders.
+    pub counts_per_m: Option<Vec<f64>>,
+}
+
+/// A box file's `counts_per_m` is that of the encoders of a calibration up to this share; beyond it is about others.
+const SAME_ENCODERS: f64 = 0.1;
+
+fn one() -> f64 {
+    1.0
 }
 
 impl CalibrationFile {
@@ -27,6 +43,29 @@ impl CalibrationFile {
     /// One sentence that names the file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
         toml_file::load(path)
+    }
+
+    /// Encoder counts per true metre of each line, if the calibration was made with the robot's own lengths: it counted that many for what
+    /// it took for `scale` metres.
+    #[must_use]
+    pub fn true_counts_per_m(&self) -> Option<Vec<f64>> {
+        self.counts_per_m.as_ref().map(|counts| counts.iter().map(|counts| counts * self.scale).collect())
+    }
+
+    /// What takes the place of a box file's `counts_per_m`; none where the calibration says nothing of the encoders.
+    ///
+    /// # Errors
+    /// It is about other encoders.
+    pub(super) fn encoders(&self, said: &[f64]) -> Result<Option<Vec<f64>>, String> {
+        let Some(counts) = self.true_counts_per_m() else { return Ok(None) };
+        let same = |(counts, said): (&f64, &f64)| (counts / said - 1.0).abs() <= SAME_ENCODERS;
+        if counts.len() != said.len() || !counts.iter().zip(said).all(same) {
+            return Err(format!(
+                "`motor_io.counts_per_m` is {said:?}, and the calibration of {} found {counts:.1?}: these are other encoders; calibrate again",
+                self.date
+            ));
+        }
+        Ok(Some(counts))
     }
 
     /// The least certain coordinate: anchor from 1, axis, standard deviation in m.
@@ -82,7 +121,7 @@ pub(super) fn found(folder: &Path, named: &Path) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::RobotFile;
+    use crate::config::{CalibrationFile, RobotFile};
     use crate::toml_file::ConfigError;
     use std::path::Path;
 
@@ -138,6 +177,26 @@ mod tests {
         }
         std::fs::write(run.path().join("robot.toml"), ROBOT).unwrap();
         assert_eq!(RobotFile::load(&run.path().join("robot.toml")).unwrap().robot().unwrap(), robot);
+    }
+
+    #[test]
+    fn a_calibration_by_the_robots_own_lengths_corrects_its_encoders_once() {
+        let with = |more: &str| {
+            let text = calibration("1e-4").replace("[measurements]", &format!("{more}\n[measurements]"));
+            toml::from_str::<CalibrationFile>(&text).unwrap()
+        };
+        let own = with("scale = 1.01\nscale_std = 0.001\ncounts_per_m = [10000.0, -10000.0, 5000.0]");
+        // It read 1 % too much, so there are 1 % more counts in a true metre.
+        let counts = own.encoders(&[10000.0, -10000.0, 5000.0]).unwrap().unwrap();
+        assert!(counts.iter().zip([10100.0, -10100.0, 5050.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{counts:?}");
+        // whatever the box file says meanwhile
+        assert_eq!(own.encoders(&counts).unwrap().unwrap(), counts);
+        for other in [&[10000.0, 10000.0, 5000.0][..], &[10000.0, -10000.0], &[20000.0, -20000.0, 10000.0]] {
+            assert!(own.encoders(other).unwrap_err().contains("other encoders"));
+        }
+        // A tape's error says nothing of the encoders.
+        assert_eq!(with("scale = 1.01\nscale_std = 0.001").encoders(&[1.0]), Ok(None));
+        assert_eq!(with("").scale, 1.0);
     }
 
     #[test]
