@@ -151,6 +151,12 @@ fn bad_missions_are_refused_before_anything_starts() {
         refused(&["demo", &changed.file("boxes/demo3.toml"), "--mission", &mission, "--run", &run], 2, words);
         assert!(!Path::new(&run).exists(), "{to:?} made a run folder");
     }
+    // The lines' own limit, below what the mission asks of them.
+    let changed = changed("robots/lab3.toml", "# cable_speed_limit_m_s = 0.8 ", "cable_speed_limit_m_s = 0.1 ");
+    let (mission, run) = (changed.file("missions/spiral.toml"), changed.file("run"));
+    let words = ["leg", "cable", "cable_speed_limit_m_s is 0.100 m/s"];
+    refused(&["demo", &changed.file("boxes/demo3.toml"), "--mission", &mission, "--run", &run], 2, &words);
+    assert!(!Path::new(&run).exists());
     refused(&["demo", BOX, "--mission", "no-such-mission"], 2, &["no-such-mission"]);
     let folder = tempfile::tempdir().unwrap();
     let far = folder.path().join("far.toml");

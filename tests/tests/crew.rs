@@ -51,7 +51,7 @@ fn processes_come_and_go_while_the_robot_runs() {
     up.told(&["stop-process", "controller-b"]);
     assert_eq!(up.state("controller-b"), "stopped");
     assert!(!lives(second));
-    up.refused(&["stop-process", "controller-b"], &["does not run"]);
+    assert_eq!(up.refused(&["stop-process", "controller-b"], &["does not run"]), Some(1));
 
     // An ended one comes back under the same name, with another id.
     let planner = pid(&up, "planner");
@@ -68,11 +68,12 @@ fn processes_come_and_go_while_the_robot_runs() {
     let wind = pid(&up, "wind");
     up.refused(&["plug", "wind", "--", "sleep", "1000"], &["\"wind\" is taken"]);
     up.refused(&["plug", "planner", "--", "sleep", "1000"], &["\"planner\" is taken"]);
-    up.refused(&["plug", "Wind!", "--", "sleep", "1000"], &["a-z"]);
+    assert_eq!(up.refused(&["plug", "Wind!", "--", "sleep", "1000"], &["a-z"]), Some(2));
     up.refused(&["plug", "rain", "--", "no-such-program"], &["no-such-program", "PATH"]);
     up.refused(&["plug", "rain", "--", "./sensor"], &["./sensor"]);
     up.refused(&["unplug", "planner"], &["cannot be unplugged"]);
-    up.refused(&["unplug", "rain"], &["no process \"rain\"", "wind"]);
+    assert_eq!(up.refused(&["unplug", "rain"], &["no process \"rain\"", "wind"]), Some(2));
+    assert_eq!(up.refused(&["stop-process", "nosuch"], &["no process \"nosuch\""]), Some(2));
     up.told(&["unplug", "wind"]);
     assert_eq!(up.state("wind"), "no row");
     assert!(!lives(wind));

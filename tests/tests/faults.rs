@@ -211,9 +211,9 @@ fn the_command_breaks_things_and_puts_them_right_again() {
     let (code, said) = nims(&domain, &["slow", "estimator", "5", "--for", "0.1"]);
     assert!(code == Some(0) && said.contains("done: slow 5 for 0.1"), "{said}");
     let (code, said) = nims(&domain, &["slow", "controller", "many"]);
-    assert!(code == Some(1) && said.trim().lines().count() == 1, "{said}");
+    assert!(code == Some(2) && said.trim().lines().count() == 1, "{said}");
     let (code, said) = nims(&domain, &["stall", "7"]);
-    assert!(code == Some(1) && said.trim().lines().count() == 1, "{said}");
+    assert!(code == Some(2) && said.trim().lines().count() == 1, "{said}");
     let (code, said) = nims(&domain, &["stop", "nothing"]);
     assert!(code == Some(2) && said.contains("controller"), "{said}");
     let (code, said) = nims(&domain, &["stop", "controller", "--for", "0.3"]);

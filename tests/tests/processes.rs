@@ -147,7 +147,7 @@ fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file(
         let mut robot = Robot::up("");
         let file = robot.box_file();
         let pid = robot.supervisor_pid().to_string();
-        assert_eq!(robot.refused(&["up", file.to_str().unwrap()], &[&pid]), Some(1));
+        assert_eq!(robot.refused(&["up", file.to_str().unwrap()], &[&pid]), Some(2));
         // Nothing moves before it is armed, and it says why.
         assert_eq!(robot.refused(&["goto", "5.0,3.2,0.5"], &[]), Some(1));
 

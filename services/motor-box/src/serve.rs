@@ -110,20 +110,24 @@ fn fill<T>(into: &mut [T], from: impl IntoIterator<Item = T>) {
     }
 }
 
-fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> (bool, String) {
+fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> (u8, String) {
     if request.verb != OperatorRequest::VERB_FAULT {
-        return (false, "the motor box takes faults only".to_owned());
+        return (OperatorRequest::BAD_INPUT, "the motor box takes faults only".to_owned());
     }
     let text = text_of(&request.text);
     let done = match text.parse::<FaultRequest>() {
-        Ok(fault) => motor_box.request(&fault).map_err(|error| error.to_string()),
-        Err(error) => Err(error.to_string()),
+        Ok(fault) => motor_box.request(&fault).map_err(|error| match error {
+            BoxError::Serial(_) | BoxError::Wait(_) => (OperatorRequest::REFUSED, error.to_string()),
+            // Parts that are not there.
+            _ => (OperatorRequest::BAD_INPUT, error.to_string()),
+        }),
+        Err(error) => Err((OperatorRequest::BAD_INPUT, error.to_string())),
     };
     match done {
         Ok(()) => {
             info!("fault on request: {text}");
-            (true, format!("done: {text}"))
+            (OperatorRequest::ACCEPTED, format!("done: {text}"))
         }
-        Err(sentence) => (false, sentence),
+        Err(refusal) => refusal,
     }
 }

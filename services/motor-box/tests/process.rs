@@ -76,7 +76,9 @@ fn it_publishes_truth_and_takes_faults() {
         client.ask(&request, Duration::from_secs(5)).unwrap()
     };
     let nonsense = ask("explode 1");
-    assert_eq!(nonsense.accepted, 0);
+    assert_eq!(nonsense.accepted, OperatorRequest::BAD_INPUT);
+    let nobody = ask("stall 7");
+    assert_eq!(nobody.accepted, OperatorRequest::BAD_INPUT, "{}", text_of(&nobody.answer));
     assert!(text_of(&nonsense.answer).contains("slip CABLE SHARE"));
     assert_eq!(ask("break 2 on").accepted, 1);
     wait_for("a broken line", || {

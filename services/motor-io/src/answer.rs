@@ -16,10 +16,18 @@ pub struct Answer {
     pub id: u64,
     /// Of the request.
     pub verb: u8,
-    /// It is being done, or done.
-    pub accepted: bool,
+    /// Whether it is being done, or done: one of the numbers of [`OperatorRequest`](messages::OperatorRequest) for its `accepted`.
+    pub accepted: u8,
     /// What happens, or why not and what to do.
     pub sentence: Sentence,
+}
+
+impl Answer {
+    /// It is being done, or done.
+    #[must_use]
+    pub fn is_accepted(&self) -> bool {
+        self.accepted == messages::OperatorRequest::ACCEPTED
+    }
 }
 
 /// A sentence from format arguments; what does not fit is cut off.

@@ -133,7 +133,7 @@ impl CoreConfig {
             counts_per_m: counts,
             unit_of_cable: unit_of_cable.map(|unit| if unit == usize::MAX { 0 } else { unit }),
             unit_count: units.len(),
-            cable_speed_m_s: 2.0 * robot.speed_limit_m_s(),
+            cable_speed_m_s: robot.cable_speed_limit_m_s(),
             cable_acceleration_m_s2: 4.0 * robot.acceleration_limit_m_s2(),
             ramp_s: 0.5,
             stop_s: 0.25,

@@ -285,12 +285,12 @@ fn answer(call: Option<Call<'_>>, core: &Core, reporter: &mut Reporter) {
         core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
     else {
         reporter.bus(call.answer(
-            false,
+            OperatorRequest::BAD_INPUT,
             "The request holds no verb; this program and the one that asked are of different versions.",
         ));
         return;
     };
-    info!("request {}: {}", if answer.accepted { "accepted" } else { "refused" }, answer.sentence);
+    info!("request {}: {}", if answer.is_accepted() { "accepted" } else { "refused" }, answer.sentence);
     reporter.bus(call.answer(answer.accepted, &answer.sentence));
 }
 

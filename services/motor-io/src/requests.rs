@@ -36,11 +36,14 @@ const CALMING: [u8; 5] = [
     OperatorRequest::VERB_DISARM,
 ];
 
+/// Refused: not now or as bad input, and why.
+type Refused = (u8, Sentence);
 /// Accepted or refused, with its sentence.
-type Outcome = Result<Sentence, Sentence>;
+type Outcome = Result<Sentence, Refused>;
 
 macro_rules! yes { ($($text:tt)*) => { Ok(sentence(format_args!($($text)*))) }; }
-macro_rules! no { ($($text:tt)*) => { Err(sentence(format_args!($($text)*))) }; }
+macro_rules! no { ($($text:tt)*) => { Err((OperatorRequest::REFUSED, sentence(format_args!($($text)*)))) }; }
+macro_rules! bad { ($($text:tt)*) => { Err((OperatorRequest::BAD_INPUT, sentence(format_args!($($text)*)))) }; }
 
 impl Core {
     /// Does what one request asks for, or says why not.
@@ -65,16 +68,16 @@ impl Core {
             OperatorRequest::VERB_SWAP => self.swap(input, args),
             OperatorRequest::VERB_ADMIT => self.admit(args),
             OperatorRequest::VERB_GOTO | OperatorRequest::VERB_RUN => {
-                no!("Motions are planned by the planner; send this request to it.")
+                bad!("Motions are planned by the planner; send this request to it.")
             }
-            OperatorRequest::VERB_FAULT => no!("Faults are made by the virtual motor box; send this request to it."),
-            other => no!(
+            OperatorRequest::VERB_FAULT => bad!("Faults are made by the virtual motor box; send this request to it."),
+            other => bad!(
                 "There is no request number {other}; this program and the one that asked are of different versions."
             ),
         };
         let (accepted, sentence) = match outcome {
-            Ok(sentence) => (true, sentence),
-            Err(sentence) => (false, sentence),
+            Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
+            Err(refused) => refused,
         };
         Answer { id, verb, accepted, sentence }
     }
@@ -281,16 +284,16 @@ impl Core {
         let at = Vector3::new(args[0], args[1], args[2]);
         if !at.iter().all(|v| v.is_finite() && v.abs() < 1e5) {
             let [x, y, z] = [Given(at.x), Given(at.y), Given(at.z)];
-            return no!("Not zeroed: [{x}, {y}, {z}] is no position; give x, y and z in metres.");
+            return bad!("Not zeroed: [{x}, {y}, {z}] is no position; give x, y and z in metres.");
         }
         let robot = &self.config.robot;
         if robot.is_planar() && at.y != 0.0 {
-            return no!("Not zeroed: y is {}, and this robot moves in the plane y = 0; give x and z.", Given(at.y));
+            return bad!("Not zeroed: y is {}, and this robot moves in the plane y = 0; give x and z.", Given(at.y));
         }
         let held = match tension::at(robot, &at, &Vector3::zeros(), self.config.distribution) {
             Ok(held) => held,
             Err(error) => {
-                return no!("Not zeroed: the node cannot hang freely at [{}, {}, {}]: {error}.", at.x, at.y, at.z);
+                return bad!("Not zeroed: the node cannot hang freely at [{}, {}, {}]: {error}.", at.x, at.y, at.z);
             }
         };
         let straight = kinematics::inverse_kinematics(robot.anchors(), &at);
@@ -311,7 +314,7 @@ impl Core {
     fn check_lengths(&self, lengths_m: &[f64]) -> Outcome {
         for (i, (length, [low, high])) in lengths_m.iter().zip(self.config.robot.length_limits_m()).enumerate() {
             if !(*low..=*high).contains(length) {
-                return no!(
+                return bad!(
                     "Not zeroed: cable {} would be {} m long; accepted: {low} to {high} m.",
                     i + 1,
                     Given(*length)
@@ -339,10 +342,10 @@ impl Core {
         let n = self.config.cable_count();
         let [number, metres] = [args[0], args[1]];
         if !(1..=n).any(|cable| cable as f64 == number) {
-            return no!("Not jogged: there is no cable {}; accepted: 1 to {n}.", Given(number));
+            return bad!("Not jogged: there is no cable {}; accepted: 1 to {n}.", Given(number));
         }
         if !metres.is_finite() || metres == 0.0 || metres.abs() > JOG_LIMIT_M {
-            return no!(
+            return bad!(
                 "Not jogged: {} m is no distance for a jog; accepted: up to {JOG_LIMIT_M} m, positive pays line out, negative reels in.",
                 Given(metres)
             );
@@ -382,20 +385,20 @@ impl Core {
         if self.clock.set_speed(fraction) {
             yes!("Motions run at {:.0} % of their planned speed.", fraction * 100.0)
         } else {
-            no!("{} is no speed; accepted: a fraction from {SLOWEST} to 1.", Given(fraction))
+            bad!("{} is no speed; accepted: a fraction from {SLOWEST} to 1.", Given(fraction))
         }
     }
 
     /// The role and the slot that a request means.
-    fn seat(args: &[f64; 8]) -> Result<(usize, usize), Sentence> {
+    fn seat(args: &[f64; 8]) -> Result<(usize, usize), Refused> {
         let index = |value: f64, end: usize| (0..end).find(|i| *i as f64 == value);
         match (index(args[0], ROLES), index(args[1], SLOTS)) {
             (Some(role), Some(slot)) => Ok((role, slot)),
-            _ => Err(sentence(format_args!(
+            _ => bad!(
                 "Not done: there is no slot {} of role {}; this program and the one that asked are of different versions.",
                 Given(args[1]),
                 Given(args[0])
-            ))),
+            ),
         }
     }
 

@@ -435,14 +435,14 @@ fn a_request_that_comes_too_late_may_only_calm_the_robot() {
         rig.steps(600);
         assert!(rig.inbox.request_made(1, verb, &args, made_ns));
         let answer = rig.step().answers[0];
-        assert!(!answer.accepted && answer.sentence.contains("ask again"), "{}", answer.sentence);
+        assert!(!answer.is_accepted() && answer.sentence.contains("ask again"), "{}", answer.sentence);
         assert_eq!(rig.mode(), A::MODE_HOLDING);
     }
     let mut rig = Rig::following([0.02, 0.0, 0.0]);
     let made_ns = rig.now_ns;
     rig.steps(600);
     assert!(rig.inbox.request_made(1, R::VERB_STOP, &[0.0; 8], made_ns));
-    assert!(rig.step().answers[0].accepted);
+    assert!(rig.step().answers[0].is_accepted());
     assert_eq!(rig.mode(), A::MODE_STOPPING);
 }
 

@@ -1,5 +1,6 @@
 //! How a command fails: with one sentence and an exit code.
 
+use messages::OperatorRequest;
 use std::fmt::Display;
 
 /// Why a command did not answer.
@@ -30,6 +31,28 @@ impl Failure {
         match self {
             Self::BadInput(_) => 2,
             Self::NotNow(_) => 1,
+        }
+    }
+
+    /// How a process answers that fails so: `accepted` of [`OperatorRequest`].
+    #[must_use]
+    pub fn verdict(&self) -> u8 {
+        match self {
+            Self::BadInput(_) => OperatorRequest::BAD_INPUT,
+            Self::NotNow(_) => OperatorRequest::REFUSED,
+        }
+    }
+
+    /// The answer of a process: its sentence, or how the command fails.
+    ///
+    /// # Errors
+    /// Whatever is not accepted.
+    pub fn of(answer: &OperatorRequest) -> Answer<String> {
+        let sentence = messages::text_of(&answer.answer);
+        match answer.accepted {
+            OperatorRequest::ACCEPTED => Ok(sentence),
+            OperatorRequest::BAD_INPUT => Err(Self::BadInput(sentence)),
+            _ => Err(Self::NotNow(sentence)),
         }
     }
 }

@@ -194,7 +194,7 @@ impl Chain {
             horizon: scenario.horizon,
             distribution: scenario.distribution,
             redundant_s: section.redundant_s,
-            cable_speed_limit_m_s: 2.0 * robot.speed_limit_m_s(),
+            cable_speed_limit_m_s: robot.cable_speed_limit_m_s(),
             error_limit_m: section.error_limit_m,
             ttl_cycles: core.ttl_cycles,
             incarnation: 2,

@@ -49,8 +49,7 @@ pub fn send(bus: &Bus, process: &str, request: &OperatorRequest) -> Answer<Strin
         OperatorRequest::VERB_ESTOP => live::ask_for_emergency_stop(bus, request)?,
         _ => live::ask(bus, process, request)?,
     };
-    let sentence = messages::text_of(&answer.answer);
-    if answer.accepted == 1 { Ok(sentence) } else { Err(Failure::NotNow(sentence)) }
+    Failure::of(&answer)
 }
 
 /// The answer of an accepted request as JSON.

@@ -60,10 +60,7 @@ pub fn follow(bus: &Bus, asked: &Asked, mut seen: impl FnMut(&ProcessState)) -> 
     let mut waiter = bus.waiter(&["system/process"])?;
     let asked_ns = clock::now_ns();
     let answer = live::ask(bus, supervisor::NAME, &request)?;
-    let sentence = text_of(&answer.answer);
-    if answer.accepted != 1 {
-        return Err(Failure::NotNow(sentence));
-    }
+    let sentence = Failure::of(&answer)?;
     let give_up = clock::now_ns() + PATIENCE_NS;
     loop {
         while let Some(row) = table.receive()? {

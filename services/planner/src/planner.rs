@@ -53,6 +53,19 @@ pub enum Refusal {
     Plan(#[from] PlanError),
 }
 
+impl Refusal {
+    /// True where what was asked for cannot be done by this robot, in whatever state it is.
+    #[must_use]
+    pub fn is_bad_input(&self) -> bool {
+        match self {
+            Self::NotReady(_) => false,
+            Self::Plan(error) => {
+                !matches!(error, PlanError::AlreadyThere | PlanError::NoStart { .. } | PlanError::OtherPlan)
+            }
+        }
+    }
+}
+
 /// Missions and requests to motion segments. Pure: time and samples come with every call.
 #[derive(Debug, Clone)]
 pub struct Planner {

@@ -331,6 +331,34 @@ fn a_dry_run_says_what_the_mission_comes_to() {
     assert!(summary.peak_cable_speed_m_s <= 0.2);
 }
 
+/// The limit of the lines is the robot file's own, not that of the node: where it is lower, the plan is refused, and not slowed in flight.
+#[test]
+fn a_line_faster_than_its_limit_is_refused_with_place_line_and_amount() {
+    // Straight to the first anchor: its line runs as fast as the node.
+    let text = "[[leg]]\nline = { to_m = [3.8, 2.375, 1.2], speed_m_s = 0.2 }";
+    let limited = |limit_m_s| {
+        let robot = config().robot;
+        let parts = RobotParts {
+            anchors_m: robot.anchors().iter().map(|a| [a.x, a.y, a.z]).collect(),
+            node_mass_kg: robot.node_mass_kg(),
+            tension_limits_n: robot.tension_limits_n(),
+            speed_limit_m_s: robot.speed_limit_m_s(),
+            acceleration_limit_m_s2: robot.acceleration_limit_m_s2(),
+            cable_speed_limit_m_s: limit_m_s,
+            ..RobotParts::default()
+        };
+        let config = PlannerConfig { robot: Robot::new(parts).unwrap(), ..config() };
+        dry_run(&mission(text), &config, [4.8, 3.0, 0.3])
+    };
+    let peak_m_s = limited(None).unwrap().peak_cable_speed_m_s;
+    assert!(peak_m_s > 0.15, "{peak_m_s}");
+    assert!(limited(Some(1.001 * peak_m_s)).is_ok());
+    let sentence = limited(Some(0.15)).unwrap_err().to_string();
+    for word in ["leg 1", "at (", "m along the segment", "cable 1 would run at 0.1", "cable_speed_limit_m_s is 0.150 m/s"] {
+        assert!(sentence.contains(word), "no {word:?} in {sentence}");
+    }
+}
+
 #[test]
 fn points_may_count_from_the_start() {
     let text = "relative = true\n[[leg]]\npolyline = { points_m = [[0.2, 0.0, 0.1], [0.0, 0.3, 0.1]] }";
@@ -352,25 +380,33 @@ fn requests_are_answered() {
     let goto = |args| OperatorRequest { verb: OperatorRequest::VERB_GOTO, args, ..OperatorRequest::default() };
     let path = folder.path().join("short.toml").display().to_string();
     for (request, accepted, says) in [
-        (run("short"), true, "short"),
-        (run("short.toml"), true, "short"),
-        (run(&path), true, "short"),
-        (run("none"), false, "none.toml"),
-        (run("/no/where.toml"), false, "/no/where.toml"),
-        (goto([5.0, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), true, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.2, 0.0, 0.0]), true, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.0, 0.0, 0.0]), true, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 2.0, 0.0, 0.0, 0.0]), true, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 1.0, f64::NAN, 0.0, 0.0]), false, "mu"),
-        (goto([5.0, 3.0, 0.4, 0.1, 7.0, 0.0, 0.0, 0.0]), false, "path 7"),
-        (goto([5.0, 3.0, 0.4, -0.1, 0.0, 0.0, 0.0, 0.0]), false, "speed_m_s"),
-        (goto([f64::NAN, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), false, "to_m"),
-        (goto([50.0, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), false, "cable"),
-        (OperatorRequest { verb: 99, ..OperatorRequest::default() }, false, "99"),
+        (run("short"), OperatorRequest::ACCEPTED, "short"),
+        (run("short.toml"), OperatorRequest::ACCEPTED, "short"),
+        (run(&path), OperatorRequest::ACCEPTED, "short"),
+        (run("none"), OperatorRequest::BAD_INPUT, "none.toml"),
+        (run("/no/where.toml"), OperatorRequest::BAD_INPUT, "/no/where.toml"),
+        (goto([5.0, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), OperatorRequest::ACCEPTED, "accepted"),
+        (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.2, 0.0, 0.0]), OperatorRequest::ACCEPTED, "accepted"),
+        (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.0, 0.0, 0.0]), OperatorRequest::ACCEPTED, "accepted"),
+        (goto([5.0, 3.0, 0.4, 0.1, 2.0, 0.0, 0.0, 0.0]), OperatorRequest::ACCEPTED, "accepted"),
+        (goto([5.0, 3.0, 0.4, 0.1, 1.0, f64::NAN, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "mu"),
+        (goto([5.0, 3.0, 0.4, 0.1, 7.0, 0.0, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "path 7"),
+        (goto([5.0, 3.0, 0.4, -0.1, 0.0, 0.0, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "speed_m_s"),
+        (goto([f64::NAN, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "to_m"),
+        (goto([50.0, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "cable"),
+        (OperatorRequest { verb: 99, ..OperatorRequest::default() }, OperatorRequest::BAD_INPUT, "99"),
     ] {
         let mut planner = Planner::new(config());
         let (is, sentence) = requests::answer(&mut planner, &request, folder.path(), &world.seen());
-        assert!(is == accepted && sentence.contains(says), "{says:?}: {sentence}");
+        assert!(is == accepted && sentence.contains(says), "{says:?}: {is} {sentence}");
+    }
+    // What can be asked again later is no bad input.
+    let mut disarmed = World::ready();
+    disarmed.authority.mode = MotorAuthority::MODE_DISARMED;
+    let there = goto([4.8, 3.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    for (world, request) in [(&disarmed, run("short")), (&world, there)] {
+        let (is, sentence) = requests::answer(&mut Planner::new(config()), &request, folder.path(), &world.seen());
+        assert_eq!(is, OperatorRequest::REFUSED, "{sentence}");
     }
 }
 

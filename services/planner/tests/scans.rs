@@ -200,7 +200,7 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     request.args[0] = OperatorRequest::RUN_CONTINUE;
     put_text(&mut request.text, "scan");
     let (accepted, sentence) = requests::answer(&mut planner, &request, folder.path(), &world.seen());
-    assert!(accepted && sentence.contains("goes on"), "{sentence}");
+    assert!(accepted == OperatorRequest::ACCEPTED && sentence.contains("goes on"), "{sentence}");
     let end_s = planner.step(&world.seen()).0.end_s;
     let done = world.fly(&mut planner, end_s + 0.1);
     assert_eq!((done.state, done.progress), (PlanStatus::STATE_DONE, 1.0));

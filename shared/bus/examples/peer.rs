@@ -37,7 +37,7 @@ fn serve(bus: &Bus, answer: bool) -> Result<(), BusError> {
         waiter.wait_until(None)?;
         while let Some(call) = server.try_next()? {
             if answer {
-                call.answer(true, "done")?;
+                call.answer(messages::OperatorRequest::ACCEPTED, "done")?;
             }
         }
     }

@@ -152,6 +152,6 @@ impl BusError {
     /// True where the caller gave something unusable (a program then exits with 2).
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
-        matches!(self, Self::DomainName { .. } | Self::ChannelName { .. })
+        matches!(self, Self::DomainName { .. } | Self::ChannelName { .. } | Self::Claimed { .. })
     }
 }

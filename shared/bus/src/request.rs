@@ -181,14 +181,15 @@ impl Server {
 }
 
 impl Call<'_> {
-    /// Answers with one sentence. A client that has gone meanwhile is no error.
+    /// Answers with one sentence; `accepted` is [`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`] or
+    /// [`OperatorRequest::BAD_INPUT`]. A client that has gone meanwhile is no error.
     ///
     /// # Errors
     /// [`BusError::Failed`] if the request or its answer could not be published; the client has the answer all the same.
-    pub fn answer(self, accepted: bool, sentence: &str) -> Result<(), BusError> {
+    pub fn answer(self, accepted: u8, sentence: &str) -> Result<(), BusError> {
         let mut answer = self.request;
         answer.answered = 1;
-        answer.accepted = u8::from(accepted);
+        answer.accepted = accepted;
         answer.header.stamp_ns = now_ns();
         put_sentence(&mut answer.answer, sentence);
         let _ = self.active.send_copy(Wire(answer));

@@ -113,6 +113,6 @@ fn a_stop_asked_of_a_process_that_stands_still_is_found_when_it_goes_on() {
     assert_eq!(call.request.verb, OperatorRequest::VERB_ESTOP);
     assert!(call.request.header.stamp_ns >= before, "it says when it was asked");
     assert!(call.unlogged.is_none());
-    call.answer(true, "stopped").unwrap();
+    call.answer(messages::OperatorRequest::ACCEPTED, "stopped").unwrap();
     assert!(server.try_next().unwrap().is_none());
 }

@@ -262,7 +262,8 @@ fn requests_are_answered_and_published() {
             let mut client = bus.client("motor-io").unwrap();
             let request = OperatorRequest { verb: OperatorRequest::VERB_JOG, args: [2.0; 8], ..Default::default() };
             let answer = client.ask(&request, Duration::from_secs(5)).unwrap();
-            assert_eq!((answer.answered, answer.accepted, answer.verb), (1, 0, OperatorRequest::VERB_JOG));
+            assert_eq!((answer.answered, answer.verb), (1, OperatorRequest::VERB_JOG));
+            assert_eq!(answer.accepted, OperatorRequest::BAD_INPUT);
             assert_ne!(answer.id, 0);
             text_of(&answer.answer)
         }
@@ -275,7 +276,7 @@ fn requests_are_answered_and_published() {
         waiter.wait_until(soon()).unwrap();
     };
     assert_eq!(call.request.args, [2.0; 8]);
-    call.answer(false, "cable 2 is at its end: jog the other way").unwrap();
+    call.answer(OperatorRequest::BAD_INPUT, "cable 2 is at its end: jog the other way").unwrap();
     assert_eq!(asking.join().unwrap(), "cable 2 is at its end: jog the other way");
     let (asked, answered) = (log.receive().unwrap().unwrap(), log.receive().unwrap().unwrap());
     assert_eq!((asked.answered, answered.answered, asked.id), (0, 1, answered.id));
@@ -295,7 +296,7 @@ fn nobody_there_is_said_at_once_and_silence_after_the_timeout() {
     assert!(matches!(error, BusError::NoAnswer { .. }), "{error}");
     // its request is gone with it, or is answered into the void; the next one works
     while let Some(call) = server.try_next().unwrap() {
-        call.answer(true, "too late").unwrap();
+        call.answer(OperatorRequest::ACCEPTED, "too late").unwrap();
     }
     drop(server);
     assert!(matches!(client.ask(&request, Duration::from_secs(60)), Err(BusError::NoServer { .. })));

@@ -215,7 +215,7 @@ pub enum Cause {
     #[error("{0}")]
     NoTension(TensionError),
     /// A cable would run too fast.
-    #[error("cable {} would run at {speed_m_s:.3} m/s, and the speed limit is {limit_m_s:.3} m/s", cable + 1)]
+    #[error("cable {} would run at {speed_m_s:.3} m/s, and cable_speed_limit_m_s is {limit_m_s:.3} m/s", cable + 1)]
     CableSpeed {
         /// Index of the cable, from 0.
         cable: usize,
@@ -346,9 +346,10 @@ fn check_pose(
     let tensions = if moving_n != rest_n { tensions_under(&moving_n)? } else { resting };
     let speeds = jacobian.cable_velocity(&velocity);
     let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), position), &tensions);
+    let cable_limit_m_s = robot.cable_speed_limit_m_s();
     for (cable, (speed, length_m)) in speeds.iter().zip(lengths.iter()).enumerate() {
-        if speed.abs() > limit_m_s * (1.0 + ROUNDING) {
-            return Err(Cause::CableSpeed { cable, speed_m_s: speed.abs(), limit_m_s });
+        if speed.abs() > cable_limit_m_s * (1.0 + ROUNDING) {
+            return Err(Cause::CableSpeed { cable, speed_m_s: speed.abs(), limit_m_s: cable_limit_m_s });
         }
         let [min_m, max_m] = robot.length_limits_m()[cable];
         if !(*length_m >= min_m && *length_m <= max_m) {

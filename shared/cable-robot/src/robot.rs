@@ -80,8 +80,10 @@ pub struct RobotParts {
     pub drag_n_s2_m2: f64,
     /// Lowest and highest tension of a line, N.
     pub tension_limits_n: [f64; 2],
-    /// Highest speed of the node and of every cable, m/s.
+    /// Highest speed of the node, m/s.
     pub speed_limit_m_s: f64,
+    /// Highest speed of every cable, m/s; default twice that of the node.
+    pub cable_speed_limit_m_s: Option<f64>,
     /// Highest acceleration of the node, m/s².
     pub acceleration_limit_m_s2: f64,
     /// The node stays at or above this height, m.
@@ -112,6 +114,7 @@ impl Default for RobotParts {
             drag_n_s2_m2: 0.0,
             tension_limits_n: [0.0, 0.0],
             speed_limit_m_s: 0.0,
+            cable_speed_limit_m_s: None,
             acceleration_limit_m_s2: 0.0,
             ground_m: 0.0,
             keep_out_m: Vec::new(),
@@ -134,6 +137,7 @@ pub struct Robot {
     drag_n_s2_m2: f64,
     tension_limits_n: [f64; 2],
     speed_limit_m_s: f64,
+    cable_speed_limit_m_s: f64,
     acceleration_limit_m_s2: f64,
     ground_m: f64,
     keep_out: [KeepOut; MAX_KEEP_OUT],
@@ -166,6 +170,8 @@ impl Robot {
             return refuse("tension_limits_n", problem, "[min, max] in newtons with 0 <= min < max");
         }
         positive("speed_limit_m_s", parts.speed_limit_m_s, "a finite speed above 0, in metres per second")?;
+        let cable_speed_limit_m_s = parts.cable_speed_limit_m_s.unwrap_or(2.0 * parts.speed_limit_m_s);
+        positive("cable_speed_limit_m_s", cable_speed_limit_m_s, "a finite speed above 0, in metres per second")?;
         positive("acceleration_limit_m_s2", parts.acceleration_limit_m_s2, "a finite acceleration above 0, in m/s²")?;
         if !(parts.ground_m.is_finite() && parts.ground_m.abs() <= FARTHEST_M) {
             return refuse("ground_m", format!("is {}", parts.ground_m), "a finite height in metres");
@@ -220,6 +226,7 @@ impl Robot {
             drag_n_s2_m2: parts.drag_n_s2_m2,
             tension_limits_n: parts.tension_limits_n,
             speed_limit_m_s: parts.speed_limit_m_s,
+            cable_speed_limit_m_s,
             acceleration_limit_m_s2: parts.acceleration_limit_m_s2,
             ground_m: parts.ground_m,
             keep_out,
@@ -283,9 +290,14 @@ impl Robot {
         self.tension_limits_n
     }
 
-    /// Highest speed of the node and of each cable, m/s.
+    /// Highest speed of the node, m/s.
     pub fn speed_limit_m_s(&self) -> f64 {
         self.speed_limit_m_s
+    }
+
+    /// Highest speed of each cable, m/s.
+    pub fn cable_speed_limit_m_s(&self) -> f64 {
+        self.cable_speed_limit_m_s
     }
 
     /// Highest acceleration of the node, m/s².
@@ -495,6 +507,7 @@ mod tests {
             ("tension_limits_n", |p| p.tension_limits_n = [-1.0, 2.0]),
             ("tension_limits_n", |p| p.tension_limits_n = [1.0, f64::NAN]),
             ("speed_limit_m_s", |p| p.speed_limit_m_s = -0.4),
+            ("cable_speed_limit_m_s", |p| p.cable_speed_limit_m_s = Some(0.0)),
             ("acceleration_limit_m_s2", |p| p.acceleration_limit_m_s2 = f64::NAN),
             ("ground_m", |p| p.ground_m = f64::NEG_INFINITY),
             ("keep_out", |p| p.keep_out_m = vec![[[0.0; 3], [1.0, 1.0, 0.0]]]),

@@ -148,6 +148,7 @@ fn every_refusal_names_its_place_and_cause() {
         Segment { id: 1, path: Path::Dwell(at(4.5, 3.0, -0.2)), profile: Profile::dwell(2.0).unwrap(), start_s: 0.0 };
     let boxed = RobotParts { keep_out_m: vec![[[9.0; 3], [9.5; 3]], [[4.7, 2.7, 0.6], [4.72, 2.72, 0.9]]], ..parts() };
     let slow = RobotParts { speed_limit_m_s: 0.1, ..parts() };
+    let reluctant = RobotParts { cable_speed_limit_m_s: Some(0.1), ..parts() };
     let gentle = RobotParts { acceleration_limit_m_s2: 0.2, ..parts() };
     let short = RobotParts { length_limits_m: Some(vec![[0.5, 5.5]; 3]), ..parts() };
     let cases = [
@@ -157,6 +158,7 @@ fn every_refusal_names_its_place_and_cause() {
         (check(parts(), &dwell), "below the ground limit of 0.000 m"),
         (check(boxed, &fine), "keep-out box 2"),
         (check(slow, &fine), "the speed limit is 0.100 m/s"),
+        (check(reluctant, &fine), "m/s, and cable_speed_limit_m_s is 0.100 m/s"),
         (check(gentle, &fine), "the limit is 0.200 m/s²"),
         (check(short, &fine), "its length limits are 0.500 to 5.500 m"),
         (check(parts(), &Segment { profile: up.profile, ..fine }), "plan the profile for this path"),

@@ -134,4 +134,10 @@ message! {
 impl OperatorRequest {
     /// RUN, first argument: what is left of a mission that was broken off, not all of it.
     pub const RUN_CONTINUE: f64 = 1.0;
+    /// `accepted`: it cannot be done now; a command line ends with 1.
+    pub const REFUSED: u8 = 0;
+    /// `accepted`: it is done, or being done.
+    pub const ACCEPTED: u8 = 1;
+    /// `accepted`: refused, because what was given makes no sense here whenever it is asked; a command line ends with 2.
+    pub const BAD_INPUT: u8 = 2;
 }

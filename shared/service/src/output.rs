@@ -58,7 +58,8 @@ impl Spoiler {
             let text = text_of(&call.request.text);
             let wanted = parse(&text).filter(|_| call.request.verb == OperatorRequest::VERB_FAULT);
             let Some((fault, for_s)) = wanted else {
-                call.answer(false, &format!("\"{text}\" is nothing that this process does; it takes {}", forms()))?;
+                let sentence = format!("\"{text}\" is nothing that this process does; it takes {}", forms());
+                call.answer(OperatorRequest::BAD_INPUT, &sentence)?;
                 continue;
             };
             self.fault.set(fault);
@@ -67,7 +68,7 @@ impl Spoiler {
                 Some(_) => warn!("fault on request: {text}"),
                 None => info!("fault on request: {text}"),
             }
-            call.answer(true, &format!("done: {text}"))?;
+            call.answer(OperatorRequest::ACCEPTED, &format!("done: {text}"))?;
         }
         Ok(())
     }

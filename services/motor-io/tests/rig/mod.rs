@@ -212,7 +212,7 @@ impl Rig {
         all[..args.len()].copy_from_slice(args);
         assert!(self.inbox.request(self.cycle + 100, verb, &all));
         let answer = self.step().answers[0];
-        (answer.accepted, answer.sentence.to_string())
+        (answer.is_accepted(), answer.sentence.to_string())
     }
 
     pub fn demand(&mut self, verb: u8, args: &[f64]) {

@@ -307,7 +307,7 @@ impl Machine {
         let Some(answer) = answer.filter(|answer| request.answered == 1 && answer.verb == request.verb) else { return };
         let word = |accepted: bool| if accepted { "accepted" } else { "refused" };
         let was = format!("{}: {}", word(request.accepted == 1), text_of(&request.answer));
-        let is = format!("{}: {}", word(answer.accepted), answer.sentence);
+        let is = format!("{}: {}", word(answer.is_accepted()), answer.sentence);
         self.request.compare_text(time_ns, request.header.cycle, "answer", &was, &is);
     }
 

@@ -8,7 +8,7 @@ use super::restarts::Restarts;
 use super::{NAME, Supervisor};
 use crate::failure::{Answer, Failure};
 use bus::Server;
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority};
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, OperatorRequest};
 use service::Slot;
 use service::config::Role;
 
@@ -31,8 +31,8 @@ impl Supervisor {
                 )),
             };
             let (accepted, sentence) = match answer {
-                Ok(sentence) => (true, sentence),
-                Err(failure) => (false, failure.to_string()),
+                Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
+                Err(failure) => (failure.verdict(), failure.to_string()),
             };
             self.voice.info(&format!("asked: {sentence}"));
             // What could not be published is not worth a robot's supervisor.

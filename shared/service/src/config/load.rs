@@ -81,6 +81,7 @@ impl RobotFile {
             drag_n_s2_m2: self.robot.drag_n_s2_m2,
             tension_limits_n: self.robot.tension_limits_n,
             speed_limit_m_s: self.robot.speed_limit_m_s,
+            cable_speed_limit_m_s: self.robot.cable_speed_limit_m_s,
             acceleration_limit_m_s2: self.robot.acceleration_limit_m_s2,
             ground_m: self.robot.ground_m,
             keep_out_m: self.robot.keep_out.iter().map(|corners| self.robot.room(corners)).collect(),
