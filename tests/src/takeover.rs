@@ -4,7 +4,7 @@ use anyhow::{Context, Result, ensure};
 use cable_robot::law::PFeedforward;
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
+use messages::{CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
 use service::config::EstimatorSection;
 
 use crate::lockstep::{Chain, Cycle, Lockstep};
@@ -38,8 +38,13 @@ pub struct Tally {
     pub missed: u64,
     /// Blows after which the other slot was not in charge, or the robot did not go on.
     pub failed: u64,
-    /// Largest change of a cable's velocity within a cycle, as a share of acceleration limit x period.
+    /// How much more a cable's velocity changed within a cycle than it does in the undisturbed flight, as a share of the robot's
+    /// acceleration limit x period; of what the arbiter chose, before motor-io's own limits.
     pub step_share: f64,
+    /// Largest change in a cycle, with what the undisturbed flight changes, and of that flight alone; in the same measure.
+    pub whole_share: [f64; 2],
+    /// Cycles in which motor-io's limits changed what was asked for, and in which they do so in the undisturbed flight.
+    pub limited: [u64; 2],
     /// How far the velocities sent came from those of the undisturbed flight, m/s.
     pub beside_m_s: f64,
 }
@@ -128,15 +133,23 @@ fn strike(
         }
         Blow::KillController | Blow::KillEstimator => lockstep.slots_mut().kill(role, lead, unheard),
     }
-    let mut sent = now.sent_m_s;
-    let mut end = *now;
+    let (mut end, mut undisturbed) = (*now, *now);
     for same in flight.iter().take(WATCHED as usize) {
-        end = lockstep.cycle()?;
-        let steps = end.sent_m_s.iter().zip(&sent).map(|(v, before)| (v - before).abs());
-        tally.step_share = steps.fold(tally.step_share, |most, step| most.max(step / acceleration_step_m_s));
+        let before = std::mem::replace(&mut end, lockstep.cycle()?);
+        let step = |cable: usize, [one, other]: [&Cycle; 2]| (one.asked_m_s[cable] - other.asked_m_s[cable]).abs();
+        for cable in 0..CABLES {
+            let (here, there) = (step(cable, [&end, &before]), step(cable, [same, &undisturbed]));
+            let more = |most: f64, m_s: f64| most.max(m_s / acceleration_step_m_s);
+            tally.step_share = more(tally.step_share, here - there);
+            let [all, flight] = tally.whole_share;
+            tally.whole_share = [more(all, here), more(flight, there)];
+        }
+        for (count, cycle) in tally.limited.iter_mut().zip([&end, same]) {
+            *count += u64::from(cycle.asked_m_s != cycle.sent_m_s);
+        }
         let beside = end.sent_m_s.iter().zip(&same.sent_m_s).map(|(v, other)| (v - other).abs());
         tally.beside_m_s = beside.fold(tally.beside_m_s, f64::max);
-        sent = end.sent_m_s;
+        undisturbed = *same;
     }
     tally.instants += 1;
     tally.missed += end.authority.missed - now.authority.missed;

@@ -8,8 +8,9 @@
 mod live;
 
 use live::{Robot, THREE_LINES, steadily};
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, SLOT_NAMES, SLOTS};
+use messages::{CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorSlots, SLOT_NAMES, SLOTS};
 use rustix::process::Signal;
+use std::collections::HashMap;
 use std::path::Path;
 use std::time::Duration;
 
@@ -127,8 +128,15 @@ struct Account {
     /// How often the slot in charge changed, per role.
     changes: [u64; 2],
     stops: u64,
+    /// Cycles in which motor-io's limiter held a change of velocity back.
+    limited: u64,
+    /// Cycles in which a cable's velocity changed by more than acceleration limit x period beyond what the answers do by themselves.
     steps_beyond: u64,
 }
+
+/// The acceleration limit of the robot file, m/s², and how much wider motor-io's limiter is.
+const ACCELERATION_M_S2: f64 = 0.5;
+const LIMITER: f64 = 4.0;
 
 /// What the run file says of the time from `first` on.
 fn account(run: &Path, first: u64, last: u64) -> Account {
@@ -173,15 +181,61 @@ fn account(run: &Path, first: u64, last: u64) -> Account {
         }
         account.stops += u64::from(now.mode != MotorAuthority::MODE_FOLLOWING);
     }
-    // 4 x 0.5 m/s² x the period in the files used here.
-    let limit = 2.0 / rate_hz() + 1e-9;
+    // Where no answer came in time the next one catches up.
+    let undisturbed = |cycle: u64| {
+        let missed = grows(|sample| sample.missed);
+        !late
+            .iter()
+            .chain(&silent)
+            .chain(&missed)
+            .any(|then| (0..=FROZEN_CYCLES).contains(&cycle.saturating_sub(*then)) && *then <= cycle)
+    };
+    let answers = Answers::of(run);
+    let (step_m_s, mut most, mut most_alone) = (ACCELERATION_M_S2 / rate_hz(), 0.0f64, 0.0f64);
     for two in states.windows(2) {
         let (before, now) = (&two[0].1, &two[1].1);
-        let next = now.header.cycle == before.header.cycle + 1 && (first..=last).contains(&now.header.cycle);
-        let steps = now.command_m_s.iter().zip(&before.command_m_s).map(|(v, w)| (v - w).abs());
-        account.steps_beyond += u64::from(next && steps.fold(0.0, f64::max) > limit);
+        let cycle = now.header.cycle;
+        if cycle != before.header.cycle + 1 || !(first..=last).contains(&cycle) || !undisturbed(cycle) {
+            continue;
+        }
+        for (cable, (v, w)) in now.command_m_s.iter().zip(&before.command_m_s).enumerate() {
+            let step = (v - w).abs();
+            let alone = answers.own_step_m_s(cycle, cable);
+            account.limited += u64::from(step >= LIMITER * step_m_s - 1e-9);
+            account.steps_beyond += u64::from(step > alone + step_m_s);
+            (most, most_alone) = (most.max((step - alone) / step_m_s), most_alone.max(alone / step_m_s));
+        }
     }
+    println!(
+        "shares of acceleration limit x period: {most:.3} at most beyond the answers' own steps of at most {most_alone:.3}"
+    );
     account
+}
+
+/// What the controllers answered, by the cycle it was for.
+struct Answers(Vec<HashMap<u64, MotorCommand>>);
+
+impl Answers {
+    fn of(run: &Path) -> Self {
+        let by_cycle = |slot: &&str| {
+            let samples = runlog::read_channel::<MotorCommand>(run, &format!("motor/command/{slot}")).unwrap();
+            samples.into_iter().map(|(_, command)| (command.based_on_cycle + 1, command)).collect()
+        };
+        Self(SLOT_NAMES.iter().map(by_cycle).collect())
+    }
+
+    /// How much the answers that were there in a cycle and in the one before changed by themselves, m/s; the most of all.
+    fn own_step_m_s(&self, cycle: u64, cable: usize) -> f64 {
+        let rows = self.0.iter().flat_map(|slot| {
+            let two = slot.get(&cycle).zip(slot.get(&(cycle - 1)));
+            two.into_iter().flat_map(move |(now, before)| {
+                let both = |row: &usize| now.valid[*row] == 1 && before.valid[*row] == 1;
+                let at = move |row: usize| row * CABLES + cable;
+                (0..SLOTS).filter(both).map(move |row| (now.velocity_m_s[at(row)] - before.velocity_m_s[at(row)]).abs())
+            })
+        });
+        rows.fold(0.0, f64::max)
+    }
 }
 
 #[test]

@@ -137,6 +137,8 @@ pub struct Cycle {
     pub command: MotorCommand,
     /// That controller's account.
     pub control: ControlStatus,
+    /// What motor-io's mode and arbiter asked for, before its limits, m/s.
+    pub asked_m_s: [f64; CABLES],
     /// What was sent to the drives, m/s.
     pub sent_m_s: [f64; CABLES],
     /// Motion.
@@ -385,6 +387,7 @@ impl Lockstep {
         let period_ns = (self.scenario.period_s * 1e9).round() as u64;
         let mut input = self.arrivals(cycle, tick_ns);
         let sent = self.core.decide(&input);
+        let asked_m_s = *self.core.asked_m_s();
         let mut inputs = [DriveInput::RELEASED; 8];
         for (i, drive) in inputs.iter_mut().enumerate().take(n) {
             if !sent.released[i] {
@@ -436,6 +439,7 @@ impl Lockstep {
             estimate,
             command,
             control,
+            asked_m_s,
             sent_m_s: sent.speed_m_s,
             motion,
             plan,

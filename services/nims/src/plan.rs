@@ -6,8 +6,8 @@ use crate::points;
 use cable_robot::energy::optimum::{Precision, best};
 use cable_robot::energy::{Best, Bounds, Cost, EnergyError, Hoist, flight, parabola};
 use cable_robot::path::{Lateral, Parabola};
-use cable_robot::profile::{Profile, ProfileLimits};
-use cable_robot::{Distribution, Path, Robot, Segment, Vector3};
+use cable_robot::profile::ProfileLimits;
+use cable_robot::{Distribution, Path, Robot, Vector3};
 use serde_json::{Value, json};
 use service::config::RobotFile;
 
@@ -138,9 +138,9 @@ impl Reckoning<'_> {
     fn cost(&self, shape: &Parabola, precision: Precision) -> Result<Cost, EnergyError> {
         parabola::check(shape)?;
         let coarse = usize::from(precision == Precision::Coarse);
-        let straight = parabola::is_vertical(shape) || shape.mu_per_m == 0.0;
-        let path = if straight { Path::line(shape.from, shape.to) } else { Path::Parabola(*shape) };
-        self.along(&path, precision, || self.hoist.constant_speed(shape, self.speed_m_s, INTERVALS[coarse]))
+        self.along(&flight::parabola_or_line(shape), precision, || {
+            self.hoist.constant_speed(shape, self.speed_m_s, INTERVALS[coarse])
+        })
     }
 
     /// Checks a path and reckons its cost: from rest to rest, or at `constant` speed.
@@ -151,23 +151,16 @@ impl Reckoning<'_> {
         constant: impl Fn() -> Result<Cost, EnergyError>,
     ) -> Result<Cost, EnergyError> {
         let coarse = usize::from(precision == Precision::Coarse);
-        // A constant speed has no start and no end: it is checked as slowly as makes no accelerations.
-        let limits = if self.constant {
-            ProfileLimits::rest_to_rest(1e-3, 1e-3)
-        } else {
-            ProfileLimits::rest_to_rest(self.speed_m_s, self.robot.acceleration_limit_m_s2())
+        let flown = |speed_m_s, acceleration_m_s2| {
+            let limits = ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2);
+            flight::flown(self.robot, self.hoist.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
         };
-        let profile = Profile::plan(path, &limits).map_err(|_| EnergyError::InvalidArgument {
-            what: "the speed of the move",
-            value: self.speed_m_s,
-            accepted: "a speed that the length and the acceleration limit allow",
-        })?;
-        let segment = Segment { id: 0, path: *path, profile, start_s: 0.0 };
-        segment.check(self.robot, self.hoist.method, CHECK_M[coarse])?;
         if self.constant {
+            // It has no start and no end: it is checked as slowly as makes no accelerations.
+            flown(1e-3, 1e-3)?;
             constant()
         } else {
-            self.hoist.along_profile(path, &profile, self.robot.node_mass_kg(), INTERVALS[coarse])
+            flown(self.speed_m_s, self.robot.acceleration_limit_m_s2())
         }
     }
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use service::config::Point;
+use service::toml_file;
 use thiserror::Error;
 
 use crate::scan::{Adaptive, DwellPoints, Profile, Raster, Transect};
@@ -161,12 +162,14 @@ pub enum MissionError {
     #[error("{0}")]
     Malformed(String),
     /// It is one, but a value makes no sense.
-    #[error("mission \"{mission}\"{leg}: {key} is {value}; accepted: {accepted}")]
+    #[error("{place}mission \"{mission}\"{}: {key} is {value}; accepted: {accepted}", of_leg(*.leg))]
     Value {
+        /// `file, line 3: `, as far as it is known.
+        place: String,
         /// Its name.
         mission: String,
-        /// `, leg 3`, or nothing.
-        leg: String,
+        /// From 1; `None`: of the mission itself.
+        leg: Option<usize>,
         /// The key.
         key: &'static str,
         /// Its value.
@@ -174,6 +177,11 @@ pub enum MissionError {
         /// What is accepted.
         accepted: &'static str,
     },
+}
+
+/// A leg as part of a sentence.
+fn of_leg(leg: Option<usize>) -> String {
+    leg.map_or_else(String::new, |leg| format!(", leg {leg}"))
 }
 
 impl Mission {
@@ -185,8 +193,15 @@ impl Mission {
         let text = std::fs::read_to_string(path)
             .map_err(|why| MissionError::Unreadable { path: path.display().to_string(), why: why.to_string() })?;
         Self::parse(&text).map_err(|error| match error {
-            MissionError::Malformed(why) => MissionError::Malformed(format!("{}: {why}", path.display())),
-            other => other,
+            MissionError::Malformed(why) => MissionError::Malformed(format!("{}, {why}", path.display())),
+            MissionError::Value { place, mission, leg, key, value, accepted } => {
+                let place = match place.is_empty() {
+                    true => format!("{}: ", path.display()),
+                    false => format!("{}, {place}", path.display()),
+                };
+                MissionError::Value { place, mission, leg, key, value, accepted }
+            }
+            unreadable @ MissionError::Unreadable { .. } => unreadable,
         })
     }
 
@@ -200,7 +215,14 @@ impl Mission {
             let why = error.message().replace('\n', " ");
             MissionError::Malformed(format!("line {line}: {why}"))
         })?;
-        mission.checked()
+        mission.checked().map_err(|error| match error {
+            MissionError::Value { mission, leg, key, value, accepted, .. } => {
+                let way = leg.map_or_else(|| key.to_owned(), |leg| format!("leg.{}.{key}", leg - 1));
+                let place = toml_file::line_of(text, &way).map_or_else(String::new, |line| format!("line {line}: "));
+                MissionError::Value { place, mission, leg, key, value, accepted }
+            }
+            other => other,
+        })
     }
 
     /// The mission itself, if every value makes sense.
@@ -213,7 +235,7 @@ impl Mission {
     }
 
     fn check(&self) -> Result<(), MissionError> {
-        let nowhere = String::new;
+        let nowhere = || None;
         if self.name.trim().is_empty() {
             return Err(self.wrong(nowhere(), "name", "empty".into(), "a name"));
         }
@@ -228,7 +250,7 @@ impl Mission {
         }
         self.range(nowhere(), "time_weight_w", self.time_weight_w, 0.0, 1e6, "0 to 1e6 W")?;
         for (i, leg) in self.leg.iter().enumerate() {
-            let here = || format!(", leg {}", i + 1);
+            let here = || Some(i + 1);
             match leg {
                 Leg::Line(l) => {
                     self.point(here(), "to_m", &l.to_m)?;
@@ -289,13 +311,13 @@ impl Mission {
         Ok(())
     }
 
-    fn wrong(&self, leg: String, key: &'static str, value: String, accepted: &'static str) -> MissionError {
-        MissionError::Value { mission: self.name.clone(), leg, key, value, accepted }
+    fn wrong(&self, leg: Option<usize>, key: &'static str, value: String, accepted: &'static str) -> MissionError {
+        MissionError::Value { place: String::new(), mission: self.name.clone(), leg, key, value, accepted }
     }
 
     fn range(
         &self,
-        leg: String,
+        leg: Option<usize>,
         key: &'static str,
         value: f64,
         low: f64,
@@ -305,7 +327,7 @@ impl Mission {
         if (low..=high).contains(&value) { Ok(()) } else { Err(self.wrong(leg, key, value.to_string(), accepted)) }
     }
 
-    fn point(&self, leg: String, key: &'static str, point: &Point) -> Result<(), MissionError> {
+    fn point(&self, leg: Option<usize>, key: &'static str, point: &Point) -> Result<(), MissionError> {
         let accepted = "[x, y, z] in metres, each within 10 km";
         let point = point.position_m;
         if point.iter().all(|x| x.abs() <= 1e4) {
@@ -314,16 +336,16 @@ impl Mission {
         Err(self.wrong(leg, key, format!("{point:?}"), accepted))
     }
 
-    fn points(&self, leg: String, points_m: &[Point]) -> Result<(), MissionError> {
+    fn points(&self, leg: Option<usize>, points_m: &[Point]) -> Result<(), MissionError> {
         if points_m.is_empty() || points_m.len() > MAX_POINTS {
             let value = format!("a list of {} points", points_m.len());
             return Err(self.wrong(leg, "points_m", value, "1 to 1000 points"));
         }
-        points_m.iter().try_for_each(|p| self.point(leg.clone(), "points_m", p))
+        points_m.iter().try_for_each(|p| self.point(leg, "points_m", p))
     }
 
     fn adaptive(&self, number: usize, l: &Adaptive) -> Result<(), MissionError> {
-        let here = || format!(", leg {}", number + 1);
+        let here = || Some(number + 1);
         if number == 0 || self.relative {
             let accepted = "a leg that makes the map before it, and relative = false";
             return Err(self.wrong(here(), "adaptive", "the first leg, or the points are relative".into(), accepted));
@@ -352,16 +374,16 @@ impl Mission {
         self.speed(here(), l.speed_m_s)
     }
 
-    fn stay(&self, leg: String, key: &'static str, duration_s: f64) -> Result<(), MissionError> {
+    fn stay(&self, leg: Option<usize>, key: &'static str, duration_s: f64) -> Result<(), MissionError> {
         self.range(leg, key, duration_s, 0.0, 86_400.0, "0 to 86400 s")
     }
 
-    fn steps(&self, leg: String, step_m: Option<f64>, dwell_s: f64) -> Result<(), MissionError> {
-        self.stay(leg.clone(), "dwell_s", dwell_s)?;
+    fn steps(&self, leg: Option<usize>, step_m: Option<f64>, dwell_s: f64) -> Result<(), MissionError> {
+        self.stay(leg, "dwell_s", dwell_s)?;
         step_m.map_or(Ok(()), |step_m| self.range(leg, "step_m", step_m, 1e-3, 1000.0, "0.001 to 1000 m"))
     }
 
-    fn speed(&self, leg: String, speed: Option<f64>) -> Result<(), MissionError> {
+    fn speed(&self, leg: Option<usize>, speed: Option<f64>) -> Result<(), MissionError> {
         match speed {
             Some(v) => self.range(leg, "speed_m_s", v, 1e-3, 100.0, "0.001 to 100 m/s"),
             None => Ok(()),
@@ -410,19 +432,19 @@ profile = { at_m = [1, 1, 2], rise_m = -1.5 }
         for (from, to, says) in [
             ("speed_m_s = 0.2", "sped_m_s = 0.2", &["line 3", "sped_m_s", "speed_m_s"][..]),
             ("name = \"demo\"", "", &["name"]),
-            ("name = \"demo\"", "name = \" \"", &["name", "accepted"]),
+            ("name = \"demo\"", "name = \" \"", &["line 2", "name", "accepted"]),
             ("dwell = { duration_s = 2.0 }", "dwel = { duration_s = 2.0 }", &["line 13", "dwel", "dwell"]),
             (
                 "dwell = { duration_s = 2.0 }",
                 "dwell = { duration_s = nan }",
-                &["leg 5", "duration_s", "NaN", "accepted"],
+                &["line 13", "leg 5", "duration_s", "NaN", "accepted"],
             ),
             ("duration_s = 2.0", "duration_ms = 2.0", &["line 13", "duration_ms", "duration_s"]),
             ("[1.0, 2.0, 3.0]", "[1.0]", &["line 5", "x, y and z"]),
-            ("[1.0, 2.0, 3.0]", "[1.0, inf, 3.0]", &["leg 1", "to_m", "inf", "metres"]),
+            ("[1.0, 2.0, 3.0]", "[1.0, inf, 3.0]", &["line 5", "leg 1", "to_m", "inf", "metres"]),
             ("[1.0, 2.0, 3.0]", "[1.0, \"2\", 3.0]", &["line 5", "string"]),
-            ("speed_m_s = 0.1", "speed_m_s = -0.1", &["leg 1", "speed_m_s", "-0.1"]),
-            ("speed_m_s = 0.2", "speed_m_s = 0.0", &["speed_m_s is 0"]),
+            ("speed_m_s = 0.1", "speed_m_s = -0.1", &["line 5", "leg 1", "speed_m_s", "-0.1"]),
+            ("speed_m_s = 0.2", "speed_m_s = 0.0", &["line 3", "speed_m_s is 0"]),
             ("[[1.0, 2.0, 2.0], [2.0, 2.0, 2.0]]", "[]", &["leg 2", "points_m"]),
             ("radius_m = 0.60", "radius_m = 0.0", &["leg 4", "radius_m"]),
             ("turns = 4", "turns = 0", &["leg 4", "turns"]),
@@ -433,8 +455,8 @@ profile = { at_m = [1, 1, 2], rise_m = -1.5 }
             ("opposite_m = [2, 2, 1], ", "", &["line 15", "opposite_m"]),
             ("[[1.5, 1, 1], [1, 1, 1]]", "[]", &["leg 7", "points_m"]),
             ("step_m = 0.25", "step_m = -1", &["leg 8", "step_m"]),
-            ("dwell_s = 1.0", "dwell_s = -1.0", &["leg 8", "dwell_s"]),
-            ("rise_m = -1.5", "rise_m = nan", &["leg 9", "rise_m"]),
+            ("dwell_s = 1.0", "dwell_s = -1.0", &["line 19", "leg 8", "dwell_s"]),
+            ("rise_m = -1.5", "rise_m = nan", &["line 21", "leg 9", "rise_m"]),
             ("name = \"demo\"", "name = ", &["line 2"]),
         ] {
             assert!(GOOD.contains(from));
@@ -444,6 +466,21 @@ profile = { at_m = [1, 1, 2], rise_m = -1.5 }
             }
             assert!(!sentence.contains('\n'));
         }
+    }
+
+    /// As the operator sees it: the file first, and the line of the leg that is meant, whatever stands behind it.
+    #[test]
+    fn a_bad_value_of_a_file_is_named_by_file_line_and_key() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bad.toml");
+        let text = format!("{GOOD}[[leg]]\n\n# back\n[leg.line]\nto_m = [1.0, 2.0, 3.0]\nspeed_m_s = -0.5\n");
+        std::fs::write(&path, text).unwrap();
+        let sentence = Mission::read(&path).unwrap_err().to_string();
+        let start = format!("{}, line 27: mission \"demo\", leg 10: speed_m_s is -0.5; accepted: ", path.display());
+        assert!(sentence.starts_with(&start), "{sentence}");
+        std::fs::write(&path, "name = 3\n").unwrap();
+        let sentence = Mission::read(&path).unwrap_err().to_string();
+        assert!(sentence.starts_with(&format!("{}, line 1: ", path.display())), "{sentence}");
     }
 
     #[test]

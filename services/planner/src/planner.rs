@@ -10,7 +10,7 @@ use thiserror::Error;
 
 use crate::adaptive;
 use crate::flight::{Flight, Later};
-use crate::mission::{self, Leg, Mission, PathShape};
+use crate::mission::{self, Leg, Mission, MissionError, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
 
@@ -51,6 +51,9 @@ pub enum Refusal {
     /// The motion would break a limit, or is none.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// A value of the mission makes no sense.
+    #[error(transparent)]
+    Mission(#[from] MissionError),
 }
 
 impl Refusal {
@@ -59,6 +62,7 @@ impl Refusal {
     pub fn is_bad_input(&self) -> bool {
         match self {
             Self::NotReady(_) => false,
+            Self::Mission(_) => true,
             Self::Plan(error) => {
                 !matches!(error, PlanError::AlreadyThere | PlanError::NoStart { .. } | PlanError::OtherPlan)
             }
@@ -179,7 +183,7 @@ impl Planner {
     }
 
     fn try_run(&mut self, mission: &Mission, kept: bool, seen: &Seen<'_>) -> Result<String, Refusal> {
-        let mission = mission.clone().checked().map_err(|error| Refusal::NotReady(error.to_string()))?;
+        let mission = mission.clone().checked()?;
         let (authority, estimate) = self.ready(seen)?;
         let start = Vector3::from(estimate.position_m);
         // All of it may be flown; an adaptive leg as if all of its area were worth it.

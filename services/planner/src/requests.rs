@@ -24,9 +24,7 @@ pub fn answer(planner: &mut Planner, request: &OperatorRequest, missions: &Path,
                 1.0 => return bad(format!("the sag is {mu_per_m}; give mu in 1/m, or 0 for what loses least")),
                 2.0 => PathShape::Lateral,
                 _ => {
-                    return bad(format!(
-                        "there is no path {path}; accepted: 0 (line), 1 (parabola) and 2 (lateral)"
-                    ));
+                    return bad(format!("there is no path {path}; accepted: 0 (line), 1 (parabola) and 2 (lateral)"));
                 }
             };
             planner.goto([x, y, z], speed_m_s, shape, mu_per_m, seen).map_err(refused)

@@ -1,7 +1,8 @@
 //! The planner: what it takes, what it refuses, and how a mission goes on.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use cable_robot::energy::Hoist;
+use cable_robot::energy::{Hoist, flight};
+use cable_robot::profile::ProfileLimits;
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, text_of};
 use planner::mission::{Leg, Line, Mission, Parabola, PathShape, Polyline, Spiral};
@@ -12,8 +13,8 @@ use service::motion::segment_of;
 
 const SECOND_NS: u64 = 1_000_000_000;
 
-fn config() -> PlannerConfig {
-    let robot = Robot::new(RobotParts {
+fn parts() -> RobotParts {
+    RobotParts {
         anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
         node_mass_kg: 1.2,
         tension_limits_n: [2.0, 60.0],
@@ -21,10 +22,16 @@ fn config() -> PlannerConfig {
         acceleration_limit_m_s2: 0.5,
         keep_out_m: vec![[[6.5, 1.0, 0.0], [7.0, 1.5, 1.0]]],
         ..RobotParts::default()
-    })
-    .unwrap();
+    }
+}
+
+fn config() -> PlannerConfig {
+    config_of(parts())
+}
+
+fn config_of(parts: RobotParts) -> PlannerConfig {
     PlannerConfig {
-        robot,
+        robot: Robot::new(parts).unwrap(),
         distribution: Distribution::Unique,
         speed_m_s: 0.2,
         acceleration_m_s2: 0.3,
@@ -259,6 +266,41 @@ fn a_parabola_that_loses_least_sags_below_the_line_and_a_vertical_one_is_a_line(
     assert!(error.to_string().contains("parabola"), "{error}");
 }
 
+/// Also where a line would be slack at the sag that a constant speed asks for, which knows nothing of the start and the end:
+/// no parabola of a fine scan over all that can be flown costs less than the one that is flown.
+#[test]
+fn the_parabola_that_is_flown_is_the_best_that_can_be() {
+    let (start, end) = (Vector3::new(3.0, 2.0, 2.0), Vector3::new(6.0, 2.5, 2.0));
+    let shape = |mu_per_m| flight::parabola_or_line(&cable_robot::path::Parabola { from: start, to: end, mu_per_m });
+    let limits = ProfileLimits { total_m_s2: 0.5, ..ProfileLimits::rest_to_rest(0.2, 0.3) };
+    let free = config();
+    let steady = flight::best_parabola(&free.robot, free.distribution, &start, &end, 0.2, 0.0).unwrap().mu_per_m;
+    let [line, sagging] = [0.0, steady].map(|mu_per_m| {
+        let path = shape(mu_per_m);
+        let profile = cable_robot::Profile::plan(&path, &limits).unwrap();
+        Segment { id: 1, path, profile, start_s: 0.0 }.check(&free.robot, free.distribution, 0.02).unwrap()
+    });
+    let tauter =
+        RobotParts { tension_limits_n: [0.5 * (line.least_tension_n + sagging.least_tension_n), 60.0], ..parts() };
+    for (what, parts) in [("free", parts()), ("tauter", tauter)] {
+        let config = config_of(parts);
+        let (robot, method) = (&config.robot, config.distribution);
+        let cost_j = |path: &Path| flight::flown(robot, method, path, &limits, 0.02, 64).map(|cost| cost.energy_j);
+        let scan = (0..=600).map(|i| f64::from(i) * 2e-3).filter_map(|mu| Some((cost_j(&shape(mu)).ok()?, mu)));
+        let (least_j, at) = scan.min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+        let text = mission("[[leg]]\nparabola = { to_m = [6.0, 2.5, 2.0] }");
+        let plan = Plan::new(&text, &config, start, 0.0, 1).unwrap();
+        sound(&plan.segments, &config).unwrap();
+        let flown_j = cost_j(&plan.segments[0].path).unwrap();
+        let mu = if let Path::Parabola(path) = plan.segments[0].path { path.mu_per_m } else { 0.0 };
+        let refused = cost_j(&shape(steady)).is_err();
+        println!(
+            "{what}: {flown_j:.4} J at {mu:.4} per metre; of a scan {least_j:.4} J at {at:.4}; {steady:.4} refused: {refused}"
+        );
+        assert!(flown_j <= 1.002 * least_j, "{what}: {flown_j} J, and {least_j} J at {at} per metre");
+    }
+}
+
 /// With its accelerations a lateral path costs less than the parabola, which costs less than the line; what is sent is what was checked.
 #[test]
 fn a_lateral_path_loses_less_than_a_parabola_and_a_vertical_one_is_a_line() {
@@ -336,25 +378,17 @@ fn a_dry_run_says_what_the_mission_comes_to() {
 fn a_line_faster_than_its_limit_is_refused_with_place_line_and_amount() {
     // Straight to the first anchor: its line runs as fast as the node.
     let text = "[[leg]]\nline = { to_m = [3.8, 2.375, 1.2], speed_m_s = 0.2 }";
-    let limited = |limit_m_s| {
-        let robot = config().robot;
-        let parts = RobotParts {
-            anchors_m: robot.anchors().iter().map(|a| [a.x, a.y, a.z]).collect(),
-            node_mass_kg: robot.node_mass_kg(),
-            tension_limits_n: robot.tension_limits_n(),
-            speed_limit_m_s: robot.speed_limit_m_s(),
-            acceleration_limit_m_s2: robot.acceleration_limit_m_s2(),
-            cable_speed_limit_m_s: limit_m_s,
-            ..RobotParts::default()
-        };
-        let config = PlannerConfig { robot: Robot::new(parts).unwrap(), ..config() };
+    let limited = |cable_speed_limit_m_s| {
+        let config = config_of(RobotParts { cable_speed_limit_m_s, ..parts() });
         dry_run(&mission(text), &config, [4.8, 3.0, 0.3])
     };
     let peak_m_s = limited(None).unwrap().peak_cable_speed_m_s;
     assert!(peak_m_s > 0.15, "{peak_m_s}");
     assert!(limited(Some(1.001 * peak_m_s)).is_ok());
     let sentence = limited(Some(0.15)).unwrap_err().to_string();
-    for word in ["leg 1", "at (", "m along the segment", "cable 1 would run at 0.1", "cable_speed_limit_m_s is 0.150 m/s"] {
+    for word in
+        ["leg 1", "at (", "m along the segment", "cable 1 would run at 0.1", "cable_speed_limit_m_s is 0.150 m/s"]
+    {
         assert!(sentence.contains(word), "no {word:?} in {sentence}");
     }
 }

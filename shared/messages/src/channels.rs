@@ -37,8 +37,8 @@ pub struct Channel {
     pub quality: Quality,
 }
 
-/// 200 Hz x 2.5 s, rounded up: also holds 100 Hz through a stall of five seconds.
-const CYCLE: Quality = Quality { buffer: 512, history: 256, late: 1, publishers: 1, subscribers: 12, nodes: 40 };
+/// 250 Hz x 2.5 s, rounded up: also holds 100 Hz through a stall of six seconds.
+const CYCLE: Quality = Quality { buffer: 640, history: 256, late: 1, publishers: 1, subscribers: 12, nodes: 40 };
 /// 10 Hz and below.
 const SLOW: Quality = Quality { buffer: 64, history: 32, late: 4, publishers: 1, subscribers: 12, nodes: 40 };
 /// Bursts: every line of a log at start-up, every row of a table at once; several publishers.

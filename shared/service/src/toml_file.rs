@@ -91,21 +91,29 @@ pub fn parse<T: DeserializeOwned>(text: &str, path: &Path) -> Result<T, ConfigEr
     })
 }
 
-/// The line, from 1, on which the dotted `key` stands; if its tables are not named, the first key of that name in any table.
-fn line_of(text: &str, key: &str) -> Option<usize> {
+/// The line, from 1, on which the dotted `key` stands; `leg.2.speed_m_s` is that of the third table `leg`, also in a table within it. If
+/// its tables are not named, the first key of that name in any table.
+#[must_use]
+pub fn line_of(text: &str, key: &str) -> Option<usize> {
     let table = DeTable::parse(text).ok()?;
     let names: Vec<&str> = key.split('.').collect();
     let at = find(table.get_ref(), &names).or_else(|| anywhere(table.get_ref(), names.last()?))?;
     text.get(..at).map(|before| before.matches('\n').count() + 1)
 }
 
-/// Where the key at the end of this way begins, bytes.
+/// Where the key at the end of this way begins, bytes; in the last table also further inside.
 fn find(table: &DeTable<'_>, names: &[&str]) -> Option<usize> {
     let (first, rest) = names.split_first()?;
-    let (key, value) = table.iter().find(|(key, _)| key.get_ref() == *first)?;
-    match value.get_ref() {
-        _ if rest.is_empty() => Some(key.span().start),
-        DeValue::Table(inner) => find(inner, rest),
+    let found = table.iter().find(|(key, _)| key.get_ref() == *first);
+    if rest.is_empty() {
+        return found.map(|(key, _)| key.span().start).or_else(|| anywhere(table, first));
+    }
+    match (found?.1.get_ref(), rest) {
+        (DeValue::Table(inner), _) => find(inner, rest),
+        (DeValue::Array(items), [number, rest @ ..]) => match items.get(number.parse::<usize>().ok()?)?.get_ref() {
+            DeValue::Table(inner) => find(inner, rest),
+            _ => None,
+        },
         _ => None,
     }
 }

@@ -110,6 +110,7 @@ pub struct Core {
     begin_ns: u64,
     end_ns: u64,
     late_tick: bool,
+    wanted: [f64; CABLES],
     sent: DriveCommand,
     sent_before: [f64; CABLES],
     scale: f64,
@@ -172,6 +173,7 @@ impl Core {
             begin_ns: 0,
             end_ns: 0,
             late_tick: false,
+            wanted: [0.0; CABLES],
             sent: DriveCommand { speed_m_s: [0.0; CABLES], released: [true; CABLES] },
             sent_before: [0.0; CABLES],
             scale: 1.0,
@@ -209,6 +211,7 @@ impl Core {
         }
         self.command_age_ns = 0;
         let wanted = self.wanted(input);
+        self.wanted = wanted;
         self.sent_before = self.sent.speed_m_s;
         let before = self.limits.last_speed();
         let (speed_m_s, scale) = match self.safety.mode() {
@@ -237,6 +240,12 @@ impl Core {
     #[must_use]
     pub fn answers(&self) -> &[Answer] {
         &self.answers
+    }
+
+    /// What the mode and the arbiter asked for in this cycle, before the [`limits`](crate::limits); cable velocities, m/s.
+    #[must_use]
+    pub fn asked_m_s(&self) -> &[f64; CABLES] {
+        &self.wanted
     }
 
     /// Present mode.

@@ -1,6 +1,7 @@
 //! Segments of a mission, made and checked one after the other.
 
 use cable_robot::energy::flight;
+use cable_robot::motion::Report;
 use cable_robot::path;
 use cable_robot::profile::{Knot, MAX_KNOTS, ProfileError, ProfileLimits};
 use cable_robot::{Path, Profile, Segment, Vector3};
@@ -10,9 +11,11 @@ use super::{MAX_SEGMENTS, Mark, Plan, PlanError, PlannerConfig, SHORTEST_S, THER
 use crate::mission::{Leg, Mission, PathShape};
 use crate::scan::{self, Stop};
 
-/// Shares of the sag or swing that loses least, tried in this order: it is found for a constant speed, and the accelerations at both
-/// ends may ask for less.
-const SAG_SHARES: [f64; 4] = [1.0, 0.75, 0.5, 0.25];
+/// A move from here on is long beside its start and its end, m.
+const LONG_M: f64 = 2.0;
+
+/// Halvings in the search for the largest share of a sag or swing that can be flown: to one in 128.
+const HALVINGS: usize = 7;
 
 /// Makes segments, one after the other.
 pub(super) struct Builder<'a> {
@@ -125,7 +128,11 @@ impl<'a> Builder<'a> {
                     return Ok(());
                 }
                 match l.mu_per_m {
-                    Some(mu_per_m) => self.path(number, parabola(self.at, to, mu_per_m), l.speed_m_s),
+                    Some(0.0) => self.path(number, Path::line(self.at, to), l.speed_m_s),
+                    Some(mu_per_m) => {
+                        let path = Path::Parabola(path::Parabola { from: self.at, to, mu_per_m });
+                        self.path(number, path, l.speed_m_s)
+                    }
                     None => self.best_parabola(number, to, l.speed_m_s),
                 }
             }
@@ -213,48 +220,73 @@ impl<'a> Builder<'a> {
     }
 
     /// The path that sags and swings so that it loses least in the motors, or as much of it as can be flown; a parabola where
-    /// swinging saves nothing.
+    /// that saves more.
     fn best_lateral(&mut self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
         let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
         let (robot, method) = (&self.config.robot, self.config.distribution);
         let best = flight::best_lateral(robot, method, &self.at, &to, cruise_m_s, self.time_weight_w)
             .map_err(|error| PlanError::NoPath { leg, error })?;
-        let Some((bow, _)) = best.lateral else {
-            return self.parabola_or_less(leg, to, best.parabola.mu_per_m, speed_m_s);
-        };
-        for share in SAG_SHARES {
-            match self.path(leg, Path::Lateral(path::Lateral::new(bow.scaled(share))), speed_m_s) {
-                Err(PlanError::Refused { .. }) => {}
-                result => return result,
+        if let Some((bow, _)) = best.lateral {
+            // It is found for a constant speed; the accelerations at both ends may ask for less.
+            let swung = |share| Path::Lateral(path::Lateral::new(bow.scaled(share)));
+            let share = self.share(leg, swung, speed_m_s)?;
+            let cost_j = |path| self.cost_j(leg, &path, speed_m_s);
+            let sagging = self.sagging(leg, to, speed_m_s).ok();
+            if share > 0.0 && !sagging.is_some_and(|path| cost_j(path) < cost_j(swung(share))) {
+                return self.path(leg, swung(share), speed_m_s);
             }
         }
-        self.parabola_or_less(leg, to, best.parabola.mu_per_m, speed_m_s)
+        self.best_parabola(leg, to, speed_m_s)
     }
 
-    /// The parabola that loses least in the motors, or as much of its sag as can be flown; straight up and down a line.
+    /// The parabola that loses least in the motors of all that can be flown; straight up and down a line.
     fn best_parabola(&mut self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<(), PlanError> {
-        let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
-        let (robot, method) = (&self.config.robot, self.config.distribution);
-        let best = flight::best_parabola(robot, method, &self.at, &to, cruise_m_s, self.time_weight_w)
-            .map_err(|error| PlanError::NoPath { leg, error })?;
-        self.parabola_or_less(leg, to, best.mu_per_m, speed_m_s)
+        let path = self.sagging(leg, to, speed_m_s)?;
+        self.path(leg, path, speed_m_s)
     }
 
-    fn parabola_or_less(
-        &mut self,
-        leg: usize,
-        to: Vector3<f64>,
-        mu_per_m: f64,
-        speed_m_s: Option<f64>,
-    ) -> Result<(), PlanError> {
-        let mut refused = None;
-        for share in SAG_SHARES {
-            match self.path(leg, parabola(self.at, to, share * mu_per_m), speed_m_s) {
-                Err(error @ PlanError::Refused { .. }) => refused = refused.or(Some(error)),
-                result => return result,
+    /// See [`Builder::best_parabola`].
+    fn sagging(&self, leg: usize, to: Vector3<f64>, speed_m_s: Option<f64>) -> Result<Path, PlanError> {
+        let limits = self.limits(leg, speed_m_s)?;
+        let (robot, method, from, price_w) =
+            (&self.config.robot, self.config.distribution, self.at, self.time_weight_w);
+        let none = |error| PlanError::NoPath { leg, error };
+        let shape = |mu_per_m| flight::parabola_or_line(&path::Parabola { from, to, mu_per_m });
+        // A constant speed is much less work, and right for a move that is long beside its start and its end.
+        if (to - from).norm() >= LONG_M {
+            let steady =
+                flight::best_parabola(robot, method, &from, &to, limits.cruise_m_s, price_w).map_err(none)?.mu_per_m;
+            if self.tried(leg, shape(steady), speed_m_s).is_ok() {
+                return Ok(shape(steady));
             }
         }
-        self.path(leg, Path::line(self.at, to), speed_m_s).map_err(|line| refused.unwrap_or(line))
+        let best = flight::best_flown_parabola(robot, method, &from, &to, &limits, price_w).map_err(none)?.mu_per_m;
+        // The plan is checked at points of its own, which may lie closer.
+        Ok(shape(best * self.share(leg, |share| shape(share * best), speed_m_s)?))
+    }
+
+    /// The largest share of a path's sag or swing that can be flown, if not all of it.
+    fn share(&self, leg: usize, path: impl Fn(f64) -> Path, speed_m_s: Option<f64>) -> Result<f64, PlanError> {
+        let flies = |share| match self.tried(leg, path(share), speed_m_s) {
+            Err(PlanError::Refused { .. }) => Ok(false),
+            result => result.map(|_| true),
+        };
+        if flies(1.0)? {
+            return Ok(1.0);
+        }
+        let (mut flown, mut refused) = (0.0, 1.0);
+        for _ in 0..HALVINGS {
+            let share = 0.5 * (flown + refused);
+            if flies(share)? { flown = share } else { refused = share }
+        }
+        Ok(flown)
+    }
+
+    /// What a path costs as it is flown, with the price of time, J; infinite if it cannot be.
+    fn cost_j(&self, leg: usize, path: &Path, speed_m_s: Option<f64>) -> f64 {
+        let Ok(profile) = self.profile(leg, path, speed_m_s) else { return f64::INFINITY };
+        flight::along(&self.config.robot, self.config.distribution, path, &profile)
+            .map_or(f64::INFINITY, |cost| cost.energy_j + self.time_weight_w * cost.duration_s)
     }
 
     /// The speed asked for, or the default.
@@ -267,24 +299,32 @@ impl<'a> Builder<'a> {
         }
     }
 
-    fn path(&mut self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Result<(), PlanError> {
-        path.check().map_err(|error| PlanError::Path { leg, error })?;
-        let cruise_m_s = self.cruise_m_s(leg, speed_m_s)?;
-        let limits = ProfileLimits {
+    fn limits(&self, leg: usize, speed_m_s: Option<f64>) -> Result<ProfileLimits, PlanError> {
+        Ok(ProfileLimits {
             tangential_m_s2: self.tangential_m_s2,
             total_m_s2: self.config.robot.acceleration_limit_m_s2(),
-            ..ProfileLimits::rest_to_rest(cruise_m_s, self.tangential_m_s2)
-        };
-        let profile = Profile::plan(&path, &limits)
+            ..ProfileLimits::rest_to_rest(self.cruise_m_s(leg, speed_m_s)?, self.tangential_m_s2)
+        })
+    }
+
+    fn profile(&self, leg: usize, path: &Path, speed_m_s: Option<f64>) -> Result<Profile, PlanError> {
+        path.check().map_err(|error| PlanError::Path { leg, error })?;
+        Profile::plan(path, &self.limits(leg, speed_m_s)?)
             .and_then(|profile| slowed(&profile))
-            .map_err(|error| PlanError::Profile { leg, error })?;
+            .map_err(|error| PlanError::Profile { leg, error })
+    }
+
+    /// Whether a path can be flown from here.
+    fn tried(&self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Result<(Segment, Report), PlanError> {
+        self.checked(leg, path, self.profile(leg, &path, speed_m_s)?)
+    }
+
+    fn path(&mut self, leg: usize, path: Path, speed_m_s: Option<f64>) -> Result<(), PlanError> {
+        let profile = self.profile(leg, &path, speed_m_s)?;
         self.push(leg, path, profile)
     }
 
-    fn push(&mut self, leg: usize, path: Path, profile: Profile) -> Result<(), PlanError> {
-        if self.plan.segments.len() == MAX_SEGMENTS {
-            return Err(PlanError::TooLong);
-        }
+    fn checked(&self, leg: usize, path: Path, profile: Profile) -> Result<(Segment, Report), PlanError> {
         let segment = Segment { id: u64::from(self.next_id), path, profile, start_s: self.time_s };
         let config = self.config;
         let report = segment.check(&config.robot, config.distribution, config.check_step_m).map_err(|refusal| {
@@ -292,6 +332,14 @@ impl<'a> Builder<'a> {
             let segment = format!(" from [{:.3}, {:.3}, {:.3}] to [{:.3}, {:.3}, {:.3}]", a.x, a.y, a.z, b.x, b.y, b.z);
             PlanError::Refused { leg, segment, refusal }
         })?;
+        Ok((segment, report))
+    }
+
+    fn push(&mut self, leg: usize, path: Path, profile: Profile) -> Result<(), PlanError> {
+        if self.plan.segments.len() == MAX_SEGMENTS {
+            return Err(PlanError::TooLong);
+        }
+        let (segment, report) = self.checked(leg, path, profile)?;
         self.at = path.end();
         self.time_s = segment.end_s();
         self.next_id = self.next_id.wrapping_add(1).max(1);
@@ -301,11 +349,6 @@ impl<'a> Builder<'a> {
         self.plan.reports.push(report);
         Ok(())
     }
-}
-
-/// A parabola, or the line where there is no sag.
-fn parabola(from: Vector3<f64>, to: Vector3<f64>, mu_per_m: f64) -> Path {
-    if mu_per_m == 0.0 { Path::line(from, to) } else { Path::Parabola(path::Parabola { from, to, mu_per_m }) }
 }
 
 /// The same profile, slowed down evenly if it is shorter than [`SHORTEST_S`].

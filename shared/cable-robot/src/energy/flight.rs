@@ -27,10 +27,14 @@ use super::lateral::above_ground;
 use super::optimum::{Precision, best};
 use super::{Best, BestLateral, Bounds, Cost, EnergyError, Hoist, lateral, parabola};
 use crate::motion::{Cause, Refusal};
-use crate::{Distribution, Path, Profile, Robot};
+use crate::profile::ProfileLimits;
+use crate::{Distribution, Path, Profile, Robot, Segment, path};
 
 /// Simpson's intervals for the answer, and for the scan: 32 leave an error of 5e-5 with the default motor.
 const INTERVALS: [usize; 2] = [32, 16];
+
+/// Step of the check of a whole segment, m; also for the scan, which has to know what can be flown.
+const FLOWN_CHECK_M: f64 = 0.02;
 
 /// The parabola that loses least in the motors at a constant speed, m/s, with a price on time, W; fast enough to be planned
 /// while the robot flies. Ends in a box or below the ground are refused.
@@ -72,6 +76,49 @@ pub fn best_lateral(
         stays_out(robot, |u| bow.at_fraction(u).position, intervals)?;
         hoist.integrate_bow(bow, speed_m_s, intervals)
     }))
+}
+
+/// The parabola that loses least as it is flown: from rest to rest with the accelerations of `limits`, and none that the check of a
+/// whole segment refuses anywhere: tensions under acceleration, lengths, speeds, ground and boxes.
+pub fn best_flown_parabola(
+    robot: &Robot,
+    method: Distribution,
+    from: &Vector3<f64>,
+    to: &Vector3<f64>,
+    limits: &ProfileLimits,
+    time_weight_w: f64,
+) -> Result<Best, EnergyError> {
+    best(from, to, &bounds(robot, time_weight_w), |shape, precision| {
+        parabola::check(shape)?;
+        let coarse = usize::from(precision == Precision::Coarse);
+        flown(robot, method, &parabola_or_line(shape), limits, FLOWN_CHECK_M, INTERVALS[coarse])
+    })
+}
+
+/// A parabola as a path; the line where there is no sag, and straight up and down.
+pub fn parabola_or_line(shape: &path::Parabola) -> Path {
+    let straight = shape.mu_per_m == 0.0 || parabola::is_vertical(shape);
+    if straight { Path::line(shape.from, shape.to) } else { Path::Parabola(*shape) }
+}
+
+/// Checks a path as it is flown within `limits`, at points at most `check_step_m` apart, and reckons its cost with about
+/// `intervals` of Simpson's intervals.
+pub fn flown(
+    robot: &Robot,
+    method: Distribution,
+    path: &Path,
+    limits: &ProfileLimits,
+    check_step_m: f64,
+    intervals: usize,
+) -> Result<Cost, EnergyError> {
+    let profile = Profile::plan(path, limits).map_err(|_| EnergyError::InvalidArgument {
+        what: "the speed of the move",
+        value: limits.cruise_m_s,
+        accepted: "a speed that the length and the acceleration limit allow",
+    })?;
+    let segment = Segment { id: 0, path: *path, profile, start_s: 0.0 };
+    segment.check(robot, method, check_step_m)?;
+    hoist(robot, method).along_profile(path, &profile, robot.node_mass_kg(), intervals)
 }
 
 /// Cost of a path as it is flown with a speed profile; of a dwell what holding costs. For estimates before a mission.
