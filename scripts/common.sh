@@ -32,19 +32,26 @@ need_python_packages() {
     cp "$wanted" "$stamp"
 }
 
-# Gets the readers of Foxglove and Lichtblick, which some tests compare with; without JavaScript on this machine these comparisons are left out.
+# Gets the readers of Foxglove and Lichtblick, which some tests compare with; without JavaScript on this machine these
+# comparisons are left out, which is said again at the end.
 need_node_packages() {
     local wanted=tests/node/package-lock.json stamp=tests/node/node_modules/.package-lock.nims
     if cmp -s "$wanted" "$stamp"; then
         return
     fi
     if ! command -v npm >/dev/null || ! command -v node >/dev/null; then
-        say "no node and npm here: run files are not compared with what JavaScript reads in them"
+        without_node "there is no node or no npm here"
         return
     fi
     say "getting the JavaScript packages of $wanted"
-    npm ci --silent --no-fund --no-audit --prefix tests/node || { say "the packages of $wanted could not be installed: run files are not compared with what JavaScript reads in them"; return; }
+    npm ci --silent --no-fund --no-audit --prefix tests/node || { without_node "the packages of $wanted could not be installed"; return; }
     cp "$wanted" "$stamp"
+}
+
+# Tests look at this variable, and fail where it is not set and the readers are not there.
+without_node() {
+    export NIMS_WITHOUT_NODE=1
+    say "WARNING: $1: run files are NOT compared with what JavaScript reads in them"
 }
 
 # From here on cargo starts test programs as the user nobody; only root needs that, and can do it. Programs have to be built already. The

@@ -67,7 +67,10 @@ for await (const message of reader.readMessages()) {
     const found = comparable(kind, valueAt(decoded, path));
     const same = (value, at) => BigInt(value) === found[at] || (isNan(kind, BigInt(value)) && isNan(kind, found[at]));
     if (found.length !== values.length || !values.every(same)) {
-      fail(`${where}: ${path} is ${found}, not ${values}`);
+      const at = values.findIndex((value, at) => !same(value, at));
+      const difference = found.length !== values.length ? `has ${found.length} values, not ${values.length}`
+        : `differs first in value ${at} of ${values.length}: ${found[at]}, not ${values[at]}`;
+      fail(`${where}: ${path} ${difference}`);
     }
     fields += 1;
   }

@@ -35,6 +35,14 @@ def comparable(kind, value):
     return [int(number) for number in values]
 
 
+def difference(found, values):
+    """Where two lists differ first: a map has thousands of cells, and one of them tells enough."""
+    if len(found) != len(values):
+        return f"has {len(found)} values, not {len(values)}"
+    apart = [at for at, (one, other) in enumerate(zip(found, values)) if one != other]
+    return f"differs in {len(apart)} of {len(values)} values, first in {apart[0]}: {found[apart[0]]}, not {values[apart[0]]}"
+
+
 class Check:
     """Takes the messages of one reader and compares them, channel by channel, in order."""
 
@@ -61,7 +69,7 @@ class Check:
         for path, kind, values in sample["fields"]:
             found = comparable(kind, value_at(message, path))
             if found != values:
-                raise SystemExit(f"{where}: {path} is {found}, not {values}")
+                raise SystemExit(f"{where}: {path} {difference(found, values)}")
             self.fields += 1
 
     def finish(self):

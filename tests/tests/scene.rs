@@ -117,4 +117,12 @@ fn a_living_robot_is_drawn_too() {
         let known = messages::channel_of(name).unwrap();
         assert_eq!(info.schema.as_deref(), known.schema.map(|schema| schema()), "{name}");
     }
+    // The time of what is drawn is that of the run file, to the nanosecond: both go by the one clock of the run.
+    let number = |at: usize| u64::from(u32::from_le_bytes(body[at..at + 4].try_into().unwrap()));
+    let drawn_ns = 1_000_000_000 * number(4) + number(8);
+    assert_eq!(robot.down(rustix::process::Signal::INT), Some(0), "{}", robot.said());
+    let clock = RunReader::open(&robot.run()).unwrap().clock().unwrap();
+    let estimates = read_channel::<NodeEstimate>(&robot.run(), "node/estimate/a").unwrap();
+    let exactly = |(_, estimate): &(u64, NodeEstimate)| clock.unix_of(estimate.header.stamp_ns) == drawn_ns;
+    assert!(estimates.iter().any(exactly), "drawn at {drawn_ns}, which no estimate of the run is of");
 }

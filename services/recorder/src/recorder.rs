@@ -50,8 +50,10 @@ impl Recorder {
     pub fn open(bus: &Bus, settings: Settings, exclude: Vec<String>) -> Result<Self, RecorderError> {
         let now = now_ns();
         let free = free_bytes(&settings.folder)?;
-        // a recorder that was started again goes on in the time of the first
-        let clock = RunClock::of_run(&settings.folder);
+        // a recorder that was started again goes on in the time of the first, and all of a robot's processes in that of the run
+        let set = bus.domain().wall_clock();
+        let set = set.map(|clock| RunClock { t0_unix_ns: clock.unix_ns, t0_mono_ns: clock.mono_ns });
+        let clock = RunClock::of_run(&settings.folder, set);
         let mut session = Session::open(settings, clock, now, free)?;
         let mut listening = Listening::new(exclude);
         listen_to_known(bus, &mut listening, &mut session)?;

@@ -8,7 +8,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use bus::clock::{Pacer, now_ns};
+use bus::clock::{Pacer, WallClock, now_ns};
 use bus::{Bus, Domain};
 use messages::ros::PointCloud2;
 use messages::{
@@ -25,6 +25,23 @@ fn state(seq: u64) -> MotorState {
     state.header.stamp_ns = now_ns();
     state.length_m = [seq as f64 * 0.001; 8];
     state
+}
+
+#[test]
+fn stamps_become_calendar_time_by_the_clock_of_the_run() {
+    let (domain, run) = (Domain::for_test(), TempDir::new().unwrap());
+    let bus = Bus::join(&domain, "test").unwrap();
+    assert_eq!(domain.wall_clock(), None);
+    // the wall clock was set by an hour after the run began
+    let set = WallClock { unix_ns: WallClock::now().unix_ns - 3_600_000_000_000, ..WallClock::now() };
+    domain.set_wall_clock(Some(set)).unwrap();
+    assert_eq!(domain.wall_clock(), Some(set));
+    let mut recording = Recording::start(&domain, run.path(), &bus);
+    assert_eq!(recording.signal(rustix::process::Signal::TERM), Some(0));
+    let clock = RunReader::open(run.path()).unwrap().clock().unwrap();
+    assert_eq!((clock.t0_unix_ns, clock.t0_mono_ns), (set.unix_ns, set.mono_ns));
+    domain.set_wall_clock(None).unwrap();
+    assert_eq!(domain.wall_clock(), None);
 }
 
 fn numbers<T: Message>(run: &Path, channel: &str) -> Vec<u64> {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use bus::clock::{SECOND_NS, now_ns, unix_ns};
+use bus::clock::{SECOND_NS, WallClock, now_ns};
 use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Publisher, Tap};
 use messages::ros::{Log, MarkerArray, Path, PointCloud2, PoseStamped, TfMessage};
 use service::Chassis;
@@ -76,7 +76,8 @@ impl Ports {
 /// A box file that cannot be used, or a domain that cannot.
 pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
     let robot = chassis.box_file()?.robot_file()?.robot()?;
-    let mut scene = Scene::new(&robot, unix_ns() as i64 - now_ns() as i64);
+    let clock = chassis.bus().domain().wall_clock().unwrap_or_else(WallClock::now);
+    let mut scene = Scene::new(&robot, clock.offset_ns());
     let (mut watch, mut taps, mut ports) = (ChannelWatch::new(), Vec::<Tap>::new(), Ports::default());
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
     let (mut frame_ns, mut slow_ns, mut search_ns) = (0, 0, 0);

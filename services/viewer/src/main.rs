@@ -5,6 +5,7 @@ use std::process::ExitCode;
 
 use bus::CHANNELS_EVENT;
 use bus::clock::now_ns;
+use runlog::RunClock;
 use service::config::ViewerSection;
 use service::{Chassis, CommonArgs};
 use viewer::{Settings, Viewer};
@@ -38,11 +39,13 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     let _ = rustix::process::nice(10);
     let section = chassis.box_file().map_or_else(|_| ViewerSection::default(), |file| file.viewer.clone());
     let address = args.address.unwrap_or(section.address);
+    let set = chassis.bus().domain().wall_clock();
     let settings = Settings {
         name: format!("nims {}", chassis.bus().domain().name()),
         address,
         port: args.port.unwrap_or(section.port),
         rate_hz: section.rate_hz,
+        clock: set.map_or_else(RunClock::now, |set| RunClock { t0_unix_ns: set.unix_ns, t0_mono_ns: set.mono_ns }),
     };
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
     let mut viewer = Viewer::open(&settings)?;

@@ -27,6 +27,8 @@ pub struct Settings {
     pub port: u16,
     /// Samples per second and channel at most.
     pub rate_hz: f64,
+    /// The clock of the run.
+    pub clock: RunClock,
 }
 
 /// Why a viewer cannot work.
@@ -81,7 +83,7 @@ impl Viewer {
     /// # Errors
     /// [`ViewerError::Listen`].
     pub fn open(settings: &Settings) -> Result<Self, ViewerError> {
-        let Settings { name, address, port, rate_hz } = settings;
+        let Settings { name, address, port, rate_hz, clock } = settings;
         let (context, wishes) = (Context::new(), Arc::new(Wishes::default()));
         let server = WebSocketServer::new()
             .name(name)
@@ -95,7 +97,7 @@ impl Viewer {
             server,
             context,
             wishes,
-            clock: RunClock::now(),
+            clock: *clock,
             rate_hz: *rate_hz,
             watch: ChannelWatch::new(),
             definitions: Definitions::default(),

@@ -20,6 +20,30 @@ pub fn unix_ns() -> u64 {
     now.tv_sec as u64 * SECOND_NS + now.tv_nsec as u64
 }
 
+/// An instant on both clocks. A run has one, and whatever turns its stamps into calendar time uses that: a step of the wall clock, or the
+/// moment between two readings, then sets no two of them apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct WallClock {
+    /// Wall clock, ns since 1970.
+    pub unix_ns: u64,
+    /// CLOCK_MONOTONIC, ns.
+    pub mono_ns: u64,
+}
+
+impl WallClock {
+    /// Reads both.
+    #[must_use]
+    pub fn now() -> Self {
+        Self { unix_ns: unix_ns(), mono_ns: now_ns() }
+    }
+
+    /// What is to be added to a stamp, ns.
+    #[must_use]
+    pub fn offset_ns(&self) -> i64 {
+        self.unix_ns.cast_signed().wrapping_sub(self.mono_ns.cast_signed())
+    }
+}
+
 /// Sleeps until CLOCK_MONOTONIC shows `deadline_ns`, also through signals.
 pub fn sleep_until(deadline_ns: u64) {
     let at = Timespec { tv_sec: (deadline_ns / SECOND_NS) as i64, tv_nsec: (deadline_ns % SECOND_NS) as i64 };

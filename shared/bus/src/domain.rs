@@ -13,6 +13,7 @@ use rustix::fs::{FlockOperation, flock, statfs};
 use rustix::process::geteuid;
 
 use crate::BusError;
+use crate::clock::WallClock;
 
 /// Where POSIX shared memory lies on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
@@ -27,7 +28,10 @@ const CLAIM_FILE: &str = "owner";
 /// Says that a folder that a person chose is a domain's: nothing is ever removed from one without it.
 const MARKER_FILE: &str = ".nims-domain";
 /// What the supervisor keeps here; a trailing `.new` is one that is being written.
-const OWN_FILES: [&str; 4] = ["children.json", "children.json.new", "running.json", "running.json.new"];
+const OWN_FILES: [&str; 6] =
+    ["children.json", "children.json.new", "running.json", "running.json.new", CLOCK_FILE, "clock.txt.new"];
+/// Both clocks at one instant of the run: UNIX time and CLOCK_MONOTONIC, ns.
+const CLOCK_FILE: &str = "clock.txt";
 /// What iceoryx2 keeps here, besides the files that begin with the domain's prefix.
 const OWN_FOLDERS: [&str; 2] = ["nodes", "services"];
 /// Where the links to a virtual motor box's ports lead.
@@ -242,6 +246,35 @@ impl Domain {
     #[must_use]
     pub fn prefix(&self) -> &str {
         &self.prefix
+    }
+
+    /// The clock of the run, for every process that turns stamps into calendar time; `None` where nobody has set it. It goes with the memory
+    /// that it stands in, as does the meaning of CLOCK_MONOTONIC.
+    #[must_use]
+    pub fn wall_clock(&self) -> Option<WallClock> {
+        let text = fs::read_to_string(self.root.join(CLOCK_FILE)).ok()?;
+        let (unix, mono) = text.trim().split_once(' ')?;
+        Some(WallClock { unix_ns: unix.parse().ok()?, mono_ns: mono.parse().ok()? })
+    }
+
+    /// Sets it, at the beginning of a run, or takes it back at its end.
+    ///
+    /// # Errors
+    /// [`BusError::DomainFolder`] if the folder cannot be written.
+    pub fn set_wall_clock(&self, clock: Option<WallClock>) -> Result<(), BusError> {
+        let (path, fresh) = (self.root.join(CLOCK_FILE), self.root.join(format!("{CLOCK_FILE}.new")));
+        let done = match clock {
+            Some(WallClock { unix_ns, mono_ns }) => {
+                fs::write(&fresh, format!("{unix_ns} {mono_ns}\n")).and_then(|()| fs::rename(&fresh, &path))
+            }
+            None => fs::remove_file(&path),
+        };
+        match done {
+            Err(error) if clock.is_some() || error.kind() != io::ErrorKind::NotFound => {
+                Err(BusError::DomainFolder { path, why: error.to_string() })
+            }
+            _ => Ok(()),
+        }
     }
 
     pub(crate) fn config(&self) -> &Config {

@@ -54,18 +54,19 @@ impl RunClock {
             .map_or(Self { t0_unix_ns: 0, t0_mono_ns: 0 }, |(_, clock)| clock)
     }
 
-    /// The clock of a run: the one that its files have, if they are of this life of the machine; otherwise both clocks are read.
+    /// The clock of a run: the one that its files have, if they are of this life of the machine; otherwise the one that was `set` for all
+    /// processes of the run; otherwise both clocks are read.
     ///
     /// A recorder that is started again goes on in the time of the first, whatever the wall clock has done in between.
     #[must_use]
-    pub fn of_run(folder: &Path) -> Self {
+    pub fn of_run(folder: &Path, set: Option<Self>) -> Self {
         let of_file = |file: &std::path::PathBuf| {
             let about = first_about(file)?;
             let same = about.get(BOOT_ID).is_some_and(|boot| !boot.is_empty() && *boot == boot_id());
             same.then(|| Self::of_about(&about)).flatten()
         };
         let files = segments(folder).unwrap_or_default();
-        files.iter().find_map(of_file).unwrap_or_else(Self::now)
+        files.iter().find_map(of_file).or(set).unwrap_or_else(Self::now)
     }
 
     /// The clock as a run file states it.

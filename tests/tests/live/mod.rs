@@ -405,7 +405,7 @@ impl Robot {
     /// Removes what the supervisor has written down in memory, as a machine does that is switched off.
     pub fn forget(&self) {
         for entry in std::fs::read_dir(self.domain.root()).unwrap().flatten() {
-            if entry.path().extension().is_some_and(|ending| ending == "json") {
+            if entry.path().extension().is_some_and(|ending| ending == "json" || ending == "txt") {
                 std::fs::remove_file(entry.path()).unwrap();
             }
         }

@@ -103,6 +103,7 @@ impl Supervisor {
         }
         // Nobody is left but this process, whose names the next start wipes.
         let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
+        let _ = self.domain.set_wall_clock(None);
         let _ = orphans::note(&self.domain, &[]);
     }
 

@@ -14,7 +14,8 @@ use super::voice::Voice;
 use super::{NAME, StopFlag, Supervisor, Wanted};
 use crate::failure::{Answer, Failure};
 use crate::live::{RUNNING_FILE, Running};
-use bus::{Bus, Domain, clock};
+use bus::clock::{self, WallClock};
+use bus::{Bus, Domain};
 use messages::{Heartbeat, put_text};
 use service::config::BoxFile;
 use std::path::Path;
@@ -44,6 +45,9 @@ impl Supervisor {
         let orphans = orphans::end(&domain)?;
         domain.sweep()?;
         let folder = RunFolder::make(&file, &box_path, wanted.run, wanted.mission)?;
+        // Recorder, scene and viewer turn stamps into calendar time, all by this.
+        let clock = runlog::RunClock::now();
+        domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
         let run = folder.path().to_path_buf();
         let archive = Archive::open(&run).map_err(Failure::not_now)?;
         let site = Site { file, box_path: box_path.clone(), domain: domain.name().to_owned(), run: run.clone() };
