@@ -5,7 +5,7 @@ use messages::{Header, Message, Reading, Sample};
 use nims_tests::lockstep::Lockstep;
 use nims_tests::scenarios::Case;
 use planner::Mission;
-use sensor_logger::{Decoder, Logger, LoggerConfig};
+use sensor_logger::{Decoder, Logger, LoggerConfig, complaint};
 use service::config::SensorLoggerSection;
 
 const LATENCY_NS: u64 = 100_000_000;
@@ -152,4 +152,27 @@ fn a_late_reading_has_the_place_of_its_own_instant() {
         known.iter().flat_map(|s| (0..3).map(|k| (s.position_m[k] - s.value[k]) / s.position_std_m[k])).collect();
     println!("errors are {:.2} of their standard deviations", rms(&ratios));
     assert!((0.02..2.0).contains(&rms(&ratios)));
+}
+
+#[test]
+fn readings_that_become_no_samples_are_said_with_their_cause_and_once() {
+    let robot = Case { robot: "lab3", mission: "polyline", motor_s: [0.03, 0.04] }.scenario(true).unwrap().robot;
+    let config = LoggerConfig::of(&SensorLoggerSection::default(), &robot);
+    let mut logger = Logger::new(&config).unwrap();
+    let sensor = config.sensor("soil").unwrap();
+    let decoder = Decoder::of(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
+    let number = logger.sensor("soil", &sensor, decoder);
+    let counts = |logger: &Logger| logger.counts().next().unwrap().1;
+    let nothing = counts(&logger);
+    let stale = Reading { quality: Reading::QUALITY_STALE, ..Reading::default() };
+    logger.reading(number, bytemuck::bytes_of(&stale), 1);
+    assert_eq!(complaint("soil", &counts(&logger), &nothing), None);
+    for _ in 0..3 {
+        logger.reading(number, &[0; 7], 2);
+    }
+    let now = counts(&logger);
+    let sentence = complaint("soil", &now, &nothing).unwrap();
+    assert!(sentence.contains("sensor/soil: 3 of 4") && sentence.contains("3 not as the type"), "{sentence}");
+    assert!(!sentence.contains("gaps"), "{sentence}");
+    assert_eq!(complaint("soil", &now, &now), None);
 }

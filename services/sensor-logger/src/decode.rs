@@ -52,6 +52,14 @@ impl Decoder {
         Ok(Self { kind, latency_ns, lever_m: config.section.lever_m })
     }
 
+    /// How long a sample of the channel is, bytes: another one is none.
+    pub(crate) fn size(&self) -> usize {
+        match &self.kind {
+            Kind::Reading => size_of::<Reading>(),
+            Kind::Own { size, .. } => *size,
+        }
+    }
+
     /// What a reading says; `None` if it says nothing new, or is not one.
     pub(crate) fn decode(&self, bytes: &[u8]) -> Option<Said> {
         match &self.kind {

@@ -16,8 +16,10 @@ mod decode;
 mod logger;
 mod map;
 pub mod process;
+mod words;
 
 pub use config::{LoggerConfig, SensorConfig};
 pub use decode::Decoder;
 pub use logger::{Counts, Logger};
 pub use map::{Plane, SensorMap};
+pub use words::complaint;

@@ -18,8 +18,10 @@ pub struct Counts {
     pub readings: u64,
     /// They have a place now.
     pub samples: u64,
-    /// They said nothing new (stale), or were not what the channel's type says.
+    /// They said nothing new (stale).
     pub passed_over: u64,
+    /// They were not what the channel's type says.
+    pub malformed: u64,
     /// No estimate came that is newer, in the time that a reading waits, or too many were waiting.
     pub unplaced: u64,
     /// They were older than every estimate that is kept.
@@ -108,7 +110,8 @@ impl Logger {
         let Some(sensor) = self.sensors.get_mut(sensor) else { return };
         sensor.counts.readings += 1;
         let Some(said) = sensor.decoder.decode(bytes) else {
-            sensor.counts.passed_over += 1;
+            let malformed = bytes.len() != sensor.decoder.size();
+            *(if malformed { &mut sensor.counts.malformed } else { &mut sensor.counts.passed_over }) += 1;
             return;
         };
         if sensor.waiting.len() == WAITING {

@@ -5,6 +5,7 @@ use bus::{BusError, CHANNELS_EVENT, ChannelInfo, ChannelWatch, Publisher, Subscr
 use messages::{FieldMap, MotorAuthority, NodeEstimate, Sample};
 use service::Chassis;
 
+use crate::words::complaint;
 use crate::{Counts, Decoder, Logger, LoggerConfig, SensorMap};
 
 /// Between two looks at the channels: soon for whoever watches, and far less than what a channel holds. Nothing is woken per reading.
@@ -23,7 +24,6 @@ struct Sensor {
 
 /// What goes out for one sensor, by the logger's number.
 struct Outlet {
-    name: String,
     samples: Publisher<Sample>,
     map: Option<(SensorMap, Publisher<FieldMap>)>,
     due_ns: u64,
@@ -37,7 +37,10 @@ struct Desk {
     estimates: [Subscriber<NodeEstimate>; 2],
     sensors: Vec<Sensor>,
     outlets: Vec<Outlet>,
-    said: Counts,
+    /// By the logger's number: what was said of.
+    said: Vec<Counts>,
+    /// Channels that could not be listened to, and are tried again.
+    again: Vec<ChannelInfo>,
 }
 
 /// Runs until it is told to stop.
@@ -55,7 +58,8 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
         estimates: [bus.subscriber("node/estimate/a")?, bus.subscriber("node/estimate/b")?],
         sensors: Vec::new(),
         outlets: Vec::new(),
-        said: Counts::default(),
+        said: Vec::new(),
+        again: Vec::new(),
     };
     let mut watch = ChannelWatch::new();
     let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
@@ -68,8 +72,14 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
         let now = now_ns();
         if wake.channel(0) || now >= search_ns {
             search_ns = now + SECOND_NS;
-            for info in watch.new_channels(chassis.bus())? {
-                desk.meet(chassis, &info)?;
+            let failed = std::mem::take(&mut desk.again);
+            let new = watch.new_channels(chassis.bus())?;
+            // one that was made anew meanwhile is among the new ones
+            for info in failed.iter().filter(|old| new.iter().all(|info| info.name != old.name)) {
+                desk.meet(chassis, info, false)?;
+            }
+            for info in &new {
+                desk.meet(chassis, info, true)?;
             }
         }
         desk.take()?;
@@ -86,12 +96,13 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
         let heard: u64 = desk.sensors.iter().map(|sensor| sensor.tap.lost()).sum();
         chassis.report_lost(heard + desk.estimates.iter().map(Subscriber::lost).sum::<u64>());
     }
+    desk.complain();
     Ok(())
 }
 
 impl Desk {
     /// A channel that has appeared: a sensor, or nothing of ours.
-    fn meet(&mut self, chassis: &Chassis, info: &ChannelInfo) -> Result<(), BusError> {
+    fn meet(&mut self, chassis: &Chassis, info: &ChannelInfo, first: bool) -> Result<(), BusError> {
         let Some(name) = info.name.strip_prefix("sensor/") else { return Ok(()) };
         let Some(config) = self.config.sensor(name) else { return Ok(()) };
         let schema = info.schema.as_deref().unwrap_or_default();
@@ -107,7 +118,10 @@ impl Desk {
             // it went away again: if it comes back, it is new
             Err(BusError::NoChannel { .. }) => return Ok(()),
             Err(error) => {
-                tracing::warn!("{} gets no samples: {error}", info.name);
+                if first {
+                    tracing::warn!("{} gets no samples yet, and is tried again: {error}", info.name);
+                }
+                self.again.push(info.clone());
                 return Ok(());
             }
         };
@@ -130,7 +144,7 @@ impl Desk {
                 None => None,
             };
             let samples = chassis.bus().publisher(&format!("sample/{name}"))?;
-            self.outlets.push(Outlet { name: name.to_owned(), samples, map, due_ns: 0 });
+            self.outlets.push(Outlet { samples, map, due_ns: 0 });
             tracing::info!("{} is georeferenced", info.name);
         }
         Ok(())
@@ -175,26 +189,16 @@ impl Desk {
         Ok(())
     }
 
-    /// Says how many readings got no place since the last word.
+    /// Says for each sensor how many readings became no samples since the last word, and why.
     fn complain(&mut self) {
-        let mut sum = Counts::default();
-        for (_, counts) in self.logger.counts() {
-            sum.unplaced += counts.unplaced;
-            sum.old += counts.old;
-            sum.gaps += counts.gaps;
+        for (number, (name, counts)) in self.logger.counts().enumerate() {
+            if self.said.len() <= number {
+                self.said.push(Counts::default());
+            }
+            if let Some(sentence) = complaint(name, &counts, &self.said[number]) {
+                tracing::warn!("{sentence}");
+            }
+            self.said[number] = counts;
         }
-        let lost = |counts: &Counts| counts.unplaced + counts.old + counts.gaps;
-        if lost(&sum) > lost(&self.said) {
-            let names: Vec<&str> = self.outlets.iter().map(|outlet| outlet.name.as_str()).collect();
-            tracing::warn!(
-                "{} readings got no place since the last word about it (sensors: {}): {} without a newer estimate, {} older than any, {} in gaps of the estimates",
-                lost(&sum) - lost(&self.said),
-                names.join(", "),
-                sum.unplaced - self.said.unplaced,
-                sum.old - self.said.old,
-                sum.gaps - self.said.gaps
-            );
-        }
-        self.said = sum;
     }
 }
