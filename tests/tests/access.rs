@@ -93,6 +93,7 @@ fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
         assert!(!output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stdout));
         let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
         assert_eq!(sentence.trim_end().lines().count(), 1, "{sentence}");
+        assert!(sentence.contains("belongs to another user"), "{sentence}");
     }
     let pid = robot.domain.alive().iter().find(|node| node.name == "motor-io").unwrap().pid;
     let port = fs::read_link(root.join("drive0")).unwrap();

@@ -4,7 +4,7 @@ use crate::failure::{Answer, Failure};
 use bus::{Bus, Domain};
 use messages::{Message, MotorAuthority, NodeEstimate, OperatorRequest, SLOT_NAMES};
 use serde::{Deserialize, Serialize};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 /// How long a process may take to answer a request: motor-io looks once per cycle, the planner checks a whole mission first.
@@ -32,6 +32,11 @@ impl Running {
     }
 }
 
+/// Whether a folder is there that only somebody else may enter.
+fn is_closed(folder: &Path) -> bool {
+    std::fs::read_dir(folder).is_err_and(|error| error.kind() == std::io::ErrorKind::PermissionDenied)
+}
+
 /// The domain that is meant: the one of that name, or the only one in which something runs.
 ///
 /// # Errors
@@ -41,6 +46,9 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
         let domain = Domain::existing(name)?;
         return match domain {
             Some(domain) if !domain.alive().is_empty() => Ok(domain),
+            _ if is_closed(Path::new(name)) => Err(Failure::NotNow(format!(
+                "the domain `{name}` belongs to another user: command its robot as that user (sudo -u USER nims ..), see docs/access.md"
+            ))),
             _ => {
                 Err(Failure::NotNow(format!("no robot runs in the domain `{name}`: start it with `nims up BOX.toml`")))
             }

@@ -71,6 +71,11 @@ fn replies() -> Vec<(&'static str, &'static str, Reply)> {
 fn the_checksum_is_the_one_of_the_standard() {
     assert_eq!(crc16(b"123456789"), 0x31C3);
     assert_eq!(crc16(b""), 0);
+    // Commands that nims never sends (0 and 4: drive forward, here with 0): the vendor's bytes all the same.
+    for packet in ["80 00 00 3b 5a", "80 04 00 f7 9e"].map(bytes) {
+        let (body, checksum) = packet.split_at(3);
+        assert_eq!(crc16(body).to_be_bytes(), checksum);
+    }
 }
 
 #[test]
