@@ -3,8 +3,8 @@
 use arrayvec::ArrayString;
 use std::fmt::Write;
 
-/// Longest answer, bytes.
-pub const SENTENCE: usize = 320;
+/// Longest answer, bytes: what `operator/request` has room for.
+pub const SENTENCE: usize = 512;
 
 /// One sentence.
 pub type Sentence = ArrayString<SENTENCE>;
@@ -30,10 +30,11 @@ impl Answer {
     }
 }
 
-/// A sentence from format arguments; what does not fit is cut off.
+/// A sentence from format arguments; of one that does not fit as many words as do, and `...`.
 #[must_use]
 pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
-    struct Cut<'a>(&'a mut Sentence);
+    const MORE: &str = " ...";
+    struct Cut<'a>(&'a mut Sentence, bool);
     impl Write for Cut<'_> {
         fn write_str(&mut self, text: &str) -> std::fmt::Result {
             let mut end = text.len().min(self.0.remaining_capacity());
@@ -41,20 +42,33 @@ pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
                 end -= 1;
             }
             self.0.push_str(&text[..end]);
+            self.1 |= end < text.len();
             Ok(())
         }
     }
     let mut sentence = Sentence::new();
+    let mut cut = Cut(&mut sentence, false);
     // Cut never fails.
-    let _ = Cut(&mut sentence).write_fmt(text);
+    let _ = cut.write_fmt(text);
+    if cut.1 {
+        let room = SENTENCE - MORE.len();
+        let at_a_character = |end: &usize| sentence.is_char_boundary(*end);
+        let end = sentence.as_bytes()[..=room].iter().rposition(|byte| *byte == b' ');
+        sentence.truncate(end.or_else(|| (0..=room).rev().find(at_a_character)).unwrap_or(0));
+        sentence.push_str(MORE);
+    }
     sentence
 }
 
 #[cfg(test)]
 mod tests {
     #[test]
-    fn a_long_sentence_is_cut_at_a_character() {
+    fn a_long_sentence_ends_at_a_word_or_at_least_a_character() {
+        let words = super::sentence(format_args!("{} end.", "word ".repeat(200)));
+        assert!(words.ends_with("word ...") && words.len() > super::SENTENCE - 10, "{words}");
         let text = "ü".repeat(400);
-        assert_eq!(super::sentence(format_args!("{text}")).len(), super::SENTENCE);
+        assert!(super::sentence(format_args!("{text}")).ends_with("ü ..."));
+        let whole = "x".repeat(super::SENTENCE);
+        assert_eq!(super::sentence(format_args!("{whole}")).as_str(), whole);
     }
 }

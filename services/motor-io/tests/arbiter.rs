@@ -194,8 +194,10 @@ impl World {
         let mut now = A::default();
         self.arbiter.describe(&mut now);
         let slots = self.arbiter.slots(&now);
+        // What is of a cycle long past says nothing of who is there now.
         let who = |seat: usize| match seat {
             0 | 1 => input.command[seat].incarnation,
+            _ if input.estimate_cycle[seat - SLOTS] + 1 != input.header.cycle => 0,
             _ => input.estimate_incarnation[seat - SLOTS],
         };
         let trusted = |seat: usize| self.trusted[seat] != 0 && self.trusted[seat] == who(seat);

@@ -238,8 +238,8 @@ fn several_minima_are_told_apart() {
     assert!((best.mu_per_m - 0.55).abs() < 1e-3, "{best:?}");
 }
 
-/// Any landscape of valleys that are wider than the scan's points are apart, with forbidden stretches between: nothing that a fine
-/// scan finds is missed.
+/// Any landscape of a few valleys that are wider than the scan's points are apart, with forbidden stretches between: nothing that a
+/// fine scan finds is missed. What motors cost has up to three.
 fn landscape(valleys: &[(f64, f64, f64)], mu: f64) -> f64 {
     valleys.iter().fold(10.0, |sum, (at, width, depth)| {
         let off = (mu - at) / width;
@@ -253,7 +253,7 @@ proptest! {
     #[test]
     fn no_landscape_of_valleys_hides_the_deepest(
         // The deepest sag that the ground allows here is 0.64 1/m.
-        valleys in proptest::collection::vec((0.0..0.64f64, 0.015..0.1f64, 0.2..2.0f64), 2..9),
+        valleys in proptest::collection::vec((0.0..0.64f64, 0.015..0.1f64, 0.2..2.0f64), 2..4),
         forbidden in proptest::option::of((0.0..0.6f64, 0.02..0.3f64)),
     ) {
         let anchors = square();

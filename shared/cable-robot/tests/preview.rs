@@ -121,8 +121,8 @@ proptest! {
         let (gain, mut twin) = (PreviewGain::new(&lag, PERIOD_S, 60, 1e-5).unwrap(), Twin::new(&lag, PERIOD_S).unwrap());
         let worst = follow(&gain, &mut twin, &lag, reading_s, 0.003, 500);
         // From 3 mm beside it; the reference swings by ±0.2 m once in two seconds, of which the move penalty gives up
-        // (3.1 / 18)⁴, 0.2 mm.
-        prop_assert!(worst < 6e-4, "{worst} m");
+        // (3.1 / 18)⁴, 0.2 mm, and three times that with the slowest winches.
+        prop_assert!(worst < 7e-4, "{worst} m");
     }
 }
 

@@ -523,7 +523,9 @@ pub fn safest(structure: &GeneralStructure, wrench_n: &[f64], limits_n: [f64; 2]
     let mut kept = 0.0;
     for _ in 0..HALVINGS {
         let margin = 0.5 * (kept + lost);
-        match least_norm_within(structure, wrench_n, [low + margin, high - margin], EDGE_TOLERANCE) {
+        // In the middle rounding may have them cross.
+        let inner = [low + margin, (high - margin).max(low + margin)];
+        match least_norm_within(structure, wrench_n, inner, EDGE_TOLERANCE) {
             Ok(tensions) => (kept, best) = (margin, tensions),
             Err(_) => lost = margin,
         }
