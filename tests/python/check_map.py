@@ -1,6 +1,8 @@
 """Reads the files of `nims map` with NumPy alone and compares them with each other: python check_map.py FOLDER SENSOR."""
 
 import csv
+import json
+import math
 import sys
 from pathlib import Path
 
@@ -42,7 +44,34 @@ def main(folder, sensor):
         samples = list(csv.DictReader(file))
     assert len(samples) == count, (len(samples), count)
     assert np.allclose([float(one["x_m"]) for one in samples], points[:, 0])
+    globe = folder / f"{sensor}.geojson"
+    if globe.exists():
+        check_globe(json.loads(globe.read_text())["features"], table, samples)
     print(f"{count} points, {len(table)} cells")
+
+
+def check_globe(features, table, samples):
+    """The test's site, with degrees in metres by the usual series (NGA's; not the program's radii of curvature)."""
+    latitude, longitude, azimuth = 34.0722, -118.4441, math.radians(30.0)
+    phi = math.radians(latitude)
+    north_m = 111132.954 - 559.822 * math.cos(2 * phi) + 1.175 * math.cos(4 * phi)
+    east_m = 111412.84 * math.cos(phi) - 93.5 * math.cos(3 * phi) + 0.118 * math.cos(5 * phi)
+
+    def place(lon, lat):
+        north, east = (lat - latitude) * north_m, (lon - longitude) * east_m
+        # x is 30 degrees clockwise from north, y 90 degrees anticlockwise from x
+        return north * math.cos(azimuth) + east * math.sin(azimuth), north * math.sin(azimuth) - east * math.cos(azimuth)
+
+    assert len(features) == len(table), (len(features), len(table))
+    for feature, row in zip(features, table):
+        corners = feature["geometry"]["coordinates"][0]
+        assert corners[0] == corners[-1] and len(corners) == 5
+        centre = np.mean([place(*corner) for corner in corners[:4]], axis=0)
+        assert np.abs(centre - [row["x_m"], row["y_m"]]).max() < 1e-4, (centre, row)
+        assert math.isclose(feature["properties"]["value"], row["value"], rel_tol=1e-6, abs_tol=1e-8)
+    for one in samples:
+        at = place(float(one["longitude_deg"]), float(one["latitude_deg"]))
+        assert math.hypot(at[0] - float(one["x_m"]), at[1] - float(one["y_m"])) < 1e-3, (one, at)
 
 
 main(Path(sys.argv[1]), sys.argv[2])

@@ -140,6 +140,9 @@ fn ground_that_was_flown_over_is_on_the_map() {
     let run = folder.path().join("run");
     std::fs::create_dir(&run).unwrap();
     fly(&run.join("run.mcap"), false);
+    let site = "\n[site]\nlatitude_deg = 34.0722\nlongitude_deg = -118.4441\nazimuth_deg = 30.0\n";
+    let robot = std::fs::read_to_string(configs("robots/lab3.toml")).unwrap() + site;
+    std::fs::write(run.join("robot.toml"), robot).unwrap();
     let (value, words) = map(&asked(&run, &out)).unwrap();
     println!("{words}");
     let told = &value["maps"][0];
@@ -187,6 +190,7 @@ fn ground_that_was_flown_over_is_on_the_map() {
     let output = Command::new(&python).arg(root.join("python/check_map.py")).arg(&out).arg("range").output();
     let output = output.unwrap_or_else(|error| panic!("{}: {error}; run scripts/test first", python.display()));
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(out.join("range.geojson").is_file());
     for ending in [".png", ".svg", "-sigma.png", "-sigma.svg"] {
         assert!(std::fs::metadata(out.join(format!("range{ending}"))).unwrap().len() > 5_000, "{ending}");
     }

@@ -174,7 +174,7 @@ fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file(
         robot.fly_at(SPEED_M_S);
         assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
         let answer = robot.answer();
-        assert_eq!(answer["mode"], "holding", "{answer}");
+        assert_eq!(answer["mode"], "holding", "{answer}\n{}", robot.said());
         files_are_closed(&robot.run());
         // The last thing in the file is a robot that holds on taut lines.
         let truth = runlog::read_channel::<TruthNode>(&robot.run(), "truth/node").unwrap();

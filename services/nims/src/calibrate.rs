@@ -1,5 +1,7 @@
 //! `nims calibrate`: a file of measurements in, anchors with their deviations out, or a refusal in plain words.
 
+mod places;
+
 use crate::cli::{Calibrate, CalibrationMethod};
 use crate::failure::{Answer, Failure};
 use cable_robot::CableVec;
@@ -176,6 +178,14 @@ pub fn calibrate(asked: &Calibrate, json_only: bool) -> Answer<Value> {
     };
     let refuse = |why: String| Failure::bad(format!("{}: {why}", path.display()));
     let measured = file.measurements(method).map_err(refuse)?;
+    if let Some(count) = asked.plan {
+        let (value, words) = places::places(&measured, method, count.into(), asked.height)
+            .map_err(|refusal| Failure::bad(format!("{}: {refusal}", path.display())))?;
+        if !json_only {
+            eprint!("{words}");
+        }
+        return Ok(value);
+    }
     let found = calibration::calibrate(&measured, method).map_err(|e| refuse(e.to_string()))?;
     let holdout = calibration::hold_out(&measured, method).map_err(|e| refuse(e.to_string()))?;
     let verdict = verdict(&found, &measured);
@@ -235,9 +245,11 @@ fn verdict(found: &Calibration, measured: &Measurements) -> String {
     let mut text = if std <= GOOD_STD_M {
         format!("good: {worst}")
     } else if std <= USABLE_STD_M {
-        format!("usable: {worst}; points near the corners below the anchors would help most")
+        format!("usable: {worst}; points near the corners below the anchors would help most (nims calibrate --plan)")
     } else {
-        format!("poor: {worst}; add points near the corners below the anchors before a mission")
+        format!(
+            "poor: {worst}; add points near the corners below the anchors before a mission (nims calibrate --plan says where)"
+        )
     };
     if found.widened_by > 1.0 {
         let _ = write!(
@@ -363,7 +375,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let measurements = folder.path().join("site.toml");
         std::fs::write(&measurements, text).unwrap();
-        calibrate(&Calibrate { measurements, method, out: None }, true)
+        calibrate(&Calibrate { measurements, method, out: None, plan: None, height: None }, true)
     }
 
     const RANGES: &str = "[[range]]\nfrom = 1\nto = 3\nm = 10.0\n[[range]]\nfrom = 1\nto = 2\nm = 8.0\n\
@@ -429,7 +441,8 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let (measurements, out) = (folder.path().join("site.toml"), folder.path().join("calibration.toml"));
         std::fs::write(&measurements, example()).unwrap();
-        let asked = Calibrate { measurements, method: CalibrationMethod::Survey, out: Some(out.clone()) };
+        let method = CalibrationMethod::Survey;
+        let asked = Calibrate { measurements, method, out: Some(out.clone()), plan: None, height: None };
         calibrate(&asked, true).unwrap();
         let written: toml::Table = toml::from_str(&std::fs::read_to_string(&out).unwrap()).unwrap();
         assert_eq!(written["method"].as_str(), Some("survey"));

@@ -487,6 +487,12 @@ pub struct Calibrate {
     /// Write the calibration, its covariance and the measurements to this new file.
     #[arg(long, value_name = "FILE")]
     pub out: Option<PathBuf>,
+    /// Do not calibrate, but say where to hold the node for so many points, and how well the anchors will be known then.
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u8).range(3..), conflicts_with = "out")]
+    pub plan: Option<u8>,
+    /// With --plan: about how high the pulleys are, m, where the measurements do not tell it yet.
+    #[arg(long, value_name = "M", value_parser = above_zero, requires = "plan")]
+    pub height: Option<f64>,
 }
 
 /// `nims motor-table`.

@@ -27,6 +27,10 @@ const LONG: Duration = Duration::from_secs(60);
 const STARVED: u32 =
     MotorAuthority::FAULT_COMMAND_LOST | MotorAuthority::FAULT_ESTIMATE_LOST | MotorAuthority::FAULT_LONG_GAP;
 
+/// So many cycles without answers, or with a late motor-io, so close together.
+const STARVED_CYCLES: u64 = 3;
+const CLOSE_CYCLES: usize = 10;
+
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
 }
@@ -51,6 +55,8 @@ pub struct Robot {
     pub seen: TruthNode,
     pub seats: MotorSlots,
     pub there: bool,
+    /// Something was broken on purpose.
+    broken: bool,
     pub domain: TestDomain,
     _alone: MutexGuard<'static, ()>,
 }
@@ -103,6 +109,7 @@ impl Robot {
             seen: TruthNode::default(),
             seats: MotorSlots::default(),
             there: false,
+            broken: false,
             domain,
             _alone: alone,
         }
@@ -285,6 +292,7 @@ impl Robot {
 
     /// Breaks something in that process.
     pub fn fault_of(&mut self, process: &str, text: &str) {
+        self.broken = true;
         let (accepted, sentence) = self.request(process, OperatorRequest::VERB_FAULT, &[], text).unwrap();
         assert!(accepted, "{sentence}");
     }
@@ -419,6 +427,18 @@ impl Robot {
         self.supervisor.wait().unwrap();
     }
 
+    /// Whether, as its run files have it, this machine let it wait: nothing was broken, and yet the drives, which are programs here,
+    /// gave no answer in time, or motor-io came late, for several cycles in a row.
+    fn was_starved(&self) -> bool {
+        let starved = |run: usize| {
+            let samples: Vec<(u64, MotorAuthority)> =
+                runlog::read_channel(&run_of(self.folder.path(), run), "motor/authority").unwrap_or_default();
+            let lost: Vec<u64> = samples.iter().map(|(_, sample)| sample.late + sample.skipped).collect();
+            lost.windows(CLOSE_CYCLES).any(|window| window[CLOSE_CYCLES - 1] >= window[0] + STARVED_CYCLES)
+        };
+        !self.broken && (1..=self.runs).any(starved)
+    }
+
     fn kill_others(&self) {
         for node in self.domain.alive() {
             if node.pid != std::process::id() {
@@ -442,6 +462,9 @@ impl Drop for Robot {
         let _ = self.supervisor.kill();
         let _ = self.supervisor.wait();
         self.kill_others();
+        if std::thread::panicking() && self.was_starved() {
+            steady::starved();
+        }
     }
 }
 

@@ -1,6 +1,7 @@
 //! A map as files that other programs read: ESRI ASCII grids, CSV, PLY, and pictures.
 
 use super::draw::{self, Plot};
+use super::globe::{self, Globe};
 use crate::failure::Answer;
 use messages::Sample;
 use sensor_logger::{Plane, SensorMap};
@@ -20,6 +21,7 @@ pub(super) fn write(
     map: &SensorMap,
     samples: &[Sample],
     track: &[[f64; 3]],
+    globe: Option<&Globe>,
 ) -> Answer<Vec<PathBuf>> {
     let mut written = Vec::new();
     let mut file = |name: String, text: String| -> Answer {
@@ -37,7 +39,10 @@ pub(super) fn write(
     file(format!("{name}.asc"), ascii_grid(map, &values))?;
     file(format!("{name}-sigma.asc"), ascii_grid(map, &sigmas))?;
     file(format!("{name}-grid.csv"), grid_table(map))?;
-    file(format!("{name}.csv"), sample_table(samples))?;
+    file(format!("{name}.csv"), sample_table(samples, globe))?;
+    if let Some(cells) = globe.and_then(|globe| globe::cells(map, globe)) {
+        file(format!("{name}.geojson"), cells.to_string())?;
+    }
     file(format!("{name}.ply"), points(map, samples))?;
     let [quantity, unit] = map.names();
     let quantity = if quantity.is_empty() { "value" } else { quantity };
@@ -110,11 +115,14 @@ fn grid_table(map: &SensorMap) -> String {
 }
 
 /// A line for each sample.
-fn sample_table(samples: &[Sample]) -> String {
+fn sample_table(samples: &[Sample], globe: Option<&Globe>) -> String {
     let count = samples.iter().map(|sample| usize::from(sample.count).min(8)).max().unwrap_or(0);
     let mut text = "stamp_ns,reading_seq,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,quality".to_owned();
     for number in 1..=count {
         let _ = write!(text, ",value_{number}");
+    }
+    if globe.is_some() {
+        text.push_str(",latitude_deg,longitude_deg");
     }
     text.push('\n');
     for sample in samples {
@@ -124,6 +132,10 @@ fn sample_table(samples: &[Sample]) -> String {
         let _ = write!(text, "{stamp_ns},{seq},{x:.6},{y:.6},{z:.6},{sx:.6},{sy:.6},{sz:.6},{quality}");
         for value in &sample.value[..count] {
             let _ = write!(text, ",{value}");
+        }
+        if let Some([latitude, longitude]) = globe.map(|globe| globe.at([x, y])) {
+            // a millimetre is the ninth place
+            let _ = write!(text, ",{latitude:.9},{longitude:.9}");
         }
         text.push('\n');
     }

@@ -3,9 +3,11 @@
 mod contour;
 mod draw;
 mod files;
+mod globe;
 mod read;
 
 pub use contour::{contours, levels};
+use globe::Globe;
 pub use read::{Origin, config_of, samples_of};
 
 use crate::cli;
@@ -37,7 +39,9 @@ struct Measured {
 /// There is no run, it has no such sensor, or a file cannot be written.
 pub fn map(asked: &cli::Map) -> Answer<(Value, String)> {
     there(&asked.run)?;
-    let mut config = config_of(&asked.run)?;
+    let (robot, section) = read::files_of(&asked.run)?;
+    let mut config = read::config(&robot, &section)?;
+    let globe = robot.site.as_ref().map(Globe::of);
     adapt(&mut config, asked);
     let mut measured: BTreeMap<String, Measured> = BTreeMap::new();
     let mut heard = Vec::new();
@@ -67,7 +71,7 @@ pub fn map(asked: &cli::Map) -> Answer<(Value, String)> {
     for (name, measured) in &measured {
         match one(&config, asked, name, measured) {
             Ok(map) => {
-                let written = files::write(&folder, name, &map, &measured.samples, &track)?;
+                let written = files::write(&folder, name, &map, &measured.samples, &track, globe.as_ref())?;
                 let (value, sentence) = told(name, &map, measured, &written);
                 values.push(value);
                 words.push(sentence);

@@ -1,12 +1,12 @@
 //! The samples of a run: as the sensor logger made them in flight, and as the same code makes them now.
 
 use crate::failure::{Answer, Failure};
-use crate::report::robot_of;
+use crate::report::robot_file_of;
 use crate::runs::progress;
 use messages::{MotorAuthority, NodeEstimate, Sample};
 use runlog::{Attachment, Recorded, RunReader};
 use sensor_logger::{Decoder, Logger, LoggerConfig};
-use service::config::SensorLoggerSection;
+use service::config::{RobotFile, SensorLoggerSection};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -30,16 +30,27 @@ pub enum Origin {
 /// # Errors
 /// There is no robot file in it, or a box file that cannot be used.
 pub fn config_of(run: &Path) -> Answer<LoggerConfig> {
+    let (robot, section) = files_of(run)?;
+    config(&robot, &section)
+}
+
+/// What these files make of the sensors.
+pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer<LoggerConfig> {
+    Ok(LoggerConfig::of(section, &robot.robot().map_err(Failure::not_now)?))
+}
+
+/// The robot file of a run, and the section of its box file.
+pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
     let mut reader = RunReader::open(run).map_err(Failure::not_now)?;
     // what was kept inside the file stands before its first sample
     reader.next_sample().map_err(Failure::not_now)?;
-    let Some(robot) = robot_of(run, reader.attachments()) else {
+    let Some(robot) = robot_file_of(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
         return Err(Failure::NotNow(format!(
             "{} holds no robot.toml that this program accepts, so it is not known what flew",
             run.display()
         )));
     };
-    Ok(LoggerConfig::of(&section_of(run, reader.attachments())?, &robot))
+    Ok((robot, section_of(run, reader.attachments())?))
 }
 
 fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> {

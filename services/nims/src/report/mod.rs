@@ -11,7 +11,7 @@ mod samples;
 mod trace;
 mod verdict;
 
-pub use robot::robot_of;
+pub use robot::{robot_file_of, robot_of};
 
 use crate::failure::{Answer, Failure};
 use html::Judged;

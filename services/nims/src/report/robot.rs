@@ -10,9 +10,14 @@ const NAME: &str = "robot.toml";
 
 /// The robot that was flown; `None` where its file is not there, or is of a version that this program does not accept.
 pub fn robot_of(run: &Path, inside: &[Attachment]) -> Option<Robot> {
+    robot_file_of(run, inside)?.robot().ok()
+}
+
+/// The file of the robot that was flown.
+pub fn robot_file_of(run: &Path, inside: &[Attachment]) -> Option<RobotFile> {
     let folder = if run.is_dir() { run } else { run.parent()? };
     let beside = RobotFile::load(&folder.join(NAME)).ok();
-    beside.or_else(|| unpacked(inside))?.robot().ok()
+    beside.or_else(|| unpacked(inside))
 }
 
 /// The robot file names others, so all of them are laid out in a folder of their own for as long as they are read.
