@@ -152,7 +152,8 @@ pub const ROWS: [Row; 28] = [
     ),
     row(
         "jump 2 500",
-        "a step that no motor can make, in two readings one after the other",
+        "a step that no motor can make since the last reading, in two readings one after the other; one that it could have made, while readings \
+         were missing, is not found out: the node is then elsewhere by that much",
         5,
         MotorAuthority::FAULT_ENCODER_JUMP,
         FAULTED,

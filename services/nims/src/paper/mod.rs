@@ -211,6 +211,15 @@ mod tests {
     }
 
     #[test]
+    fn at_full_effort_every_claim_holds() {
+        for section in compute(ENTRIES, Effort::Full, &ProgressBar::hidden()).unwrap() {
+            for check in section.checks.iter().filter(|check| check.weight == section::Weight::Claim) {
+                assert!(check.held, "{}: {}", section.key, check.statement);
+            }
+        }
+    }
+
+    #[test]
     fn the_verdict_on_the_page_is_that_of_the_numbers() {
         let mut section = (ENTRIES.iter().find(|entry| entry.key == "fig16").unwrap().make)(Effort::Quick).unwrap();
         assert!(page::html(&[section.clone()]).contains("class=\"verdict holds\""));
