@@ -21,6 +21,8 @@ use serde_json::{Value, json};
 
 /// Set where there is no JavaScript: its readers are left out then.
 const WITHOUT_NODE: &str = "NIMS_WITHOUT_NODE";
+/// The program `rerun`, whose checker then judges the files too.
+const RERUN: &str = "NIMS_RERUN";
 
 /// A generator of test data that needs no crate (xorshift64).
 struct Random(u64);
@@ -120,6 +122,14 @@ fn compare(run: &Path, expected: &Expected) {
         assert!(said.trim().ends_with("fields equal"), "{said}");
     } else {
         eprintln!("{WITHOUT_NODE} is set: run files are not compared with what JavaScript reads in them");
+    }
+    // A checker of the format is a download of 170 MB, so it is used where somebody has it: `pip install rerun-sdk`.
+    if let Some(rerun) = std::env::var_os(RERUN) {
+        let output = Command::new(rerun).args(["mcap", "check"]).arg(run).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
+        let channels = said.lines().filter(|line| line.starts_with("ok ")).count();
+        assert!(channels >= expected.0.len(), "{channels} of {} channels are ok:\n{said}", expected.0.len());
     }
     // Our own reader for analysts, which takes samples out by the index instead of decoding them.
     let output = Command::new(&python).arg(root.join("python/check_reader.py")).arg(run).output().unwrap();
