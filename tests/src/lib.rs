@@ -3,9 +3,11 @@
 
 pub mod golden;
 pub mod laws;
+pub mod python;
 pub mod record;
 pub mod recorded;
 pub mod scenarios;
 pub mod takeover;
 
 pub use nims::lockstep;
+pub use python::python;

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use nims_tests::python;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -25,23 +26,6 @@ fn program(name: &str) -> PathBuf {
     let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join(name);
     assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
     program
-}
-
-/// A Python that has the drive maker's client.
-fn python() -> PathBuf {
-    let own = workspace().join(".venv/bin/python");
-    let candidates: Vec<PathBuf> =
-        std::env::var_os("NIMS_PYTHON").map(PathBuf::from).into_iter().chain([own]).collect();
-    let usable = candidates.iter().find(|python| {
-        let tried = Command::new(python).args(["-c", "import basicmicro"]).stderr(Stdio::null()).status();
-        tried.is_ok_and(|status| status.success())
-    });
-    usable.cloned().unwrap_or_else(|| {
-        panic!(
-            "no Python with the package basicmicro: run scripts/test, which makes .venv, or \
-             `python3 -m venv .venv && .venv/bin/pip install basicmicro==2.0.10`, or name one in NIMS_PYTHON"
-        )
-    })
 }
 
 #[test]

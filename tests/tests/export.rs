@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use nims_tests::python;
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use recorder::{Batch, Heard, Session, Settings};
 use runlog::export::{Format, Wanted, export};
@@ -118,10 +119,10 @@ fn three_formats_hold_what_independent_readers_find_in_three_files() {
     }
     assert_eq!(told.0, told.1);
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| root.join("../.venv/bin/python"), PathBuf::from);
+    let python = python();
     let says = |script: &str, args: &[&PathBuf]| {
         let output = Command::new(&python).arg(root.join("python").join(script)).args(args).output();
-        let output = output.unwrap_or_else(|error| panic!("{}: {error}; run scripts/test first", python.display()));
+        let output = output.unwrap();
         let said = String::from_utf8_lossy(&output.stdout).into_owned();
         assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
         said

@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use nims_tests::python;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -98,12 +99,7 @@ impl Expected {
 /// Lets the foreign readers compare.
 fn compare(run: &Path, expected: &Expected) {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| root.join("../.venv/bin/python"), PathBuf::from);
-    assert!(
-        python.exists(),
-        "{}: no Python with the foreign readers; run scripts/test, or: python3 -m venv .venv && .venv/bin/pip install -r tests/python/requirements.txt",
-        python.display()
-    );
+    let python = python();
     let file = run.with_extension("expected.json");
     fs::write(&file, serde_json::to_vec(&expected.0).unwrap()).unwrap();
     let output = Command::new(&python).arg(root.join("python/read_run.py")).arg(run).arg(&file).output().unwrap();

@@ -8,6 +8,7 @@ use nims::map::map;
 use nims_tests::lockstep::Lockstep;
 use nims_tests::record::Tape;
 use nims_tests::scenarios::Case;
+use nims_tests::python;
 use planner::Mission;
 use plant::scene::Scene;
 use sensor_logger::{Decoder, Logger, LoggerConfig};
@@ -186,9 +187,9 @@ fn ground_that_was_flown_over_is_on_the_map() {
     assert!(rms(&steep) < 0.08);
 
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| root.join("../.venv/bin/python"), PathBuf::from);
+    let python = python();
     let output = Command::new(&python).arg(root.join("python/check_map.py")).arg(&out).arg("range").output();
-    let output = output.unwrap_or_else(|error| panic!("{}: {error}; run scripts/test first", python.display()));
+    let output = output.unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert!(out.join("range.geojson").is_file());
     for ending in [".png", ".svg", "-sigma.png", "-sigma.svg"] {

@@ -7,6 +7,7 @@
 
 mod live;
 
+use nims_tests::python;
 use live::{Robot, root, steadily};
 use messages::{Header, MotorAuthority, MotorState, OperatorRequest};
 use rustix::process::Signal;
@@ -30,12 +31,6 @@ const QUIET_CYCLES: u64 = 300;
 const RATE_HZ: u64 = 10;
 /// Cycles between a tick that was late, because the machine stood still, and a command that is missing because of it.
 const FROZEN_CYCLES: u64 = 5;
-
-fn python() -> PathBuf {
-    let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| root().join(".venv/bin/python"), PathBuf::from);
-    assert!(python.exists(), "{}: run scripts/test, which makes it", python.display());
-    python
-}
 
 /// To and fro for a quarter of an hour.
 fn fly_for_long(robot: &mut Robot) {

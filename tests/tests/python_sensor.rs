@@ -2,6 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use nims_tests::python;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
@@ -12,12 +13,6 @@ use runlog::info;
 
 fn project() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
-}
-
-fn python() -> Command {
-    let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| project().join(".venv/bin/python"), PathBuf::from);
-    assert!(python.exists(), "{}: run scripts/test, which makes it", python.display());
-    Command::new(python)
 }
 
 /// A process that ends with the test.
@@ -106,7 +101,7 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
     let (done, said) = new_sensor(folder.path(), &["example", "--python"]);
     assert!(done && said.contains("nims plug example -- "), "{said}");
     let start =
-        || Guard(python().arg(folder.path().join("example.py")).args(["--domain", domain.name()]).spawn().unwrap());
+        || Guard(Command::new(python()).arg(folder.path().join("example.py")).args(["--domain", domain.name()]).spawn().unwrap());
     let count = || bus.tap("sensor/example").ok();
     // One life, and a second one: a sensor that is replaced goes on on the same channel.
     for _ in 0..2 {
@@ -136,7 +131,7 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
     let script = "import sys\nfrom mcap.reader import make_reader\nfrom mcap_ros2.decoder import DecoderFactory\n\
         r = make_reader(open(sys.argv[1], 'rb'), decoder_factories=[DecoderFactory()])\n\
         for _, _, _, m in r.iter_decoded_messages(topics=['/sensor/example']): print(m.header.seq, round(10 * m.value_v), list(m.samples)[3])";
-    let output = python().args(["-c", script]).arg(&path).output().unwrap();
+    let output = Command::new(python()).args(["-c", script]).arg(&path).output().unwrap();
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let mut last = 0;
@@ -158,7 +153,7 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
 
 #[test]
 fn definitions_from_python_are_ours() {
-    let output = python().arg(project().join("tests/python/sensor_types.py")).output().unwrap();
+    let output = Command::new(python()).arg(project().join("tests/python/sensor_types.py")).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let said = String::from_utf8_lossy(&output.stdout).into_owned();
     let (type_name, rest) = said.split_once('\n').unwrap();

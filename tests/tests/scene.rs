@@ -8,6 +8,7 @@ use messages::{LogEvent, Message, NodeEstimate, OperatorRequest, Reading, put_te
 use nims::scene_export::export_scene;
 use nims_tests::recorded::record;
 use nims_tests::scenarios::{self, Case};
+use nims_tests::python;
 use runlog::{ChannelSpec, RunReader, RunWriter, read_channel};
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -72,7 +73,7 @@ fn a_run_is_drawn_and_read_field_by_field() {
     std::fs::write(&file, expected.to_string()).unwrap();
 
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| root.join("../.venv/bin/python"), PathBuf::from);
+    let python = python();
     let said = |script: &str, more: &[&Path]| {
         let output = Command::new(&python).arg(root.join(script)).arg(&out).args(more).output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout).into_owned();

@@ -4,6 +4,7 @@
 //! `NIMS_SOLVE_ROUNDS=600 cargo test --workspace --test solve -- --nocapture` draws ten times as many cases.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use nims_tests::python;
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
@@ -27,12 +28,7 @@ fn answer(args: &[&str]) -> Value {
 #[test]
 fn every_operation_agrees_with_numpy() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let python = std::env::var_os("NIMS_PYTHON").map_or_else(|| root.join("../.venv/bin/python"), PathBuf::from);
-    assert!(
-        python.exists(),
-        "{}: no Python with numpy; run scripts/test, or see tests/python/requirements.txt",
-        python.display()
-    );
+    let python = python();
     let rounds = std::env::var("NIMS_SOLVE_ROUNDS").unwrap_or_else(|_| "60".to_owned());
     let output = Command::new(python).arg(root.join("python/check_solve.py")).arg(nims()).arg(rounds).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);

@@ -1,6 +1,7 @@
 //! Answers to requests, in a fixed place: the loop does not allocate.
 
 use arrayvec::ArrayString;
+use messages::{MORE, words_within};
 use std::fmt::Write;
 
 /// Longest answer, bytes: what `operator/request` has room for.
@@ -30,10 +31,9 @@ impl Answer {
     }
 }
 
-/// A sentence from format arguments; of one that does not fit as many words as do, and `...`.
+/// A sentence from format arguments; of one that does not fit as many words as do, and [`MORE`].
 #[must_use]
 pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
-    const MORE: &str = " ...";
     struct Cut<'a>(&'a mut Sentence, bool);
     impl Write for Cut<'_> {
         fn write_str(&mut self, text: &str) -> std::fmt::Result {
@@ -51,10 +51,8 @@ pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
     // Cut never fails.
     let _ = cut.write_fmt(text);
     if cut.1 {
-        let room = SENTENCE - MORE.len();
-        let at_a_character = |end: &usize| sentence.is_char_boundary(*end);
-        let end = sentence.as_bytes()[..=room].iter().rposition(|byte| *byte == b' ');
-        sentence.truncate(end.or_else(|| (0..=room).rev().find(at_a_character)).unwrap_or(0));
+        let end = words_within(&sentence, SENTENCE - MORE.len());
+        sentence.truncate(end);
         sentence.push_str(MORE);
     }
     sentence

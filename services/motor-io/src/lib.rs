@@ -20,6 +20,7 @@ pub mod config;
 pub mod core;
 pub mod drives;
 pub mod energy;
+pub mod excuse;
 pub mod faults;
 pub mod inbox;
 pub mod limits;

@@ -3,10 +3,10 @@
 use crate::config::CoreConfig;
 use messages::{CABLES, MotorState};
 
-/// A count may change by this many times the fastest cable over the time that passed, and by [`JUMP_MARGIN_M`] besides,
-/// before it is taken for a glitch.
+/// No line is faster than this many times the fastest cable.
 const JUMP_FACTOR: f64 = 1.5;
-/// A few encoder steps and the spring of an idler wheel, m.
+/// A count may change by so much more than what its line can do in the time that passed before it is taken for a glitch: a few encoder
+/// steps and the spring of an idler wheel, m.
 const JUMP_MARGIN_M: f64 = 0.005;
 /// After a unit was away, its line may have moved by this much before somebody has to look, m.
 const RETURN_TOLERANCE_M: f64 = 0.005;
@@ -92,8 +92,16 @@ impl Odometry {
         self.only_restored
     }
 
-    /// Takes one cable's reading. `away`: its unit had been lost until now.
-    pub fn read(&mut self, cable: usize, counts: i64, sampled_ns: u64, away: bool) -> Reading {
+    /// Takes one cable's reading. `away`: its unit had been lost until now; `drift_m_s`: least and largest velocity that its commands
+    /// explain, None where nothing holds the line.
+    pub fn read(
+        &mut self,
+        cable: usize,
+        counts: i64,
+        sampled_ns: u64,
+        away: bool,
+        drift_m_s: Option<[f64; 2]>,
+    ) -> Reading {
         let scale = self.counts_per_m[cable];
         let it = &mut self.cables[cable];
         if !it.seen {
@@ -103,20 +111,23 @@ impl Odometry {
             return Reading::Good;
         }
         let passed_s = sampled_ns.saturating_sub(it.sampled_ns) as f64 * 1e-9;
-        let bound = JUMP_FACTOR * self.fastest_m_s * passed_s + JUMP_MARGIN_M;
-        let moved = metres(counts, it.counts, scale).abs();
-        if moved <= bound {
+        let fastest_m_s = JUMP_FACTOR * self.fastest_m_s;
+        let [low_m_s, high_m_s] = drift_m_s.unwrap_or([-fastest_m_s, fastest_m_s]);
+        let explained = low_m_s * passed_s - JUMP_MARGIN_M..=high_m_s * passed_s + JUMP_MARGIN_M;
+        let moved = metres(counts, it.counts, scale);
+        if explained.contains(&moved) {
             it.candidate = None;
             it.take(counts, sampled_ns, scale);
-            if away && moved > RETURN_TOLERANCE_M {
+            if away && moved.abs() > RETURN_TOLERANCE_M {
                 self.doubt();
                 return Reading::MovedWhileAway;
             }
             return Reading::Good;
         }
-        // Within the bound of the last doubtful one: two agree, so the count really is there now.
+        // A line could have come here from the last doubtful one: two agree, so the count really is there now.
+        let reach = fastest_m_s * passed_s + JUMP_MARGIN_M;
         match it.candidate {
-            Some(candidate) if metres(counts, candidate, scale).abs() <= bound => {
+            Some(candidate) if metres(counts, candidate, scale).abs() <= reach => {
                 self.rebase(cable, counts, sampled_ns);
                 Reading::Jumped
             }

@@ -25,11 +25,6 @@ const RESYNC_S: f64 = 0.4;
 const STALL_COMMAND_M_S: f64 = 0.01;
 /// A cable slower than this share of its command does not move.
 const STALL_SHARE: f64 = 0.05;
-/// Time constant with which an old command stops being an excuse for motion: drives lag by up to 0.16 s.
-const EXCUSE_S: f64 = 0.3;
-/// Measured velocity beyond what commands excuse, m/s and share of the limit: encoder steps and overshoot of the drive's loop.
-const RUNAWAY_M_S: f64 = 0.03;
-const RUNAWAY_SHARE: f64 = 0.25;
 /// Tension above the robot's limit by this factor and this much, N, is a fault: the planner plans up to the limit.
 const TENSION_FACTOR: f64 = 1.25;
 const TENSION_MARGIN_N: f64 = 2.0;
@@ -92,6 +87,8 @@ pub struct Situation {
     pub sent_m_s: [f64; CABLES],
     /// Cables at duty 0.
     pub released: [bool; CABLES],
+    /// Least and largest velocity that commands explain, m/s.
+    pub excused_m_s: [[f64; 2]; CABLES],
     /// The estimate slot in use.
     pub estimator: usize,
 }
@@ -115,8 +112,6 @@ pub struct Watch {
     /// How far the motion has to be slowed down.
     ease: f64,
     late: u32,
-    excuse_high: [f64; CABLES],
-    excuse_low: [f64; CABLES],
     current_a: [f64; CABLES],
     duty: [f64; CABLES],
     supply_v: [f64; UNITS],
@@ -141,8 +136,6 @@ impl Watch {
             unread: [0; CABLES],
             ease: 1.0,
             late: 0,
-            excuse_high: [0.0; CABLES],
-            excuse_low: [0.0; CABLES],
             current_a: [0.0; CABLES],
             duty: [0.0; CABLES],
             supply_v: [0.0; UNITS],
@@ -209,8 +202,6 @@ impl Watch {
         fresh: &[bool; CABLES],
         found: &mut Faults,
     ) {
-        let keep = libm::exp(-config.period_s / EXCUSE_S);
-        let tolerance = RUNAWAY_M_S + RUNAWAY_SHARE * config.cable_speed_m_s;
         let strongest = config.robot.tension_limits_n()[1] * TENSION_FACTOR + TENSION_MARGIN_N;
         let tensions = &input.estimate_tension_n[situation.estimator * CABLES..][..CABLES];
         let estimate_valid = input.estimate_valid[situation.estimator] == 1
@@ -227,8 +218,6 @@ impl Watch {
                 self.duty[i] = input.duty[i];
             }
             let (sent, v) = (situation.sent_m_s[i], velocity_m_s[i]);
-            self.excuse_high[i] = sent.max(sent + (self.excuse_high[i] - sent) * keep);
-            self.excuse_low[i] = sent.min(sent + (self.excuse_low[i] - sent) * keep);
             let driven = situation.energised && !situation.released[i];
             // Without this cycle's reading a counter stays where it is: it neither proves nor excuses.
             if fresh[i] {
@@ -237,8 +226,8 @@ impl Watch {
                 let stalled = driven && sent.abs() > STALL_COMMAND_M_S && still && pushing;
                 // The encoder is read in every cycle, and whether the motor pushes is known from its last reading.
                 self.stalled[i].note((new_duty || !stalled).then_some(stalled));
-                let wild = v > self.excuse_high[i] + tolerance || v < self.excuse_low[i] - tolerance;
-                count(&mut self.runaway[i], driven && wild);
+                let [low, high] = situation.excused_m_s[i];
+                count(&mut self.runaway[i], driven && !(low..=high).contains(&v));
             }
             if self.stalled[i].over(config.stall_cycles) {
                 found.cable(MotorAuthority::FAULT_STALL, i);

@@ -330,7 +330,7 @@ fn write(out: &Path, measurements: &Path, value: &Value, covariance: &AnchorCova
     let cannot = |why: String| Failure::NotNow(format!("{} cannot be written: {why}", out.display()));
     let raw: toml::Table = service::toml_file::load(measurements).map_err(Failure::bad)?;
     let mut table = toml::Table::new();
-    table.insert("date".to_owned(), toml::Value::String(now()));
+    table.insert("date".to_owned(), toml::Value::String(runlog::utc(bus::clock::unix_ns())));
     for (key, value) in value.as_object().into_iter().flatten() {
         // TOML has no null: what is not known is not there.
         if !value.is_null() {
@@ -349,24 +349,6 @@ fn write(out: &Path, measurements: &Path, value: &Value, covariance: &AnchorCova
 }
 
 /// Now in UTC, as RFC 3339 to the second.
-fn now() -> String {
-    let seconds = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH).map_or(0, |d| d.as_secs());
-    let (days, second) = (seconds / 86400, seconds % 86400);
-    let (year, month, day) = civil(days);
-    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}Z", second / 3600, second / 60 % 60, second % 60)
-}
-
-/// Year, month and day of a count of days since 1970-01-01 (Hinnant's algorithm for the proleptic Gregorian calendar).
-fn civil(days: u64) -> (u64, u64, u64) {
-    let z = days + 719_468;
-    let (era, of_era) = (z / 146_097, z % 146_097);
-    let year = (of_era - of_era / 1460 + of_era / 36_524 - of_era / 146_096) / 365;
-    let of_year = of_era - (365 * year + year / 4 - year / 100);
-    let shifted = (5 * of_year + 2) / 153;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    (era * 400 + year + u64::from(month <= 2), month, of_year - (153 * shifted + 2) / 5 + 1)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -448,7 +430,7 @@ mod tests {
         assert_eq!(written["method"].as_str(), Some("survey"));
         assert_eq!(written["covariance_m2"].as_array().unwrap().len(), 9);
         assert_eq!(written["measurements"]["point"].as_array().unwrap().len(), 4);
-        assert!(written["date"].as_str().unwrap().ends_with('Z'));
+        assert!(written["date"].as_str().unwrap().ends_with("UTC"));
         let before = std::fs::read(&out).unwrap();
         assert_eq!(calibrate(&asked, true).unwrap_err().exit_code(), 2);
         assert_eq!(std::fs::read(&out).unwrap(), before);

@@ -58,6 +58,12 @@ const LETS_GO: &str = "stops at once; this cable is let go, because its encoder 
 /// Stops on the path.
 const ON_THE_PATH: &str = "stops on the path and holds; the motion is kept, and `resume` goes on with it";
 
+/// A controller that has gone, or stands still.
+const NO_COMMAND: &str = "no command for as many cycles as ttl_cycles";
+/// An estimator that has; without an estimate there is no command either.
+const NO_ESTIMATE: &str = "no estimate for as many cycles as ttl_cycles";
+const ESTIMATOR_GONE: u32 = MotorAuthority::FAULT_ESTIMATE_LOST | MotorAuthority::FAULT_COMMAND_LOST;
+
 /// An answer names the cycle that it is based on.
 const OLD_COMMAND: &str =
     "its commands are based on cycles long past and are refused, for as many cycles as ttl_cycles";
@@ -152,8 +158,8 @@ pub const ROWS: [Row; 28] = [
     ),
     row(
         "jump 2 500",
-        "a step that no motor can make since the last reading, in two readings one after the other; one that it could have made, while readings \
-         were missing, is not found out: the node is then elsewhere by that much",
+        "a step beyond what the line's commands since the last reading explain, in two readings one after the other: 5 mm, and 30 mm/s and a \
+         quarter of `cable_speed_limit_m_s` for the time between; a smaller one is not found out: the node is then elsewhere by that much",
         5,
         MotorAuthority::FAULT_ENCODER_JUMP,
         FAULTED,
@@ -167,14 +173,7 @@ pub const ROWS: [Row; 28] = [
         FAULTED,
         STOPS,
     ),
-    row(
-        "stop controller",
-        "no command for as many cycles as ttl_cycles",
-        10,
-        MotorAuthority::FAULT_COMMAND_LOST,
-        HOLDING,
-        ON_THE_PATH,
-    ),
+    row("stop controller", NO_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, ON_THE_PATH),
     noted(
         "continue controller",
         "commands arrive again",
@@ -183,30 +182,9 @@ pub const ROWS: [Row; 28] = [
         "over: The controller stopped answering, so the robot stopped and holds: when nims status shows it again, resume; if it does not come \
          back, end nims up and start it again.",
     ),
-    row(
-        "stop estimator",
-        "no estimate for as many cycles as ttl_cycles",
-        10,
-        MotorAuthority::FAULT_ESTIMATE_LOST | MotorAuthority::FAULT_COMMAND_LOST,
-        HOLDING,
-        ON_THE_PATH,
-    ),
-    row(
-        "kill controller",
-        "no command for as many cycles as ttl_cycles",
-        10,
-        MotorAuthority::FAULT_COMMAND_LOST,
-        HOLDING,
-        ON_THE_PATH,
-    ),
-    row(
-        "kill estimator",
-        "no estimate for as many cycles as ttl_cycles",
-        10,
-        MotorAuthority::FAULT_ESTIMATE_LOST | MotorAuthority::FAULT_COMMAND_LOST,
-        HOLDING,
-        ON_THE_PATH,
-    ),
+    row("stop estimator", NO_ESTIMATE, 10, ESTIMATOR_GONE, HOLDING, ON_THE_PATH),
+    row("kill controller", NO_COMMAND, 10, MotorAuthority::FAULT_COMMAND_LOST, HOLDING, ON_THE_PATH),
+    row("kill estimator", NO_ESTIMATE, 10, ESTIMATOR_GONE, HOLDING, ON_THE_PATH),
     row(
         "kill planner",
         "no sign of life for two seconds",

@@ -37,7 +37,7 @@ pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
 pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};
 pub use system::{Heartbeat, LogEvent, OperatorRequest, ProcessState, RecorderGap, RecorderStatus};
-pub use text::{put_sentence, put_text, text_of};
+pub use text::{MORE, put_sentence, put_text, text_of, words_within};
 
 /// Cables of one robot at most; every per-cable array has this length.
 pub const CABLES: usize = 8;

@@ -10,18 +10,23 @@ pub fn put_text(into: &mut [u8], text: &str) {
     into[..end].copy_from_slice(&text.as_bytes()[..end]);
 }
 
-/// Writes a sentence for people: whole if it fits, otherwise as many of its words as fit and `...`.
+/// What stands at the end of a sentence that was cut.
+pub const MORE: &str = " ...";
+
+/// How many bytes of a text longer than `room` bytes are whole words within them; of one long word, whole characters.
+#[must_use]
+pub fn words_within(text: &str, room: usize) -> usize {
+    let space = text.bytes().take(room + 1).rposition(|byte| byte == b' ' || byte == b'\n');
+    space.or_else(|| (0..=room).rev().find(|end| text.is_char_boundary(*end))).unwrap_or(0)
+}
+
+/// Writes a sentence for people: whole if it fits, otherwise as many of its words as fit and [`MORE`].
 pub fn put_sentence(into: &mut [u8], text: &str) {
-    const MORE: &str = " ...";
-    put_text(into, text);
     if text.len() <= into.len() || into.len() < MORE.len() {
-        return;
+        return put_text(into, text);
     }
-    let room = into.len() - MORE.len();
-    let words = text.bytes().take(room + 1).rposition(|byte| byte == b' ' || byte == b'\n').unwrap_or(room);
-    put_text(&mut into[..words], text);
-    into[words..].fill(0);
-    let end = into.iter().position(|byte| *byte == 0).unwrap_or(words);
+    let end = words_within(text, into.len() - MORE.len());
+    put_text(into, &text[..end]);
     into[end..end + MORE.len()].copy_from_slice(MORE.as_bytes());
 }
 

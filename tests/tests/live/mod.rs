@@ -462,8 +462,14 @@ impl Drop for Robot {
         let _ = self.supervisor.kill();
         let _ = self.supervisor.wait();
         self.kill_others();
-        if std::thread::panicking() && self.was_starved() {
-            steady::starved();
+        if std::thread::panicking() {
+            if self.was_starved() {
+                steady::starved();
+            }
+            if std::env::var_os("NIMS_KEEP").is_some() {
+                self.folder.disable_cleanup(true);
+                println!("the robot's runs are kept in {}", self.folder.path().display());
+            }
         }
     }
 }

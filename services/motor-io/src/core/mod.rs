@@ -11,6 +11,7 @@ use crate::answer::Answer;
 use crate::arbiter::{Arbiter, Chosen, Scene};
 use crate::config::CoreConfig;
 use crate::energy::EnergyMeter;
+use crate::excuse::Excuse;
 use crate::limits::Limits;
 use crate::motion::Motion;
 use crate::odometry::Odometry;
@@ -88,6 +89,7 @@ pub struct Core {
     pub(crate) clock: PlanClock,
     pub(crate) limits: Limits,
     pub(crate) odometry: Odometry,
+    excuse: Excuse,
     pub(crate) watch: Watch,
     pub(crate) chosen: Option<Chosen>,
     pub(crate) pausing: bool,
@@ -152,6 +154,7 @@ impl Core {
             clock: PlanClock::new(config.period_s),
             limits: Limits::new(config.cable_speed_m_s, config.cable_acceleration_m_s2, config.period_s),
             odometry: Odometry::new(&config),
+            excuse: Excuse::new(&config),
             watch: Watch::new(),
             arbiter: Arbiter::new(&config),
             energy: EnergyMeter::default(),

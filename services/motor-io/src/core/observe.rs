@@ -28,10 +28,13 @@ impl Core {
         let mut fresh = [false; CABLES];
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
+            let driven = self.safety.energised() && !self.sent.released[i];
+            self.excuse.note(i, self.sent.speed_m_s[i], driven, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
             } else if ok[i] {
-                match self.odometry.read(i, input.counts[i], input.sampled_ns[i], back[unit]) {
+                let drift = self.excuse.drift_m_s(i);
+                match self.odometry.read(i, input.counts[i], input.sampled_ns[i], back[unit], drift) {
                     Reading::Good => fresh[i] = true,
                     Reading::Doubtful => {}
                     Reading::Jumped => found.cable(MotorAuthority::FAULT_ENCODER_JUMP, i),
@@ -45,6 +48,7 @@ impl Core {
             following: matches!(self.safety.mode(), Mode::Following | Mode::Stopping),
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
+            excused_m_s: std::array::from_fn(|i| self.excuse.velocity_m_s(i)),
             estimator: self.chosen.map_or(self.arbiter.in_charge().1, |chosen| chosen.estimator),
         };
         self.watch.cables(&self.config, input, &situation, &velocity, &fresh, &mut found);

@@ -5,11 +5,12 @@ use cable_robot::{Robot, RobotParts};
 use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, UNITS};
 use motor_io::inbox::Inbox;
 use motor_io::{Answer, Core, CoreConfig, DriveCommand, Observation};
+use std::collections::VecDeque;
 
 pub const PERIOD_S: f64 = 0.01;
 const COUNTS_PER_M: [f64; 3] = [10_000.0, -10_000.0, 12_000.0];
-/// Lag of the drives, s.
-const LAG_S: f64 = 0.04;
+/// A drive that hears nothing stops its motor after this time, s.
+const WATCHDOG_S: f64 = 0.3;
 
 pub fn config() -> CoreConfig {
     let robot = Robot::new(RobotParts {
@@ -46,6 +47,14 @@ pub struct Rig {
     pub velocity_m_s: [f64; CABLES],
     /// Added to what the encoders say.
     pub count_offset: [i64; CABLES],
+    /// Lag of the drives, s, and the delay before it, cycles.
+    pub lag_s: f64,
+    pub delay_cycles: usize,
+    on_the_way: VecDeque<DriveCommand>,
+    /// Drives that hear no command.
+    pub deaf: [bool; CABLES],
+    unheard_s: [f64; CABLES],
+    target_m_s: [f64; CABLES],
     /// Encoders that say nothing new.
     pub dead: [bool; CABLES],
     pub unit: [u8; UNITS],
@@ -88,6 +97,12 @@ impl Rig {
             length_m: [5.0; CABLES],
             velocity_m_s: [0.0; CABLES],
             count_offset: [0; CABLES],
+            lag_s: 0.04,
+            delay_cycles: 0,
+            on_the_way: VecDeque::new(),
+            deaf: [false; CABLES],
+            unheard_s: [0.0; CABLES],
+            target_m_s: [0.0; CABLES],
             dead: [false; CABLES],
             unit: [MotorInput::UNIT_OK; UNITS],
             status: [0; UNITS],
@@ -160,10 +175,21 @@ impl Rig {
         let input = self.inbox.begin(self.cycle, self.now_ns - late_ns, self.now_ns);
         let sent = self.core.decide(input);
         let answers = self.core.answers().to_vec();
+        self.on_the_way.push_back(sent);
+        let heard = if self.on_the_way.len() > self.delay_cycles { self.on_the_way.pop_front() } else { None };
+        let passed_s = PERIOD_S + gap_ns as f64 * 1e-9;
         for i in 0..3 {
-            let target = if sent.released[i] { 0.0 } else { sent.speed_m_s[i] };
-            self.velocity_m_s[i] += (target - self.velocity_m_s[i]) * PERIOD_S / LAG_S;
-            self.length_m[i] += self.velocity_m_s[i] * (PERIOD_S + gap_ns as f64 * 1e-9);
+            self.unheard_s[i] += passed_s;
+            // While this machine stood still, the drives went on by what they had heard before.
+            let moved_s = passed_s.min((WATCHDOG_S - self.unheard_s[i] + passed_s).max(PERIOD_S));
+            if let Some(heard) = heard.filter(|_| !self.deaf[i]) {
+                self.target_m_s[i] = if heard.released[i] { 0.0 } else { heard.speed_m_s[i] };
+                self.unheard_s[i] = 0.0;
+            } else if self.unheard_s[i] > WATCHDOG_S {
+                self.target_m_s[i] = 0.0;
+            }
+            self.velocity_m_s[i] += (self.target_m_s[i] - self.velocity_m_s[i]) * PERIOD_S / self.lag_s;
+            self.length_m[i] += self.velocity_m_s[i] * moved_s;
             if !self.dead[i] {
                 input.counts[i] = (self.length_m[i] * COUNTS_PER_M[i]).round() as i64 + self.count_offset[i];
             }

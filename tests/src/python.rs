@@ -1,0 +1,19 @@
+//! The Python that has what the tests compare against.
+
+use std::path::{Path, PathBuf};
+
+/// The one in `NIMS_PYTHON`, or that of `.venv`.
+///
+/// # Panics
+/// There is none.
+#[must_use]
+pub fn python() -> PathBuf {
+    let own = || Path::new(env!("CARGO_MANIFEST_DIR")).join("../.venv/bin/python");
+    let python = std::env::var_os("NIMS_PYTHON").map_or_else(own, PathBuf::from);
+    assert!(
+        python.exists(),
+        "{}: run scripts/test, which makes it, or name another in NIMS_PYTHON",
+        python.display()
+    );
+    python
+}
