@@ -4,7 +4,7 @@
 
 use nims_tests::python;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
 /// Ends the box whatever becomes of the test.

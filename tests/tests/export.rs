@@ -2,8 +2,8 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use nims_tests::python;
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
+use nims_tests::python;
 use recorder::{Batch, Heard, Session, Settings};
 use runlog::export::{Format, Wanted, export};
 use runlog::{ChannelSpec, RunClock};

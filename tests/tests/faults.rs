@@ -59,6 +59,27 @@ fn what_breaks_in_the_plant_is_found_within_the_cycles_that_the_table_says() {
     }
 }
 
+/// A broken line: the node comes down, the other lines hang loose, and their encoders show nothing of what their drums do. They do nothing.
+#[test]
+fn no_drum_creeps_on_under_a_slack_line() {
+    for cable in 0..3 {
+        let scenario = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] }.scenario(true).unwrap();
+        let mission = scenario.mission.clone();
+        let mut lockstep = Lockstep::new(scenario).unwrap();
+        lockstep.zero_and_arm().unwrap();
+        lockstep.run(&mission).unwrap();
+        (0..800).for_each(|_| drop(lockstep.cycle().unwrap()));
+        lockstep.plant_mut().apply(plant::Fault::BrokenLine { cable, on: true }).unwrap();
+        (0..500).for_each(|_| drop(lockstep.cycle().unwrap()));
+        assert!(lockstep.plant_mut().slack()[cable]);
+        let before_m = lockstep.plant_mut().lengths_m();
+        (0..3000).for_each(|_| drop(lockstep.cycle().unwrap()));
+        for (before_m, after_m) in before_m.iter().zip(lockstep.plant_mut().lengths_m()) {
+            assert!((after_m - before_m).abs() < 1e-3, "{before_m} m became {after_m} m in half a minute");
+        }
+    }
+}
+
 /// Breaks something in flight; the cycles until it is named.
 fn found_after(robot: &mut Robot, row: &Row, breaks: impl FnOnce(&mut Robot)) {
     robot.look();

@@ -7,11 +7,11 @@
 
 mod live;
 
-use nims_tests::python;
 use live::{Robot, root, steadily};
 use messages::{Header, MotorAuthority, MotorState, OperatorRequest};
+use nims_tests::python;
 use rustix::process::Signal;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 messages::message! {
     /// The message of both templates: one type, in whichever language it is declared.

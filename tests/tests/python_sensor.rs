@@ -100,8 +100,15 @@ fn the_template_is_recorded_whole_under_its_own_field_names() {
     });
     let (done, said) = new_sensor(folder.path(), &["example", "--python"]);
     assert!(done && said.contains("nims plug example -- "), "{said}");
-    let start =
-        || Guard(Command::new(python()).arg(folder.path().join("example.py")).args(["--domain", domain.name()]).spawn().unwrap());
+    let start = || {
+        Guard(
+            Command::new(python())
+                .arg(folder.path().join("example.py"))
+                .args(["--domain", domain.name()])
+                .spawn()
+                .unwrap(),
+        )
+    };
     let count = || bus.tap("sensor/example").ok();
     // One life, and a second one: a sensor that is replaced goes on on the same channel.
     for _ in 0..2 {

@@ -130,7 +130,14 @@ pub const ROWS: [Row; 28] = [
         "the unit lets its motors go by itself; every other line is held where it is at once, until the button is released and the robot \
          is reset",
     ),
-    row("supply 9", "five readings below supply_min_v", 60, MotorAuthority::FAULT_SUPPLY, FAULTED, STOPS),
+    row(
+        "supply 9",
+        "five readings below supply_min_v; it is asked for every 12 cycles for two units, every 24 where answers leave little time for it",
+        80,
+        MotorAuthority::FAULT_SUPPLY,
+        FAULTED,
+        STOPS,
+    ),
     row(
         "stall 2",
         "the drive pushes with more than stall_duty and the line does not move, for stall_cycles; where it was to be paid out it is slack as well",

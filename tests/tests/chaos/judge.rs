@@ -1,7 +1,8 @@
 //! What came of it, from the run files: detection, tensions, and whether anything moved that should not.
 //!
-//! One thing is not held against the robot: where an encoder lies, its drive runs away for the quarter of a second until that is found
-//! out, the node is thrown about, and the other lines are slack for moments while it swings. The table says for how long.
+//! Two things are not held against the robot, and the table says for how long they last. Where an encoder lies, its drive runs away for
+//! the quarter of a second until that is found out, the node is thrown about, and the other lines are slack for moments while it swings. And
+//! where one of three lines breaks, the other two cannot carry the node: it comes down, and they hang loose once it lies on the ground.
 
 use messages::{MotorAuthority, TruthNode};
 use motor_io::faults::RELEASING;
@@ -14,6 +15,8 @@ use std::path::Path;
 const SETTLED_NS: u64 = 1_000_000_000;
 /// A node that a drive has thrown about swings, and its lines are taut again after this time, ns.
 const SWUNG_NS: u64 = 3_000_000_000;
+/// A node below this height lies on the ground, m.
+const ON_THE_GROUND_M: f64 = 0.05;
 /// Between two samples of truth, s.
 const TRUTH_S: f64 = 0.01;
 /// Ten steps of the encoder: less than that is no motion, m.
@@ -32,6 +35,8 @@ pub struct Blow {
     pub cable: Option<usize>,
     /// Its encoder lies, so that its drive runs away until that is found out.
     pub runs_away: bool,
+    /// It is broken, and nothing carries the node in its place.
+    pub breaks: bool,
     pub at_ns: u64,
     /// Newest cycle before it.
     pub cycle: u64,
@@ -123,7 +128,8 @@ impl Evidence {
                 if blow.cable != Some(i) {
                     verdict.peak_n = verdict.peak_n.max(*tension);
                     let is_slack = sample.slack[i] == 1;
-                    slack[i] += u32::from(is_slack && sample.header.stamp_ns > swings_ns);
+                    let lies = blow.breaks && sample.position_m[2] < ON_THE_GROUND_M;
+                    slack[i] += u32::from(is_slack && sample.header.stamp_ns > swings_ns && !lies);
                     loose[i] += u32::from(is_slack);
                 }
             }

@@ -26,6 +26,8 @@ use std::time::Duration;
 const PATIENCE_NS: u64 = 60_000_000_000;
 /// Whoever looks where the node is takes the robot's word for it up to this error, m.
 const TRUSTED_M: f64 = 0.03;
+/// A node that is slower than this hangs still, m/s; whoever looks where it is waits for that.
+const STILL_M_S: f64 = 0.05;
 /// So many cycles of undisturbed flight, and the robot is back.
 const WELL_CYCLES: u64 = 50;
 /// Cycles from a death to the standby's first command in charge.
@@ -184,11 +186,17 @@ impl Chaos {
         }
     }
 
+    /// For half a second now.
+    fn hangs_still(&self) -> bool {
+        let speed = |sample: &TruthNode| sample.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
+        !self.truth.is_empty() && self.truth.iter().all(|sample| speed(sample) < STILL_M_S)
+    }
+
     /// From Holding: looks where the node is, and goes on with the mission, or begins it anew.
     fn go_on(&mut self) {
         self.sleep(0.6);
         let MotorAuthority { mode, position_known, header, in_charge, .. } = self.robot.last;
-        if mode != MotorAuthority::MODE_HOLDING || self.truth.is_empty() {
+        if mode != MotorAuthority::MODE_HOLDING || !self.hangs_still() {
             return;
         }
         let count = self.truth.len() as f64;
@@ -295,6 +303,7 @@ impl Chaos {
             within,
             cable: fault.cable,
             runs_away: ["dead", "slip"].contains(&fault.row.kind()),
+            breaks: false,
             at_ns,
             cycle,
             back_ns: clock::now_ns(),
@@ -342,6 +351,7 @@ impl Chaos {
             within,
             cable,
             runs_away: false,
+            breaks: matches!(ending, Ending::Break(_)),
             at_ns,
             cycle,
             back_ns: 0,

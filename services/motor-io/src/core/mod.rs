@@ -1,11 +1,12 @@
 //! The deciding part of motor-io: one cycle in two halves, without a clock, without I/O.
 //!
 //! [`Core::decide`] is here; what each mode wants is in `follow`, how a motion comes to rest in `settle`, and the second half of
-//! the cycle in `observe`.
+//! the cycle in `observe`, what drives do at rest in `still`.
 
 mod follow;
 mod observe;
 mod settle;
+mod still;
 
 use crate::answer::Answer;
 use crate::arbiter::{Arbiter, Chosen, Scene};
@@ -103,6 +104,8 @@ pub struct Core {
     ttl_cycles: u32,
     missing: u32,
     settled: u32,
+    /// Cycles at rest.
+    still: u32,
     gap_wait: u32,
     gap_s: f64,
     unit_trouble: bool,
@@ -167,6 +170,7 @@ impl Core {
             ttl_cycles: config.ttl_cycles,
             missing: 0,
             settled: 0,
+            still: 0,
             gap_wait: 0,
             gap_s: 0.0,
             unit_trouble: false,
@@ -235,7 +239,8 @@ impl Core {
         };
         self.scale = scale;
         self.settle(before, &speed_m_s);
-        self.sent = DriveCommand { speed_m_s, released: self.safety.released() };
+        let released = if self.loops_begin_anew(&speed_m_s) { [true; CABLES] } else { self.safety.released() };
+        self.sent = DriveCommand { speed_m_s, released };
         self.sent
     }
 

@@ -7,18 +7,18 @@ use crate::codec::{Motor, Read, Reply, Write};
 use crate::error::Error;
 
 /// One of these is asked per cycle. The duty most often: a motor that is driven hard and does not turn runs away when its encoder
-/// has failed, and that has to be seen within a tenth of a second.
+/// has failed, and that has to be seen within a tenth of a second. The supply and the stop button come twice in a round.
 const SLOW: [Read; 12] = [
     Read::Pwms,
     Read::Status,
     Read::Pwms,
-    Read::Watchdog,
-    Read::Pwms,
     Read::MainBattery,
+    Read::Pwms,
+    Read::Watchdog,
     Read::Pwms,
     Read::Status,
     Read::Pwms,
-    Read::Watchdog,
+    Read::MainBattery,
     Read::Pwms,
     Read::Temperature,
 ];

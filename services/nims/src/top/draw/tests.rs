@@ -1,0 +1,229 @@
+//! What can be read on the screen.
+
+use super::super::snapshot::{ChannelRow, Scale};
+use super::*;
+use messages::{MotorSlots, MotorState, NodeEstimate, PlanStatus, put_text};
+use ratatui::Terminal;
+use ratatui::backend::TestBackend;
+
+const NOW: u64 = 1_000_000_000_000;
+
+fn picture(snapshot: &Snapshot, width: u16, height: u16) -> Vec<String> {
+    let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+    terminal.draw(|frame| draw(frame, snapshot)).unwrap();
+    let buffer = terminal.backend().buffer().clone();
+    (0..height).map(|y| (0..width).map(|x| buffer[(x, y)].symbol()).collect::<String>()).collect()
+}
+
+fn line<'a>(picture: &'a [String], word: &str) -> &'a str {
+    picture.iter().find(|line| line.contains(word)).unwrap_or_else(|| panic!("no {word:?} in\n{}", picture.join("\n")))
+}
+
+fn row(name: &str, state: u8) -> (ProcessState, Option<Heartbeat>) {
+    let mut row = ProcessState { state, pid: 4711, exit_code: -1, ..Default::default() };
+    row.header.stamp_ns = NOW;
+    put_text(&mut row.name, name);
+    let beat = Heartbeat { busy_p50_ns: 120_000, busy_p99_ns: 450_000, pid: 4711, ..Default::default() };
+    (row, Some(beat))
+}
+
+fn flying() -> Snapshot {
+    let mut authority = MotorAuthority {
+        mode: MotorAuthority::MODE_FOLLOWING,
+        period_s: 0.01,
+        missed: 2,
+        bus_ns: 3_400_000,
+        command_age_ns: 12_100_000,
+        plan_rate: 1.0,
+        position_known: MotorState::POSITION_KNOWN,
+        verdict: [MotorAuthority::VERDICT_ACCEPTED, MotorAuthority::VERDICT_STALE],
+        cable_count: 3,
+        ..Default::default()
+    };
+    authority.header.cycle = 12345;
+    authority.header.stamp_ns = NOW;
+    let mut state = MotorState { cable_count: 3, fresh: [1; 8], ..Default::default() };
+    state.length_m[..3].copy_from_slice(&[5.0, 2.5, 10.0]);
+    state.current_a[0] = 4.0;
+    let mut estimate = NodeEstimate { position_m: [4.8, 3.0, 0.3], valid: 1, cable_count: 3, ..Default::default() };
+    estimate.tension_n[..3].copy_from_slice(&[30.0, 1.0, 45.0]);
+    estimate.header.stamp_ns = NOW;
+    let mut control = ControlStatus {
+        law: ControlStatus::LAW_PREVIEW,
+        valid: 1,
+        segment: 3,
+        error_norm_m: 0.0012,
+        ..Default::default()
+    };
+    control.header.stamp_ns = NOW;
+    let mut plan = PlanStatus {
+        state: PlanStatus::STATE_RUNNING,
+        leg: 2,
+        legs: 5,
+        progress: 0.43,
+        time_left_s: 12.0,
+        ..Default::default()
+    };
+    put_text(&mut plan.mission, "survey");
+    Snapshot {
+        now_ns: NOW,
+        domain: Some("demo3".to_owned()),
+        run: "runs/today".to_owned(),
+        scale: Scale { length_m: 10.0, tension_n: [2.0, 60.0], current_a: 8.0 },
+        authority: Some(authority),
+        state: Some(state),
+        estimate: [Some(estimate), None],
+        control: [Some(control), None],
+        plan: Some(plan),
+        processes: vec![
+            row("recorder", ProcessState::STATE_READY),
+            row("motor-io", ProcessState::STATE_SILENT),
+            row("planner", ProcessState::STATE_DIED),
+        ],
+        channels: vec![
+            ChannelRow { name: "motor/state".to_owned(), hz: 100.0, lost: 0 },
+            ChannelRow { name: "energy".to_owned(), hz: 10.0, lost: 7 },
+        ],
+        recording: Some(Recording {
+            state: RecorderStatus::STATE_RECORDING,
+            bytes: 2_500_000,
+            lost: 7,
+            free_bytes: 40_000_000_000,
+            stamp_ns: NOW,
+        }),
+        ..Snapshot::default()
+    }
+}
+
+#[test]
+fn everything_that_matters_is_on_one_screen() {
+    for (width, height) in [(100, 40), (160, 30)] {
+        let picture = picture(&flying(), width, height);
+        for (word, with) in [
+            ("FOLLOWING", "follows its motion"),
+            ("node at", "4.800, 3.000, 0.300 m; 1.2 mm from the setpoint"),
+            ("mission", "survey, leg 2 of 5, 43 %, 12 s left"),
+            ("12345 at 100 Hz", "2 missed, 0 late, 0 skipped; bus 3.4 ms"),
+            ("recording", "2.5 MB, 7 lost, 40.0 GB left"),
+            ("controller a", "preview        The command is good."),
+            ("estimator  a", "IN CHARGE lengths agree"),
+            ("recorder  ", "ready"),
+            ("motor-io  ", "SILENT"),
+            ("planner  ", "DIED"),
+            ("motor/state", "100.0 Hz  0 lost"),
+            ("energy", "7 lost"),
+        ] {
+            let line = line(&picture, word);
+            assert!(line.contains(with), "no {with:?} in {line:?} of\n{}", picture.join("\n"));
+        }
+        // nobody is in the second slots
+        assert!(!picture.iter().any(|line| line.contains("controller b") || line.contains("estimator  b")));
+    }
+}
+
+#[test]
+fn a_swap_is_followed_and_its_failure_named() {
+    let mut swapping = flying();
+    let mut second = swapping.control[0].unwrap();
+    second.law = ControlStatus::LAW_P_FEEDFORWARD;
+    swapping.control[1] = Some(second);
+    let mut slots =
+        MotorSlots { fade: [1.0; 2], well_cycles: [0, 40, 0, 0], qualify_cycles: 100, ..Default::default() };
+    slots.phase =
+        [MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_SHADOW, MotorSlots::PHASE_ACTIVE, MotorSlots::PHASE_EMPTY];
+    swapping.slots = Some(slots);
+    assert!(line(&picture(&swapping, 140, 40), "p-feedforward").contains("40 of 100 cycles"));
+    slots.phase[1] = MotorSlots::PHASE_SWITCHING;
+    slots.commit_cycle[CONTROLLERS] = 12400;
+    swapping.slots = Some(slots);
+    assert!(line(&picture(&swapping, 140, 40), "p-feedforward").contains("takes over in cycle 12400"));
+    // An estimator that came and went is not there, and still named.
+    slots.phase[3] = MotorSlots::PHASE_QUARANTINED;
+    slots.cause[3] = MotorSlots::CAUSE_ABSENT;
+    swapping.slots = Some(slots);
+    assert!(line(&picture(&swapping, 140, 40), "estimator  b").contains("quarantined (it stopped answering)"));
+}
+
+#[test]
+fn bars_are_as_long_as_what_they_show() {
+    let picture = picture(&flying(), 100, 40);
+    let bars = |line: &str| -> Vec<usize> {
+        let mut counts = vec![0; 3];
+        let (mut at, mut cells) = (0, 0);
+        for symbol in line.chars().filter(|symbol| "█░".contains(*symbol)) {
+            counts[at] += usize::from(symbol == '█');
+            cells += 1;
+            if cells % BAR == 0 && at < 2 {
+                at += 1;
+            }
+        }
+        counts
+    };
+    assert_eq!(bars(line(&picture, "5.000 m")), [6, 6, 6]);
+    assert_eq!(bars(line(&picture, "2.500 m")), [3, 0, 0]);
+    assert_eq!(bars(line(&picture, "10.000 m")), [12, 9, 0]);
+    for (share, filled) in [(f64::NAN, 0), (f64::INFINITY, 0), (-1.0, 0), (9.0, BAR)] {
+        assert_eq!(bar(share, Color::Red).content.matches('█').count(), filled, "{share}");
+    }
+}
+
+#[test]
+fn what_is_not_heard_any_more_is_not_shown_as_the_present() {
+    let mut late = flying();
+    late.now_ns += 5_000_000_000;
+    let late = picture(&late, 120, 40);
+    assert!(line(&late, "motor-io has said nothing for 5 s").contains("mode"));
+    assert!(!late.iter().any(|line| line.contains("FOLLOWING") || line.contains("node at")), "{}", late.join("\n"));
+    line(&late, "the supervisor has said nothing for 5 s");
+    line(&late, "the recorder has said nothing for 5 s");
+    let alone = Snapshot { now_ns: NOW, domain: Some("x".to_owned()), ..Snapshot::default() };
+    let alone = picture(&alone, 80, 30);
+    for word in ["motor-io says nothing", "no supervisor", "the recorder says nothing", "no reading of the drives"] {
+        line(&alone, word);
+    }
+}
+
+#[test]
+fn every_fault_has_its_sentence() {
+    let mut faulted = flying();
+    if let Some(authority) = &mut faulted.authority {
+        authority.mode = MotorAuthority::MODE_FAULTED;
+        authority.faults = MotorAuthority::FAULT_SLACK | MotorAuthority::FAULT_SUPPLY;
+        authority.fault_cable[1] = 1;
+    }
+    let picture = picture(&faulted, 140, 40);
+    line(&picture, "FAULTED");
+    assert!(line(&picture, "A line is slack or broken").contains("(cable 2)"));
+    line(&picture, "The supply voltage is low");
+}
+
+#[test]
+fn without_a_robot_it_says_so() {
+    let waiting = picture(&Snapshot::waiting(NOW, "no robot runs here: start one"), 60, 10);
+    line(&waiting, "no robot runs here: start one");
+    line(&waiting, "Waiting for a robot; q quits.");
+}
+
+#[test]
+fn no_size_and_no_value_is_too_odd_to_draw() {
+    let mut odd = flying();
+    if let Some(state) = &mut odd.state {
+        state.cable_count = 255;
+        state.length_m = [f64::NAN; 8];
+        state.current_a = [f64::INFINITY; 8];
+    }
+    if let Some(authority) = &mut odd.authority {
+        (authority.active_controller, authority.active_estimator, authority.mode) = (255, 255, 255);
+        authority.verdict = [255; 2];
+        authority.in_charge = [255; 2];
+        authority.period_s = 0.0;
+    }
+    odd.slots = Some(MotorSlots { phase: [255; 4], cause: [255; 4], apart: [f64::NAN; 4], ..Default::default() });
+    odd.scale.length_m = 0.0;
+    for width in 1..60 {
+        for height in [1, 2, 3, 7, 24] {
+            picture(&odd, width, height);
+            picture(&Snapshot::waiting(NOW, "nothing"), width, height);
+        }
+    }
+}
