@@ -2,7 +2,7 @@
 //!
 //! Two things are not held against the robot, and the table says for how long they last. Where an encoder lies, its drive runs away for
 //! the quarter of a second until that is found out, the node is thrown about, and the other lines are slack for moments while it swings. And
-//! where one of three lines breaks, the other two cannot carry the node: it comes down, and they hang loose once it lies on the ground.
+//! where one of three lines breaks, the other two cannot carry the node, and hang loose once it has come down.
 
 use messages::{MotorAuthority, TruthNode};
 use motor_io::faults::RELEASING;
@@ -15,8 +15,8 @@ use std::path::Path;
 const SETTLED_NS: u64 = 1_000_000_000;
 /// A node that a drive has thrown about swings, and its lines are taut again after this time, ns.
 const SWUNG_NS: u64 = 3_000_000_000;
-/// A node below this height lies on the ground, m.
-const ON_THE_GROUND_M: f64 = 0.05;
+/// A node that was this low has come down, m.
+const DOWN_M: f64 = 0.01;
 /// Between two samples of truth, s.
 const TRUTH_S: f64 = 0.01;
 /// Ten steps of the encoder: less than that is no motion, m.
@@ -122,14 +122,15 @@ impl Evidence {
         let (mut slack, mut loose) = ([0u32; 8], [0u32; 8]);
         let swings_ns =
             if blow.runs_away { found.map_or(u64::MAX, |found| found.header.stamp_ns + SWUNG_NS) } else { 0 };
+        let mut down = false;
         for sample in self.truth.iter().filter(|sample| during(sample.header.stamp_ns)) {
+            down |= blow.breaks && sample.position_m[2] < DOWN_M;
             for (i, tension) in sample.tension_n[..usize::from(sample.cable_count)].iter().enumerate() {
                 verdict.peak_all_n = verdict.peak_all_n.max(*tension);
                 if blow.cable != Some(i) {
                     verdict.peak_n = verdict.peak_n.max(*tension);
                     let is_slack = sample.slack[i] == 1;
-                    let lies = blow.breaks && sample.position_m[2] < ON_THE_GROUND_M;
-                    slack[i] += u32::from(is_slack && sample.header.stamp_ns > swings_ns && !lies);
+                    slack[i] += u32::from(is_slack && sample.header.stamp_ns > swings_ns && !down);
                     loose[i] += u32::from(is_slack);
                 }
             }
