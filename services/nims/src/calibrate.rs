@@ -1,164 +1,17 @@
 //! `nims calibrate`: a file of measurements in, anchors with their deviations out, or a refusal in plain words.
 
-mod places;
+mod file;
+pub mod places;
+mod words;
+
+pub use file::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
 
 use crate::cli::{Calibrate, CalibrationMethod};
 use crate::failure::{Answer, Failure};
-use cable_robot::CableVec;
-use cable_robot::calibration::{
-    self, AnchorCovariance, Calibration, DirectHeight, Holdout, Loss, Measurements, Method, Range, Side,
-};
-use serde::Deserialize;
+use cable_robot::calibration::{self, AnchorCovariance, Calibration, Holdout, Method};
 use serde_json::{Value, json};
-use std::fmt::Write as _;
 use std::io::Write as _;
 use std::path::Path;
-
-/// Standard deviation of a range where none is stated, m: a laser of ±1.5 mm, and a plumb line that is never quite still.
-const DEFAULT_SIGMA_RANGE_M: f64 = 0.003;
-
-/// Standard deviation of a directly measured height where none is stated, m: the floor below the pulley is not quite the
-/// reference plane.
-const DEFAULT_SIGMA_HEIGHT_M: f64 = 0.01;
-
-/// Worst standard deviation of an anchor up to which a calibration is called good, m: the node is then about as well placed as
-/// its lines are measured.
-const GOOD_STD_M: f64 = 0.02;
-
-/// The same for usable: moves are safe, maps are blurred.
-const USABLE_STD_M: f64 = 0.08;
-
-/// The measurements file.
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct File {
-    /// Side of the line from anchor 1 to 2 on which anchor 3 stands, and any other anchor that has no side of its own:
-    /// 1 left (default), -1 right.
-    side: Option<i64>,
-    sigma_length_m: Option<f64>,
-    sigma_range_m: Option<f64>,
-    sigma_gps_m: Option<f64>,
-    sigma_scale: Option<f64>,
-    sigma_offset_m: Option<f64>,
-    /// What the robot reckoned the lengths with, if they are its own.
-    counts_per_m: Option<Vec<f64>>,
-    loss: Option<LossName>,
-    refuse_above_std_m: Option<f64>,
-    #[serde(default)]
-    range: Vec<RangeEntry>,
-    #[serde(default)]
-    point: Vec<PointEntry>,
-    #[serde(default)]
-    height: Vec<HeightEntry>,
-}
-
-#[derive(Debug, Clone, Copy, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum LossName {
-    Squared,
-    Huber,
-    Cauchy,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RangeEntry {
-    from: usize,
-    to: usize,
-    m: f64,
-    sigma_m: Option<f64>,
-    /// Of the anchor with the higher number.
-    side: Option<i64>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct PointEntry {
-    lengths_m: Vec<f64>,
-    gps_m: Option<[f64; 3]>,
-}
-
-#[derive(Debug, Deserialize)]
-#[serde(deny_unknown_fields)]
-struct HeightEntry {
-    anchor: usize,
-    m: f64,
-    sigma_m: Option<f64>,
-    by: Option<HeightBy>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-enum HeightBy {
-    Line,
-    Tape,
-    Laser,
-}
-
-impl File {
-    fn measurements(&self, method: Method) -> Result<Measurements, String> {
-        let named = self.range.iter().flat_map(|r| [r.from, r.to]).chain(self.height.iter().map(|h| h.anchor));
-        let cables = named.chain(self.point.iter().map(|p| p.lengths_m.len())).max().unwrap_or(0);
-        if cables == 0 {
-            return Err("it holds no measurements; give [[range]], [[point]] and [[height]] entries".to_owned());
-        }
-        let index = |what: &str, anchor: usize| {
-            anchor.checked_sub(1).ok_or_else(|| format!("{what} names anchor 0; anchors count from 1"))
-        };
-        let mut measured = Measurements::new(cables);
-        if cables > cable_robot::MAX_CABLES {
-            return Err(format!("it names {cables} anchors; a robot has at most {}", cable_robot::MAX_CABLES));
-        }
-        let side = self.side.map(Side::from_sign).transpose().map_err(|e| e.to_string())?;
-        measured.sides = vec![side; cables];
-        for (k, r) in self.range.iter().enumerate() {
-            let what = format!("[[range]] number {}", k + 1);
-            let (from, to) = (index(&what, r.from)?, index(&what, r.to)?);
-            if let Some(sign) = r.side {
-                measured.sides[from.max(to)] = Some(Side::from_sign(sign).map_err(|e| format!("{what}: {e}"))?);
-            }
-            let sigma_m = r.sigma_m.or(self.sigma_range_m).unwrap_or(DEFAULT_SIGMA_RANGE_M);
-            measured.ranges.push(Range { from, to, m: r.m, sigma_m });
-        }
-        for (k, p) in self.point.iter().enumerate() {
-            if method == Method::Gps && p.gps_m.is_none() {
-                continue;
-            }
-            measured
-                .lengths_m
-                .push(CableVec::from_slice(&p.lengths_m).map_err(|e| format!("[[point]] number {}: {e}", k + 1))?);
-            measured.gps_m.extend(p.gps_m);
-        }
-        for (k, h) in self.height.iter().enumerate() {
-            measured.heights.push(DirectHeight {
-                anchor: index(&format!("[[height]] number {}", k + 1), h.anchor)?,
-                m: h.m,
-                sigma_m: h.sigma_m.unwrap_or(DEFAULT_SIGMA_HEIGHT_M),
-                by_line: h.by.unwrap_or(HeightBy::Line) == HeightBy::Line,
-            });
-        }
-        if let Some(counts) = &self.counts_per_m
-            && (counts.len() != cables || counts.iter().any(|counts| !counts.is_finite() || *counts == 0.0))
-        {
-            return Err(format!(
-                "counts_per_m is {counts:?}; accepted: one value for each of the {cables} lines, as in the box file; no key where the lengths are not the robot's own"
-            ));
-        }
-        let set = |key: &mut f64, value: Option<f64>| *key = value.unwrap_or(*key);
-        set(&mut measured.sigma_length_m, self.sigma_length_m);
-        set(&mut measured.sigma_gps_m, self.sigma_gps_m);
-        set(&mut measured.refuse_above_std_m, self.refuse_above_std_m);
-        measured.sigma_scale = self.sigma_scale;
-        measured.sigma_offset_m = self.sigma_offset_m;
-        measured.loss = match self.loss {
-            Some(LossName::Squared) => Loss::Squared,
-            Some(LossName::Cauchy) => Loss::Cauchy,
-            // A field team's data hold an outlier sooner or later, and without one this costs 5 %.
-            Some(LossName::Huber) | None => Loss::Huber,
-        };
-        Ok(measured)
-    }
-}
 
 /// Calibrates; prints JSON on stdout, and words on stderr unless only JSON is wanted.
 ///
@@ -177,8 +30,8 @@ pub fn calibrate(asked: &Calibrate, json_only: bool) -> Answer<Value> {
         CalibrationMethod::Gps => Method::Gps,
     };
     let refuse = |why: String| Failure::bad(format!("{}: {why}", path.display()));
-    let measured = file.measurements(method).map_err(refuse)?;
     if let Some(count) = asked.plan {
+        let measured = file.measurements(method).map_err(refuse)?;
         let (value, words) = places::places(&measured, method, count.into(), asked.height)
             .map_err(|refusal| Failure::bad(format!("{}: {refusal}", path.display())))?;
         if !json_only {
@@ -186,18 +39,40 @@ pub fn calibrate(asked: &Calibrate, json_only: bool) -> Answer<Value> {
         }
         return Ok(value);
     }
-    let found = calibration::calibrate(&measured, method).map_err(|e| refuse(e.to_string()))?;
-    let holdout = calibration::hold_out(&measured, method).map_err(|e| refuse(e.to_string()))?;
-    let verdict = verdict(&found, &measured);
-    let mut value = answer(&found, holdout.as_ref(), &verdict);
-    value["counts_per_m"] = json!(file.counts_per_m);
+    let Judged { value, words, covariance } = judge(&file, method).map_err(refuse)?;
     if !json_only {
-        eprint!("{}", words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref()));
+        eprint!("{words}");
     }
     if let Some(out) = &asked.out {
-        write(out, path, &value, &found.covariance)?;
+        write(out, path, &value, &covariance)?;
     }
     Ok(value)
+}
+
+/// What the measurements of a file come to.
+pub struct Judged {
+    /// The answer as JSON.
+    pub value: Value,
+    /// The same for people; the last line is the verdict.
+    pub words: String,
+    /// Of the anchors.
+    pub covariance: AnchorCovariance,
+}
+
+/// Calibrates, checks by points left out, and judges.
+///
+/// # Errors
+/// One clause, without the file's name: what cannot be used, or why these measurements do not determine the anchors.
+pub fn judge(file: &File, method: Method) -> Result<Judged, String> {
+    let measured = file.measurements(method)?;
+    let numbers = file.used(method);
+    let found = calibration::calibrate(&measured, method).map_err(|e| e.to_string())?;
+    let holdout = calibration::hold_out(&measured, method).map_err(|e| e.to_string())?;
+    let verdict = words::verdict(&found, &measured, &numbers);
+    let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
+    value["counts_per_m"] = json!(file.counts_per_m);
+    let words = words::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
+    Ok(Judged { value, words, covariance: found.covariance })
 }
 
 fn name(method: Method) -> &'static str {
@@ -208,11 +83,11 @@ fn name(method: Method) -> &'static str {
     }
 }
 
-fn answer(found: &Calibration, holdout: Option<&Holdout>, verdict: &str) -> Value {
+fn answer(found: &Calibration, numbers: &[usize], holdout: Option<&Holdout>, verdict: &str) -> Value {
     let outliers: Vec<_> = found
         .outliers
         .iter()
-        .map(|o| json!({ "cable": o.cable + 1, "point": o.point + 1, "residual_m": o.residual_m }))
+        .map(|o| json!({ "cable": o.cable + 1, "point": numbers.get(o.point).unwrap_or(&o.point) + 1, "residual_m": o.residual_m }))
         .collect();
     json!({
         "method": name(found.method),
@@ -231,98 +106,6 @@ fn answer(found: &Calibration, holdout: Option<&Holdout>, verdict: &str) -> Valu
         "outliers": outliers,
         "verdict": verdict,
     })
-}
-
-/// Good, and go on; or what to do about it.
-fn verdict(found: &Calibration, measured: &Measurements) -> String {
-    let (anchor, axis, std) = found.covariance.worst();
-    let worst = format!(
-        "the least certain coordinate is {} of anchor {}, ±{:.3} m (one standard deviation)",
-        ["x", "y", "z"][axis],
-        anchor + 1,
-        std
-    );
-    let mut text = if std <= GOOD_STD_M {
-        format!("good: {worst}")
-    } else if std <= USABLE_STD_M {
-        format!("usable: {worst}; points near the corners below the anchors would help most (nims calibrate --plan)")
-    } else {
-        format!(
-            "poor: {worst}; add points near the corners below the anchors before a mission (nims calibrate --plan says where)"
-        )
-    };
-    if found.widened_by > 1.0 {
-        let _ = write!(
-            text,
-            "; the measurements scatter {:.1} times as much as stated, and the deviations are widened by that; {}",
-            found.widened_by,
-            match found.method {
-                Method::Joint => "look for a moved plumb line, an uneven floor or a slipped line",
-                Method::Survey => "look for outliers, a scale or a zero with the joint method",
-                Method::Gps => "check the known positions",
-            }
-        );
-    }
-    let far = |a: &&calibration::Outlier, b: &&calibration::Outlier| a.residual_m.abs().total_cmp(&b.residual_m.abs());
-    if let Some(o) = found.outliers.iter().max_by(far) {
-        let _ = write!(
-            text,
-            "; point {} does not fit the others (most of all line {}, by {:.3} m): measure it again",
-            o.point + 1,
-            o.cable + 1,
-            o.residual_m
-        );
-    }
-    if measured.lengths_m.is_empty() {
-        text.push_str("; no points were measured, so nothing checks the heights");
-    }
-    text
-}
-
-fn words(found: &Calibration, holdout: Option<&Holdout>, verdict: &str, counts_per_m: Option<&[f64]>) -> String {
-    let mut text = String::new();
-    for (i, (a, s)) in found.anchors_m.iter().zip(found.covariance.std_m()).enumerate() {
-        let _ = writeln!(
-            text,
-            "anchor {}: x {:9.4} ±{:.4}  y {:9.4} ±{:.4}  z {:9.4} ±{:.4} m",
-            i + 1,
-            a[0],
-            s[0],
-            a[1],
-            s[1],
-            a[2],
-            s[2]
-        );
-    }
-    if found.scale_std > 0.0 {
-        let _ = writeln!(text, "lengths read {:.5} ±{:.5} times the true ones", found.scale, found.scale_std);
-        if let Some(counts) = counts_per_m {
-            let counts: Vec<f64> = counts.iter().map(|counts| counts * found.scale).collect();
-            let _ = writeln!(
-                text,
-                "so there are {counts:.1?} counts in a metre; a robot file that names this calibration says so to the robot"
-            );
-        }
-    }
-    for (i, (o, s)) in found.offsets_m.iter().zip(found.offset_std_m.iter()).enumerate().filter(|(_, (_, s))| **s > 0.0)
-    {
-        let _ = writeln!(text, "line {} reads {o:.4} ±{s:.4} m at length zero", i + 1);
-    }
-    if !found.residuals_m.is_empty() {
-        let _ = writeln!(text, "residuals {:.4} m root mean square (not an accuracy)", found.rms_residual_m());
-    }
-    match holdout {
-        Some(h) => {
-            let _ = writeln!(
-                text,
-                "points left out are predicted to {:.4} m in length and {:.4} m in position ({} calibrations)",
-                h.rms_m, h.position_rms_m, h.folds
-            );
-        }
-        None => text.push_str("too few points to leave any out for a check\n"),
-    }
-    let _ = writeln!(text, "{verdict}");
-    text
 }
 
 /// The calibration as a file of its own, with the measurements it comes from.
@@ -348,7 +131,6 @@ fn write(out: &Path, measurements: &Path, value: &Value, covariance: &AnchorCova
     file.write_all(format!("{head}{body}").as_bytes()).and_then(|()| file.sync_all()).map_err(|e| cannot(e.to_string()))
 }
 
-/// Now in UTC, as RFC 3339 to the second.
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -147,6 +147,8 @@ pub enum Command {
     Tension(Tension),
     /// Anchors with their deviations from measurements in the field, or why these do not determine them.
     Calibrate(Calibrate),
+    /// Calibrate in the field by answering one question at a time; what was answered is kept, and the same command goes on.
+    Setup(Setup),
     /// What the motors draw over speed and tension, from recorded runs of raising and lowering known loads.
     MotorTable(MotorTable),
     /// What a move costs, and the parabola that costs least.
@@ -493,6 +495,16 @@ pub struct Calibrate {
     /// With --plan: about how high the pulleys are, m, where the measurements do not tell it yet.
     #[arg(long, value_name = "M", value_parser = above_zero, requires = "plan")]
     pub height: Option<f64>,
+}
+
+/// `nims setup`.
+#[derive(Debug, clap::Args)]
+pub struct Setup {
+    /// Measurements file to begin, or to go on with.
+    pub measurements: PathBuf,
+    /// Where the calibration goes, a new file; default: beside the measurements, SITE-calibration.toml.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
 }
 
 /// `nims motor-table`.

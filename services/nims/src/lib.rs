@@ -35,6 +35,7 @@ pub mod replay;
 pub mod report;
 mod runs;
 pub mod scene_export;
+mod setup;
 pub mod solve;
 mod status;
 pub mod supervisor;
@@ -181,6 +182,11 @@ pub fn run(cli: &Cli) -> Answer {
         Command::Workspace(asked) => workspace::workspace(asked).map(|value| answers::print(true, &value, "")),
         Command::Solve => solve::serve(std::io::stdin(), std::io::stdout().lock()).map_err(Failure::not_now),
         Command::Calibrate(asked) => calibrate::calibrate(asked, json).map(|value| answers::print(true, &value, "")),
+        Command::Setup(asked) => {
+            let (value, words) = setup::setup(asked)?;
+            print(&value, &words);
+            Ok(())
+        }
         Command::MotorTable(asked) => {
             let (value, words) = motor_table::motor_table(asked)?;
             print(&value, &words);

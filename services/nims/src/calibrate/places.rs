@@ -16,17 +16,13 @@ const REACH: f64 = 0.9;
 /// Ranges that place no anchor, heights that nothing tells, or places that would not do.
 pub fn places(measured: &Measurements, method: Method, count: usize, height_m: Option<f64>) -> Answer<(Value, String)> {
     let anchors = anchors(measured, method, height_m)?;
-    let flat: Vec<[f64; 2]> = anchors.iter().map(|a| [a[0], a[1]]).collect();
-    let points = corners(&flat, count, REACH);
+    let points = spots(&anchors, count);
     let expected = predict(&anchors, &points, measured, method).map_err(Failure::bad)?;
-    let length = |anchor: &[f64; 3], at: &[f64; 2]| {
-        ((anchor[0] - at[0]).powi(2) + (anchor[1] - at[1]).powi(2) + anchor[2].powi(2)).sqrt()
-    };
     let mut words = String::new();
     let mut rows = Vec::new();
     for (k, at) in points.iter().enumerate() {
         let near = k % anchors.len() + 1;
-        let lengths: Vec<f64> = anchors.iter().map(|anchor| length(anchor, at)).collect();
+        let lengths = lengths(&anchors, at);
         let read: Vec<String> = lengths.iter().map(|length| format!("{length:.2}")).collect();
         let _ = writeln!(
             words,
@@ -43,6 +39,21 @@ pub fn places(measured: &Measurements, method: Method, count: usize, height_m: O
     }
     words.push_str("points may lie a step beside these places: what counts is that they are near the corners\n");
     Ok((json!({ "points": rows, "expected_anchor_std_m": expected.std_m() }), words))
+}
+
+/// The first `count` places, x and y in m: the first ones stay where they are if there are more.
+#[must_use]
+pub fn spots(anchors: &[[f64; 3]], count: usize) -> Vec<[f64; 2]> {
+    let flat: Vec<[f64; 2]> = anchors.iter().map(|a| [a[0], a[1]]).collect();
+    corners(&flat, count, REACH)
+}
+
+/// What the lines show with the node on the floor at x and y, m.
+#[must_use]
+pub fn lengths(anchors: &[[f64; 3]], at: &[f64; 2]) -> Vec<f64> {
+    let length =
+        |anchor: &[f64; 3]| ((anchor[0] - at[0]).powi(2) + (anchor[1] - at[1]).powi(2) + anchor[2].powi(2)).sqrt();
+    anchors.iter().map(length).collect()
 }
 
 /// Where the anchors are, as far as the file tells: by its points where they determine it, else by its ranges, with the heights that

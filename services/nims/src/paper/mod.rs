@@ -12,7 +12,7 @@ mod energy;
 mod flight;
 mod mapping;
 mod page;
-mod random;
+pub(crate) mod random;
 pub mod section;
 mod stand_in;
 mod tensions;

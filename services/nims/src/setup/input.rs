@@ -1,0 +1,67 @@
+//! Lines from a terminal or a pipe, until somebody wants to stop.
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fd::BorrowedFd;
+use rustix::io::Errno;
+
+/// How long a signal may go unnoticed that comes just before the wait.
+const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
+
+/// What comes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Line {
+    /// Somebody typed this.
+    Typed(String),
+    /// There is no more.
+    End,
+    /// Ctrl-C, or the like.
+    Stopped,
+}
+
+/// A reader of lines.
+#[derive(Debug)]
+pub struct Lines<'a> {
+    from: BorrowedFd<'a>,
+    read: Vec<u8>,
+    ended: bool,
+}
+
+impl<'a> Lines<'a> {
+    /// Of this file.
+    pub fn new(from: BorrowedFd<'a>) -> Self {
+        Self { from, read: Vec::new(), ended: false }
+    }
+
+    /// The next line, without its end; the last one needs none. What is no UTF-8 becomes question marks.
+    ///
+    /// # Errors
+    /// The file cannot be read.
+    pub fn next(&mut self, stopped: &dyn Fn() -> bool) -> Result<Line, std::io::Error> {
+        let text = |bytes: &[u8]| Line::Typed(String::from_utf8_lossy(bytes).into_owned());
+        loop {
+            if stopped() {
+                return Ok(Line::Stopped);
+            }
+            if let Some(end) = self.read.iter().position(|byte| *byte == b'\n') {
+                let line: Vec<u8> = self.read.drain(..=end).collect();
+                return Ok(text(&line[..end]));
+            }
+            if self.ended {
+                let rest = std::mem::take(&mut self.read);
+                return Ok(if rest.is_empty() { Line::End } else { text(&rest) });
+            }
+            match poll(&mut [PollFd::from_borrowed_fd(self.from, PollFlags::IN)], Some(&LOOK)) {
+                Ok(0) | Err(Errno::INTR) => continue,
+                Ok(_) => {}
+                Err(error) => return Err(error.into()),
+            }
+            let mut part = [0; 4096];
+            match rustix::io::read(self.from, &mut part) {
+                Ok(0) => self.ended = true,
+                Ok(count) => self.read.extend_from_slice(&part[..count]),
+                Err(Errno::INTR) => {}
+                Err(error) => return Err(error.into()),
+            }
+        }
+    }
+}

@@ -1,0 +1,195 @@
+//! Lengths as people write them: `12.43`, `12,43`, `12.43 m`, `1243 cm`; several in one line, apart by spaces, semicolons, or commas
+//! where these cannot be decimal ones.
+
+/// What a length may be, m.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds {
+    /// At least.
+    pub least_m: f64,
+    /// At most.
+    pub most_m: f64,
+}
+
+/// Between plumb lines, and of lines: nothing that one carries into the field is longer.
+pub const DISTANCE: Bounds = Bounds { least_m: 0.3, most_m: 300.0 };
+/// Of a line with the node on the floor.
+pub const LENGTH: Bounds = Bounds { least_m: 0.1, most_m: 300.0 };
+/// Of a pulley: poles and trees.
+pub const HEIGHT: Bounds = Bounds { least_m: 0.3, most_m: 100.0 };
+
+/// One length, m.
+///
+/// # Errors
+/// One sentence: why it is none, or none that can be true.
+pub fn length(text: &str, bounds: Bounds) -> Result<f64, String> {
+    match lengths(text, bounds)?.as_slice() {
+        [one] => Ok(*one),
+        several => Err(format!("`{}` is {} numbers; one is asked for here", excerpt(text), several.len())),
+    }
+}
+
+/// One or more lengths, m.
+///
+/// # Errors
+/// As [`length`].
+pub fn lengths(text: &str, bounds: Bounds) -> Result<Vec<f64>, String> {
+    let no_length =
+        || format!("`{}` is not understood; write a length as 12.43, 12,43, 12.43 m or 1243 cm", excerpt(text));
+    // (number as it was written, its unit)
+    let mut written: Vec<(&str, Option<Unit>)> = Vec::new();
+    for word in text.split(|c: char| c.is_whitespace() || c == ';') {
+        // after a number a comma and a space are no decimal comma
+        let word = word.strip_suffix(',').unwrap_or(word);
+        if word.is_empty() {
+            continue;
+        }
+        let (digits, unit) = word.split_at(word.find(|c: char| c.is_alphabetic()).unwrap_or(word.len()));
+        let unit = if unit.is_empty() { None } else { Some(Unit::named(unit).ok_or_else(no_length)?) };
+        if digits.is_empty() {
+            match written.last_mut() {
+                Some((_, missing @ None)) => *missing = unit,
+                _ => return Err(no_length()),
+            }
+            continue;
+        }
+        // a decimal comma stands alone and where there is no point
+        let decimal = digits.matches(',').count() == 1 && !digits.contains('.');
+        match digits.split(',').collect::<Vec<_>>().as_slice() {
+            [_] => written.push((digits, unit)),
+            _ if decimal => written.push((digits, unit)),
+            parts if parts.iter().all(|part| part.contains('.')) && unit.is_none() => {
+                written.extend(parts.iter().map(|part| (*part, None)));
+            }
+            _ => return Err(no_length()),
+        }
+    }
+    if written.is_empty() {
+        return Err(no_length());
+    }
+    if written.iter().any(|(_, unit)| *unit == Some(Unit::Centimetre)) && written.iter().any(|(_, unit)| unit.is_none())
+    {
+        return Err("some of these numbers have a unit and some have none; write cm behind each of them".to_owned());
+    }
+    let value = |(digits, unit): (&str, Option<Unit>)| {
+        let number = plain(digits).ok_or_else(no_length)?;
+        // divided, not multiplied: 1243 cm are the very number that 12.43 is
+        let m = if unit == Some(Unit::Centimetre) { number / 100.0 } else { number };
+        if (bounds.least_m..=bounds.most_m).contains(&m) {
+            return Ok(m);
+        }
+        Err(format!(
+            "{m} m cannot be (accepted: {} to {} m); centimetres are written like 1243 cm",
+            bounds.least_m, bounds.most_m
+        ))
+    };
+    written.into_iter().map(value).collect()
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Unit {
+    Metre,
+    Centimetre,
+}
+
+impl Unit {
+    fn named(text: &str) -> Option<Self> {
+        match text {
+            "m" | "M" => Some(Self::Metre),
+            "cm" | "CM" | "Cm" => Some(Self::Centimetre),
+            _ => None,
+        }
+    }
+}
+
+/// Digits with at most one decimal sign between or after them, and nothing else: no signs, no exponents.
+fn plain(digits: &str) -> Option<f64> {
+    let signs = digits.matches(['.', ',']).count();
+    let only_digits = digits.chars().all(|c| c.is_ascii_digit() || c == '.' || c == ',');
+    if signs > 1 || !only_digits || !digits.starts_with(|c: char| c.is_ascii_digit()) || digits.len() > 12 {
+        return None;
+    }
+    digits.replace(',', ".").parse().ok()
+}
+
+/// So much of what was typed as belongs into a sentence.
+pub fn excerpt(text: &str) -> String {
+    let clean = clean(text.trim());
+    if clean.chars().count() <= 30 { clean } else { clean.chars().take(30).chain(['…']).collect() }
+}
+
+/// What was typed, fit to be shown: nothing in it moves the cursor.
+pub fn clean(text: &str) -> String {
+    text.chars().map(|c| if c.is_control() { ' ' } else { c }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_length_is_written_in_four_ways() {
+        for text in ["12.43", "12,43", "12.43 m", "1243 cm", " 12.43m ", "1243cm", "12,43 M", "012.430"] {
+            assert_eq!(length(text, DISTANCE), Ok(12.43), "{text}");
+        }
+        assert_eq!(length("9", DISTANCE), Ok(9.0));
+        assert_eq!(length("9.", DISTANCE), Ok(9.0));
+    }
+
+    #[test]
+    fn nothing_else_is_a_length() {
+        for text in [
+            "",
+            " ",
+            "m",
+            "cm",
+            "-3",
+            "+3",
+            "1e1",
+            "inf",
+            "nan",
+            "NaN",
+            "12.43.1",
+            "12 ft",
+            "1243 mm",
+            "3 4",
+            "1,2,3",
+            "1,243.5",
+            "٣",
+            "3m4",
+            "3 m m",
+            "0x10",
+            ".5",
+            ",5",
+            "twelve",
+            "12.43 m 3",
+            "99999999999999999999",
+            "…",
+        ] {
+            let why = length(text, DISTANCE).unwrap_err();
+            assert_eq!(why.lines().count(), 1, "{why}");
+        }
+        assert!(length("0", DISTANCE).unwrap_err().contains("0.3 to 300 m"));
+        assert!(length("1243", DISTANCE).unwrap_err().contains("1243 cm"));
+        assert!(length("310", HEIGHT).unwrap_err().contains("100 m"));
+    }
+
+    #[test]
+    fn several_lengths_stand_in_one_line() {
+        for text in [
+            "3.1 9.8 9.75",
+            "3,1 9,8 9,75",
+            "3.1, 9.8, 9.75",
+            "3,1, 9,8, 9,75",
+            "3.1,9.8,9.75",
+            "3.1; 9.8; 9.75",
+            "3,1;9,8;9,75",
+            "310 cm 980 cm 975 cm",
+            "310cm, 980cm, 975cm",
+            "3.1 m 9.8 m 9.75",
+        ] {
+            assert_eq!(lengths(text, LENGTH), Ok(vec![3.1, 9.8, 9.75]), "{text}");
+        }
+        assert!(lengths("310 980 975 cm", LENGTH).unwrap_err().contains("behind each"));
+        assert!(lengths("3,1,9,8,9,75", LENGTH).is_err());
+    }
+}

@@ -1,0 +1,111 @@
+//! Whether distances between pulleys can be true: triangles, and the shape they make together.
+
+use super::words::{joined, metres};
+use crate::calibrate::File;
+use cable_robot::calibration::{Measurements, Method, Range, Side, Survey, survey_network};
+
+/// How far the sides of a triangle may fall short where three pulleys stand nearly on one line, in standard deviations of a distance.
+const SLACK: f64 = 7.0;
+
+/// Distances that are off by so many standard deviations from any shape are spoken of.
+const MISFIT: f64 = 4.0;
+
+/// The distance between two plumb lines, m, if it was measured.
+pub fn distance(file: &File, a: usize, b: usize) -> Option<f64> {
+    file.range.iter().find(|r| (r.from, r.to) == (a, b) || (r.from, r.to) == (b, a)).map(|r| r.m)
+}
+
+/// Pulleys with a lower number to which a distance was measured.
+pub fn reached(file: &File, pulley: usize) -> Vec<usize> {
+    (1..pulley).filter(|lower| distance(file, *lower, pulley).is_some()).collect()
+}
+
+/// Refuses the newest distance, from `a` to `b`, if it and two others form no triangle.
+///
+/// # Errors
+/// One sentence that names the three.
+pub fn check_triangles(file: &File, a: usize, b: usize) -> Result<(), String> {
+    let sigma_m = file.sigma_range_m.unwrap_or_default();
+    for c in (1..b).filter(|c| *c != a) {
+        let (Some(ab), Some(ac), Some(bc)) = (distance(file, a, b), distance(file, a, c), distance(file, b, c)) else {
+            continue;
+        };
+        let name = |from: usize, to: usize| format!("{}-{}", from.min(to), from.max(to));
+        let mut sides = [(ab, name(a, b)), (ac, name(a, c)), (bc, name(b, c))];
+        sides.sort_by(|p, q| p.1.cmp(&q.1));
+        let longest = sides.iter().max_by(|p, q| p.0.total_cmp(&q.0)).map(|side| side.1.clone()).unwrap_or_default();
+        let sum: f64 = sides.iter().map(|side| side.0).sum();
+        let most = ab.max(ac).max(bc);
+        if most > sum - most + SLACK * sigma_m {
+            let all: Vec<String> = sides.iter().map(|(m, name)| format!("{name} ({})", metres(*m))).collect();
+            return Err(format!(
+                "the distances {} do not fit: {longest} is longer than the other two together; measure {} again, or \
+                 take back one before with undo",
+                joined(&all),
+                name(a, b)
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// The shape of the first `count` pulleys by their distances; on sides that nobody has said yet they stand left.
+///
+/// # Errors
+/// One sentence: why they make no shape.
+pub fn survey(file: &File, count: usize) -> Result<Survey, String> {
+    if count < 3 {
+        return Err("two pulleys make no shape".to_owned());
+    }
+    let measured = file.measurements(Method::Survey)?;
+    let ranges: Vec<Range> = measured.ranges.iter().filter(|r| r.from.max(r.to) < count).copied().collect();
+    let sides: Vec<Option<Side>> =
+        measured.sides.iter().take(count).map(|side| Some(side.unwrap_or_default())).collect();
+    survey_network(count, &ranges, &sides).map_err(|error| error.to_string())
+}
+
+/// What to say of distances to this pulley that contradict each other, if they do.
+pub fn contradiction(file: &File, survey: &Survey, pulley: usize) -> Option<String> {
+    let measured: Measurements = file.measurements(Method::Survey).ok()?;
+    let xy = &survey.anchors_xy_m;
+    let off = |r: &&Range| {
+        let (a, b) = (xy[r.from], xy[r.to]);
+        ((a[0] - b[0]).hypot(a[1] - b[1]) - r.m).abs()
+    };
+    let within = measured.ranges.iter().filter(|r| r.from.max(r.to) < pulley);
+    let worst = within.max_by(|p, q| (off(p) / p.sigma_m).total_cmp(&(off(q) / q.sigma_m)))?;
+    (survey.degrees_of_freedom > 0 && off(&worst) > MISFIT * worst.sigma_m).then(|| {
+        format!(
+            "These distances do not quite fit together: even in the best shape {}-{} is off by {}. If one of them may be wrong, \
+             take them back with undo.",
+            worst.from.min(worst.to) + 1,
+            worst.from.max(worst.to) + 1,
+            metres(off(&worst))
+        )
+    })
+}
+
+/// Refuses lengths of a point that cannot be true together: two lines that are too short to meet.
+///
+/// # Errors
+/// One sentence that names the two.
+pub fn check_lengths(anchors: &[[f64; 3]], lengths_m: &[f64], slack_m: f64) -> Result<(), String> {
+    for (i, a) in anchors.iter().enumerate() {
+        for (j, b) in anchors.iter().enumerate().skip(i + 1) {
+            let apart = (a[0] - b[0]).hypot(a[1] - b[1]);
+            if let (Some(first), Some(second)) = (lengths_m.get(i), lengths_m.get(j))
+                && first + second + slack_m < apart
+            {
+                return Err(format!(
+                    "lines {} and {} cannot meet: {} and {} are less than the {} between their pulleys; read them again",
+                    i + 1,
+                    j + 1,
+                    metres(*first),
+                    metres(*second),
+                    metres(apart)
+                ));
+            }
+        }
+    }
+    Ok(())
+}

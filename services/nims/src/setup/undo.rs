@@ -1,0 +1,77 @@
+//! Taking back the last answer: questions come in one order, so it is the last thing in that order that is there.
+
+use super::question::pulleys;
+use super::shape;
+use super::words::{listed, metres};
+use crate::calibrate::File;
+
+/// Takes back the last answer and says which it was; none if there is nothing.
+pub fn undo(file: &mut File) -> Option<String> {
+    let points = file.point.len();
+    let setup = file.setup.get_or_insert_default();
+    if let Some(length) = setup.lengths_so_far_m.pop() {
+        let line = setup.lengths_so_far_m.len() + 1;
+        return Some(format!("line {line} was {}", metres(length)));
+    }
+    // What was wanted anew came after all that was decided about the points then.
+    if setup.plan.len() > 1 && setup.plan.last().is_some_and(|plan| plan[0] == points) {
+        setup.plan.pop();
+        return Some("how many points are wanted".to_owned());
+    }
+    if let Some(doubt) = file.doubt.pop_if(|doubt| doubt.after == points) {
+        let decided = if doubt.used { "to keep" } else { "to measure again" };
+        return Some(format!("point {} was {decided}", doubt.point));
+    }
+    if let Some(point) = file.point.pop() {
+        return Some(format!("point {points} was {} m", listed(&point.lengths_m)));
+    }
+    if setup.plan.pop().is_some() {
+        return Some("how many points are wanted".to_owned());
+    }
+    if let Some(about_m) = setup.about_m.take() {
+        return Some(format!("the pulleys were about {} high", metres(about_m)));
+    }
+    for pulley in (1..=pulleys(file)).rev() {
+        let undone = height(file, pulley);
+        if undone.is_some() {
+            return undone;
+        }
+    }
+    for to in (2..=pulleys(file)).rev() {
+        let undone = place(file, to);
+        if undone.is_some() {
+            return undone;
+        }
+    }
+    let count = file.setup.as_mut()?.pulleys.take()?;
+    Some(format!("there were {count} pulleys"))
+}
+
+fn height(file: &mut File, pulley: usize) -> Option<String> {
+    if let Some(at) = file.height.iter().rposition(|height| height.anchor == pulley) {
+        let height = file.height.remove(at);
+        return Some(format!("pulley {pulley} was {} high", metres(height.m)));
+    }
+    let setup = file.setup.as_mut()?;
+    let at = setup.unmeasured.iter().rposition(|unmeasured| *unmeasured == pulley)?;
+    setup.unmeasured.remove(at);
+    Some(format!("the height of pulley {pulley} was not measured"))
+}
+
+fn place(file: &mut File, to: usize) -> Option<String> {
+    if let Some(side) = file.range.iter_mut().filter(|r| r.from.max(r.to) == to).find_map(|r| r.side.take()) {
+        return Some(format!("pulley {to} was on the {}", if side < 0 { "right" } else { "left" }));
+    }
+    for from in (1..to).rev() {
+        if let Some(m) = shape::distance(file, from, to) {
+            file.range.retain(|r| (r.from, r.to) != (from, to) && (r.from, r.to) != (to, from));
+            return Some(format!("{from}-{to} was {}", metres(m)));
+        }
+        let setup = file.setup.as_mut()?;
+        if let Some(at) = setup.skipped.iter().rposition(|pair| *pair == [from, to]) {
+            setup.skipped.remove(at);
+            return Some(format!("{from}-{to} was not measured"));
+        }
+    }
+    None
+}
