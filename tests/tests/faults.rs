@@ -68,12 +68,12 @@ fn no_drum_creeps_on_under_a_slack_line() {
         let mut lockstep = Lockstep::new(scenario).unwrap();
         lockstep.zero_and_arm().unwrap();
         lockstep.run(&mission).unwrap();
-        (0..800).for_each(|_| drop(lockstep.cycle().unwrap()));
+        (0..800).for_each(|_| _ = lockstep.cycle().unwrap());
         lockstep.plant_mut().apply(plant::Fault::BrokenLine { cable, on: true }).unwrap();
-        (0..500).for_each(|_| drop(lockstep.cycle().unwrap()));
+        (0..500).for_each(|_| _ = lockstep.cycle().unwrap());
         assert!(lockstep.plant_mut().slack()[cable]);
         let before_m = lockstep.plant_mut().lengths_m();
-        (0..3000).for_each(|_| drop(lockstep.cycle().unwrap()));
+        (0..3000).for_each(|_| _ = lockstep.cycle().unwrap());
         for (before_m, after_m) in before_m.iter().zip(lockstep.plant_mut().lengths_m()) {
             assert!((after_m - before_m).abs() < 1e-3, "{before_m} m became {after_m} m in half a minute");
         }
