@@ -196,6 +196,18 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["info", "no-such-run"], &["no-such-run"]),
         (&["recover", "no-such-run"], &["no-such-run"]),
         (&["run", "demo", "--dry-run", "--config", "no-such-box.toml"], &["no-such-box.toml"]),
+        (&["bench", "drives"], &["drives", "tick, bus, chain, disk"]),
+        (&["bench", "--rate", "1000"], &["--rate", "1000", "10 to 250"]),
+        (&["bench", "--rate", "-100"], &["--rate", "10 to 250"]),
+        (&["bench", "--rate", "fast"], &["fast", "not a number"]),
+        (&["bench", "--seconds", "0"], &["--seconds", "above 0"]),
+        (&["bench", "--seconds", "inf"], &["inf", "finite"]),
+        (&["bench", "--seconds", "1e9"], &["hour"]),
+        (&["bench", "--box", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
+        (&["bench", "--box", ROBOT], &["lab3.toml"]),
+        (&["bench", "disk", "--runs", "no-such-folder"], &["no-such-folder", "--runs"]),
+        (&["bench", "disk", "--runs", "README.md"], &["README.md", "--runs"]),
+        (&["bench-peer", "nobody"], &["nims bench"]),
     ];
     for (args, words) in cases {
         refused(args, 2, words);

@@ -1,5 +1,6 @@
 //! What can be typed. Values are checked here once; behind this module a number is finite and a point has two or three.
 
+mod bench;
 mod values;
 
 use clap::{Parser, Subcommand, ValueEnum};
@@ -7,6 +8,7 @@ use service::config::Point;
 use std::path::PathBuf;
 use values::{above_zero, assignment, finite, numbers, point};
 
+pub use bench::{Bench, Part};
 pub use values::Numbers;
 
 /// Run, watch and command a cable-suspended robot.
@@ -124,6 +126,15 @@ pub enum Command {
     Doctor {
         /// Box file, whose ports, runs folder and scheduling are looked at too.
         config: Option<PathBuf>,
+    },
+    /// Measure whether this machine is good enough for a robot, each figure beside the plain way of doing the same.
+    Bench(Bench),
+    /// The other process of `nims bench`.
+    #[command(hide = true)]
+    BenchPeer {
+        /// The domain of the benchmark.
+        #[arg(value_name = "DOMAIN")]
+        place: String,
     },
     /// Cable lengths for a position of the node.
     Ik {

@@ -9,6 +9,7 @@
 #![forbid(unsafe_code)]
 
 mod answers;
+mod bench;
 mod calibrate;
 mod channels;
 pub mod cli;
@@ -171,6 +172,12 @@ pub fn run(cli: &Cli) -> Answer {
         Command::Check { config, on } => check(config, on.as_deref(), json),
         Command::Ik { config, at } => offline::ik(config, at).map(|value| answers::print(true, &value, "")),
         Command::Doctor { config } => doctor(config.as_deref(), json),
+        Command::Bench(asked) => {
+            let (value, words) = bench::bench(asked)?;
+            print(&value, &words);
+            Ok(())
+        }
+        Command::BenchPeer { place } => bench::peer::serve(place),
         Command::Fk { config, lengths } => offline::fk(config, lengths).map(|value| answers::print(true, &value, "")),
         Command::Tension(tension) => offline::tensions(tension).map(|value| answers::print(true, &value, "")),
         Command::Paper { figures, out } => {

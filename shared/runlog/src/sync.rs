@@ -15,6 +15,8 @@ pub struct SyncReport {
     pub done: u64,
     /// Longest, ns.
     pub worst_ns: u64,
+    /// The last one, ns.
+    pub last_ns: u64,
     /// Times that the disk refused.
     pub failed: u64,
     /// It refused the last time. What it refused once may be lost although it accepts what comes later.
@@ -69,6 +71,7 @@ impl Syncer {
                     }
                 }
                 guard.report.worst_ns = guard.report.worst_ns.max(took);
+                guard.report.last_ns = took;
             }
         })?;
         Ok(Self { shared, thread: Some(thread) })

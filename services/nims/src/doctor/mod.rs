@@ -4,6 +4,8 @@ mod judge;
 mod machine;
 mod probe;
 
+pub(crate) use probe::{TMPFS, where_it_will_be};
+
 use crate::failure::{Answer, Failure};
 use crate::findings::Finding;
 use service::config::BoxFile;

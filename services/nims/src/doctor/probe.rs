@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 
 const SHARED_MEMORY: &str = "/dev/shm";
 /// `f_type` of tmpfs, statfs(2).
-const TMPFS: u32 = 0x0102_1994;
+pub const TMPFS: u32 = 0x0102_1994;
 
 /// This machine, as far as the box needs it; without a box, as far as any does.
 pub fn probe(file: Option<&BoxFile>) -> Machine {
@@ -131,14 +131,18 @@ fn governors() -> Vec<String> {
     files.filter_map(|file| Some(fs::read_to_string(file).ok()?.trim().to_owned())).collect()
 }
 
-fn runs(file: &BoxFile) -> Runs {
-    // The folder may not be there yet; then the one counts in which it would be made.
-    let there: PathBuf = std::path::absolute(&file.runs)
-        .unwrap_or_else(|_| file.runs.clone())
+/// A folder of runs may not be there yet; then the one counts in which it would be made.
+pub fn where_it_will_be(runs: &Path) -> PathBuf {
+    std::path::absolute(runs)
+        .unwrap_or_else(|_| runs.to_owned())
         .ancestors()
         .find(|folder| folder.exists())
         .unwrap_or(Path::new("/"))
-        .to_path_buf();
+        .to_path_buf()
+}
+
+fn runs(file: &BoxFile) -> Runs {
+    let there = where_it_will_be(&file.runs);
     Runs {
         folder: file.runs.clone(),
         is_writable: there.is_dir() && access(&there, Access::WRITE_OK | Access::EXEC_OK).is_ok(),

@@ -14,7 +14,7 @@ mod mapping;
 mod page;
 pub(crate) mod random;
 pub mod section;
-mod stand_in;
+pub(crate) mod stand_in;
 mod tensions;
 
 use crate::failure::{Answer, Failure};

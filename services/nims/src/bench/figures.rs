@@ -1,0 +1,111 @@
+//! Figures: medians, tails, ratios. Pure.
+
+use serde::Serialize;
+use service::Timing;
+
+/// How long something took, over many times.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Spread {
+    /// How many times.
+    pub count: u64,
+    /// Half of them took no longer, s.
+    pub median_s: f64,
+    /// All but one in a thousand took no longer, s.
+    pub p999_s: f64,
+    /// The longest, s.
+    pub worst_s: f64,
+}
+
+impl Spread {
+    /// Of what was recorded; to two digits, but for the worst. What took no time that the clock could tell counts as 1 ns.
+    #[must_use]
+    pub fn of(timing: &Timing) -> Self {
+        let worst_ns = timing.max_ns().max(1);
+        let quantile_s = |fraction| timing.quantile_ns(fraction).clamp(1, worst_ns) as f64 * 1e-9;
+        Self {
+            count: timing.passes(),
+            median_s: quantile_s(0.5),
+            p999_s: quantile_s(0.999),
+            worst_s: worst_ns as f64 * 1e-9,
+        }
+    }
+
+    /// The same of a part of it: each time was `parts` of them in a row.
+    #[must_use]
+    pub fn divided(self, parts: u64) -> Self {
+        let parts = parts.max(1) as f64;
+        Self { median_s: self.median_s / parts, p999_s: self.p999_s / parts, worst_s: self.worst_s / parts, ..self }
+    }
+}
+
+/// How many times as long the plain way takes as ours.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Ratio {
+    /// Of the medians.
+    pub median: f64,
+    /// Of the tails.
+    pub p999: f64,
+}
+
+impl Ratio {
+    /// Of two spreads.
+    #[must_use]
+    pub fn of(plain: &Spread, ours: &Spread) -> Self {
+        Self { median: plain.median_s / ours.median_s, p999: plain.p999_s / ours.p999_s }
+    }
+}
+
+/// One measurement of both ways, for a [`Timing`].
+pub fn record(timing: &mut Timing, begin_ns: u64, end_ns: u64) {
+    timing.begin(begin_ns);
+    timing.end(end_ns);
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// So many times these durations, ns.
+    pub fn timing(times: impl IntoIterator<Item = u64>) -> Timing {
+        let mut timing = Timing::new();
+        times.into_iter().for_each(|took| record(&mut timing, 5, 5 + took));
+        timing
+    }
+
+    fn near(a: f64, b: f64) -> bool {
+        (a / b - 1.0).abs() < 0.01
+    }
+
+    #[test]
+    fn medians_and_tails_are_those_of_the_times() {
+        let spread = Spread::of(&timing((1..=10_000).map(|k| k * 1000)));
+        assert_eq!(spread.count, 10_000);
+        assert!(near(spread.median_s, 5e-3) && near(spread.p999_s, 9.99e-3), "{spread:?}");
+        assert_eq!(spread.worst_s, 1e-2);
+        // one in a thousand is the tail's own, not part of it
+        let spread = Spread::of(&timing(std::iter::repeat_n(1000, 999).chain([5_000_000])));
+        assert!(near(spread.p999_s, 1e-6) && spread.worst_s == 5e-3, "{spread:?}");
+        let spread = Spread::of(&timing(std::iter::repeat_n(1000, 998).chain([5_000_000; 2])));
+        assert!(near(spread.p999_s, 5e-3), "{spread:?}");
+    }
+
+    #[test]
+    fn a_tail_is_never_longer_than_the_longest_and_nothing_is_nothing() {
+        for took in [0, 1, 7, 1023, 1_234_567, u64::MAX - 5] {
+            let spread = Spread::of(&timing([took]));
+            assert!(spread.median_s <= spread.p999_s && spread.p999_s <= spread.worst_s, "{spread:?}");
+            assert!(spread.median_s > 0.0, "{spread:?}");
+        }
+        let none = Spread::of(&timing([]));
+        assert!(none.count == 0 && none.median_s > 0.0, "{none:?}");
+    }
+
+    #[test]
+    fn ratios_and_parts() {
+        let (ours, plain) = (Spread::of(&timing([1000; 10])), Spread::of(&timing([4000; 10])));
+        let ratio = Ratio::of(&plain, &ours);
+        assert!(near(ratio.median, 4.0) && near(ratio.p999, 4.0), "{ratio:?}");
+        let part = plain.divided(4);
+        assert!(near(part.median_s, ours.median_s) && near(part.worst_s, 1e-6) && part.count == 10, "{part:?}");
+    }
+}

@@ -1,0 +1,46 @@
+//! Whether a robot runs on this machine, whoever's it is.
+
+use bus::Domain;
+use service::config::Role;
+use std::fs;
+
+/// What runs here, in words; `None`: no robot.
+///
+/// Other users' domains cannot be looked into, so that any process that drives motors counts as a robot.
+pub fn running() -> Option<String> {
+    let named: Vec<String> = Domain::all()
+        .into_iter()
+        .filter(|domain| !domain.alive().is_empty())
+        .map(|domain| format!("`{}`", domain.name()))
+        .collect();
+    if !named.is_empty() {
+        return Some(format!("in the domain {}", named.join(", ")));
+    }
+    let entries = fs::read_dir("/proc").into_iter().flatten().flatten();
+    let mut numbers = entries.filter_map(|entry| entry.file_name().to_str()?.parse::<u32>().ok());
+    numbers.find(|pid| drives_motors(*pid)).map(|pid| format!("process {pid} is its {}", Role::MotorIo.name()))
+}
+
+fn drives_motors(pid: u32) -> bool {
+    fs::read_to_string(format!("/proc/{pid}/comm")).is_ok_and(|name| name.trim_end() == Role::MotorIo.name())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whoever_lives_in_a_domain_is_found() {
+        let domain = Domain::for_test();
+        let bus = bus::Bus::join(&domain, "someone").unwrap();
+        // another test's robot may run besides
+        assert!(running().unwrap().contains(domain.name()));
+        drop(bus);
+    }
+
+    #[test]
+    fn only_motor_io_drives_motors() {
+        assert!(!drives_motors(std::process::id()));
+        assert!(!drives_motors(u32::MAX / 2));
+    }
+}
