@@ -2,8 +2,7 @@
 
 use std::process::ExitCode;
 
-use bus::clock::now_ns;
-use bus::{Bus, Subscriber};
+use bus::{Bus, Subscriber, clock::now_ns};
 use messages::{FieldMap, MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, SLOT_NAMES};
 use planner::progress::{Keeper, Progress};
 use planner::{Planner, PlannerConfig, Seen, requests};
@@ -40,6 +39,7 @@ fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     let file = chassis.box_file()?.clone();
     let mut planner = Planner::new(PlannerConfig::of(&file, file.robot_file()?.robot()?));
     let (folder, name) = (file.state_folder(), file.state_name(chassis.bus().domain().name()));
+    let missions = file.planner.missions.as_path();
     match Progress::load(&folder, &name) {
         Ok(progress) => progress.into_iter().for_each(|progress| planner.remember(progress)),
         Err(error) => tracing::warn!("{error}"),
@@ -72,7 +72,8 @@ fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         let seen = Seen { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref(), map };
         let mut asked = false;
         while let Some(call) = server.try_next()? {
-            let (accepted, sentence) = requests::answer(&mut planner, &call.request, &file.planner.missions, &seen);
+            let (request, awaited) = (&call.request, || call.is_awaited());
+            let (accepted, sentence) = requests::answer(&mut planner, request, awaited, missions, &seen);
             tracing::info!("{sentence}");
             call.answer(accepted, &sentence)?;
             asked = true;

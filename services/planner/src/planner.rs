@@ -168,6 +168,16 @@ impl Planner {
         self.answered(mission, result)
     }
 
+    /// Takes back a motion that was planned and not offered yet; the sentence that says so.
+    pub fn take_back(&mut self) -> String {
+        let sentence =
+            "not flown: whoever asked did not wait until the plan was ready; ask again, or fly a shorter mission";
+        self.flight = None;
+        self.status.state = PlanStatus::STATE_REFUSED;
+        put_sentence(&mut self.status.reason, sentence);
+        sentence.to_owned()
+    }
+
     fn answered(&mut self, mission: &Mission, result: Result<String, Refusal>) -> Result<String, Refusal> {
         if let Err(refusal) = &result {
             self.refused = self.refused.wrapping_add(1);

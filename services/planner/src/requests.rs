@@ -9,7 +9,16 @@ use crate::planner::{Planner, Refusal, Seen};
 
 /// Carries out one request: whether it is accepted ([`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`],
 /// [`OperatorRequest::BAD_INPUT`]), and the sentence that answers it. Reads the mission file.
-pub fn answer(planner: &mut Planner, request: &OperatorRequest, missions: &Path, seen: &Seen<'_>) -> (u8, String) {
+///
+/// `awaited`: whether somebody still waits for the answer. Planning takes its time, and nothing is to move for somebody who was told that
+/// nobody answers.
+pub fn answer(
+    planner: &mut Planner,
+    request: &OperatorRequest,
+    awaited: impl Fn() -> bool,
+    missions: &Path,
+    seen: &Seen<'_>,
+) -> (u8, String) {
     let bad = |sentence: String| (OperatorRequest::BAD_INPUT, sentence);
     let refused = |refusal: Refusal| {
         let verdict = if refusal.is_bad_input() { OperatorRequest::BAD_INPUT } else { OperatorRequest::REFUSED };
@@ -43,6 +52,7 @@ pub fn answer(planner: &mut Planner, request: &OperatorRequest, missions: &Path,
         ))),
     };
     match result {
+        Ok(_) if !awaited() => (OperatorRequest::REFUSED, planner.take_back()),
         Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
         Err(refusal) => refusal,
     }

@@ -431,15 +431,22 @@ fn requests_are_answered() {
         (OperatorRequest { verb: 99, ..OperatorRequest::default() }, OperatorRequest::BAD_INPUT, "99"),
     ] {
         let mut planner = Planner::new(config());
-        let (is, sentence) = requests::answer(&mut planner, &request, folder.path(), &world.seen());
+        let (is, sentence) = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
         assert!(is == accepted && sentence.contains(says), "{says:?}: {is} {sentence}");
     }
+    // Nothing moves for somebody who did not wait for the answer.
+    let mut planner = Planner::new(config());
+    let (is, sentence) = requests::answer(&mut planner, &run("short"), || false, folder.path(), &world.seen());
+    assert!(is == OperatorRequest::REFUSED && sentence.contains("did not wait"), "{sentence}");
+    let (motion, status) = planner.step(&world.seen());
+    assert_eq!((motion.motion, motion.current.id, status.state), (0, 0, PlanStatus::STATE_REFUSED));
     // What can be asked again later is no bad input.
     let mut disarmed = World::ready();
     disarmed.authority.mode = MotorAuthority::MODE_DISARMED;
     let there = goto([4.8, 3.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0]);
     for (world, request) in [(&disarmed, run("short")), (&world, there)] {
-        let (is, sentence) = requests::answer(&mut Planner::new(config()), &request, folder.path(), &world.seen());
+        let (is, sentence) =
+            requests::answer(&mut Planner::new(config()), &request, || true, folder.path(), &world.seen());
         assert_eq!(is, OperatorRequest::REFUSED, "{sentence}");
     }
 }

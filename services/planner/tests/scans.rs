@@ -199,7 +199,7 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     let mut request = OperatorRequest { verb: OperatorRequest::VERB_RUN, ..OperatorRequest::default() };
     request.args[0] = OperatorRequest::RUN_CONTINUE;
     put_text(&mut request.text, "scan");
-    let (accepted, sentence) = requests::answer(&mut planner, &request, folder.path(), &world.seen());
+    let (accepted, sentence) = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
     assert!(accepted == OperatorRequest::ACCEPTED && sentence.contains("goes on"), "{sentence}");
     let end_s = planner.step(&world.seen()).0.end_s;
     let done = world.fly(&mut planner, end_s + 0.1);

@@ -181,6 +181,12 @@ impl Server {
 }
 
 impl Call<'_> {
+    /// False once the client has gone, or has given up waiting.
+    #[must_use]
+    pub fn is_awaited(&self) -> bool {
+        self.active.is_connected()
+    }
+
     /// Answers with one sentence; `accepted` is [`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`] or
     /// [`OperatorRequest::BAD_INPUT`]. A client that has gone meanwhile is no error.
     ///

@@ -276,6 +276,7 @@ fn requests_are_answered_and_published() {
         waiter.wait_until(soon()).unwrap();
     };
     assert_eq!(call.request.args, [2.0; 8]);
+    assert!(call.is_awaited());
     call.answer(OperatorRequest::BAD_INPUT, "cable 2 is at its end: jog the other way").unwrap();
     assert_eq!(asking.join().unwrap(), "cable 2 is at its end: jog the other way");
     let (asked, answered) = (log.receive().unwrap().unwrap(), log.receive().unwrap().unwrap());
@@ -296,6 +297,7 @@ fn nobody_there_is_said_at_once_and_silence_after_the_timeout() {
     assert!(matches!(error, BusError::NoAnswer { .. }), "{error}");
     // its request is gone with it, or is answered into the void; the next one works
     while let Some(call) = server.try_next().unwrap() {
+        assert!(!call.is_awaited());
         call.answer(OperatorRequest::ACCEPTED, "too late").unwrap();
     }
     drop(server);

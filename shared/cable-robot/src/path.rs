@@ -244,6 +244,15 @@ impl Path {
         }
     }
 
+    /// Curvature of its sharpest point, 1/m, where that is known without a search.
+    pub fn greatest_curvature(&self) -> Option<f64> {
+        match self {
+            Self::Line(_) | Self::Dwell(_) => Some(0.0),
+            Self::Parabola(p) => Some(p.greatest_curvature()),
+            Self::Spiral(_) | Self::Lateral(_) => None,
+        }
+    }
+
     /// True if it has no curvature anywhere.
     pub fn is_straight(&self) -> bool {
         match self {
@@ -328,6 +337,16 @@ mod tests {
             prop_assert!(((b - a) / (2.0 * h) - p.tangent).norm() < 1e-5);
             let second = (path.tangent(s + h) - path.tangent(s - h)) / (2.0 * h);
             prop_assert!((second - p.curvature).norm() < 2e-3 * (1.0 + p.curvature.norm()));
+        }
+
+        #[test]
+        fn nothing_is_curved_more_than_the_greatest_curvature(path in paths()) {
+            let most = (0..=2000).map(|i| path.curvature(path.length() * f64::from(i) / 2000.0)).fold(0.0, f64::max);
+            if let Some(greatest) = path.greatest_curvature() {
+                prop_assert!(most <= greatest * (1.0 + 1e-9) + 1e-12, "{most} {greatest}");
+                // And no less, up to what lies between two samples.
+                prop_assert!(greatest <= most.max(path.curvature(path.sharpest_m().unwrap_or(0.0))) * (1.0 + 1e-9) + 1e-12, "{most} {greatest}");
+            }
         }
 
         #[test]

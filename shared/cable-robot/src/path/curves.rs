@@ -20,6 +20,14 @@ impl Parabola {
         (self.to.z - self.from.z) / xf - self.mu_per_m * xf
     }
 
+    /// Curvature where it is least steep, 1/m.
+    pub(super) fn greatest_curvature(&self) -> f64 {
+        let (start, end) = (self.zeta(), self.zeta() + 2.0 * self.mu_per_m * self.extent());
+        let slope = if start * end <= 0.0 { 0.0 } else { start.abs().min(end.abs()) };
+        let stretch = 1.0 + slope * slope;
+        2.0 * self.mu_per_m.abs() / (stretch * stretch.sqrt())
+    }
+
     /// The lowest height of the path, m.
     pub fn lowest_m(&self) -> f64 {
         let ends = self.from.z.min(self.to.z);

@@ -109,6 +109,9 @@ impl Samples {
 }
 
 pub(super) fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, ProfileError> {
+    if path.greatest_curvature().is_some_and(|curvature| is_gentle(curvature, limits)) {
+        return straight(length, limits);
+    }
     let mut samples = Samples::of(path, length);
     let mut failure = None;
     for share in ACROSS_SHARES {
@@ -139,6 +142,15 @@ pub(super) fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result
         }
     }
     straight(length, &ProfileLimits { cruise_m_s, tangential_m_s2, ..*limits })
+}
+
+/// True where no curve of this curvature takes anything from the acceleration along the path, at whatever speed.
+fn is_gentle(curvature: f64, limits: &ProfileLimits) -> bool {
+    let fastest_m_s = limits.cruise_m_s.max(limits.start_m_s).max(limits.end_m_s);
+    let across = fastest_m_s * fastest_m_s * curvature;
+    let along = limits.tangential_m_s2.min(limits.total_m_s2);
+    across <= ACROSS_SHARES[0] * limits.total_m_s2
+        && across * across + along * along <= limits.total_m_s2 * limits.total_m_s2
 }
 
 /// Fills `w` with the fastest v² whose centripetal acceleration stays below `share` of the limit and whose slope stays
