@@ -14,7 +14,7 @@ use service::Timing;
 use std::io::ErrorKind;
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixDatagram;
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;
 
 /// Between two pairs of round trips, ns: long enough for both processes to fall asleep, as they do in the control chain.
@@ -68,9 +68,19 @@ impl Peer {
     fn patient(&mut self, looks: u32, watch: &Watch) -> Answer {
         watch.go_on()?;
         if let Ok(Some(status)) = self.child.try_wait() {
-            return Err(Failure::NotNow(format!("the other process ended before everything was measured ({status})")));
+            return Err(ended(&status));
         }
         if looks < PATIENCE { Ok(()) } else { Err(Failure::NotNow("the other process does not answer".to_owned())) }
+    }
+
+    /// What an error of the socket comes from: nobody holds its other end any more.
+    fn lost(&mut self, error: &std::io::Error) -> Failure {
+        // It is about to end, if it has not yet.
+        let _ = self.child.kill();
+        match self.child.wait() {
+            Ok(status) => ended(&status),
+            Err(_) => Failure::NotNow(format!("the other process cannot be reached over its socket: {error}")),
+        }
     }
 
     /// The next datagram.
@@ -81,7 +91,7 @@ impl Peer {
                 Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
                     self.patient(looks, watch)?;
                 }
-                Err(error) => return Err(Failure::NotNow(format!("nothing comes back over the sockets: {error}"))),
+                Err(error) => return Err(self.lost(&error)),
             }
         }
         Err(Failure::NotNow("the other process does not answer".to_owned()))
@@ -96,6 +106,10 @@ impl Peer {
             sentence => Err(Failure::NotNow(format!("the other process: {}", String::from_utf8_lossy(sentence)))),
         }
     }
+}
+
+fn ended(status: &ExitStatus) -> Failure {
+    Failure::NotNow(format!("the other process ended before everything was measured ({status})"))
 }
 
 impl Drop for Peer {
@@ -146,9 +160,9 @@ fn sample(number: u64) -> MotorState {
 fn by_socket(number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> {
     let (sample, mut back) = (sample(number), MotorState::default());
     let begin_ns = now_ns();
-    peer.socket
-        .send(bytemuck::bytes_of(&sample))
-        .map_err(|error| Failure::NotNow(format!("nothing can be sent over the sockets: {error}")))?;
+    if let Err(error) = peer.socket.send(bytemuck::bytes_of(&sample)) {
+        return Err(peer.lost(&error));
+    }
     while back.header().cycle != number {
         peer.receive(bytemuck::bytes_of_mut(&mut back), watch)?;
     }
