@@ -46,7 +46,9 @@ print(f"estimate from setpoint: RMS {np.sqrt((error_mm**2).mean()):.2f} mm, 95 %
 # %% How old a reading is when the command that rests on it goes out
 age_ms = 1e-6 * authority.loc[authority["command_age_ns"] > 0, "command_age_ns"]
 print(f"oldest reading to command: median {age_ms.median():.2f} ms, 99 % below {age_ms.quantile(0.99):.2f} ms")
-print(f"cycles: {int(authority['missed'].iloc[-1])} missed, {int(authority['late'].iloc[-1])} late, {int(authority['skipped'].iloc[-1])} skipped")
+last = authority.iloc[-1]
+causes = {cause: int(last[f"lost_{cause}"]) for cause in ("computer", "drive", "resync", "answer")}
+print(f"{sum(causes.values())} of {int(last['periods'] - last['paused'])} periods not steered: {causes}")
 
 # %% Pictures
 arguments.out.mkdir(parents=True, exist_ok=True)

@@ -20,6 +20,7 @@ The domain of the robot is the first of: the argument `domain`, `--domain NAME`,
 
 import ctypes
 import keyword
+import math
 import os
 import re
 import signal
@@ -34,8 +35,15 @@ SHARED_MEMORY = "/dev/shm"
 # Bytes of one attribute, and how many a channel or an event has. The definition of a message begins beside its hash at the channel, and goes
 # on at events that exist for nothing else.
 ATTRIBUTE_BYTES, ATTRIBUTES = 256, 8
-# As for every channel of a sensor; whoever comes first makes the channel, so both sides have to agree.
-BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, SHEET_NODES = 256, 128, 2, 12, 40, 2, 64, 64
+# As for every channel of a sensor (shared/messages/src/channels.rs).
+BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, SHEET_NODES = 256, 128, 2, 12, 48, 1, 64, 64
+# Large samples are kept by bytes: BUFFER of them, or as many as this holds, but LEAST. Other than in Rust, a publisher here has a place for
+# each sample of each subscriber, so a channel that is made here has fewer of these, and still fewer from LARGE_BYTES on.
+KEPT_BYTES, LEAST, LARGE_BYTES, LARGE_SUBSCRIBERS = 16 << 20, 4, 128 << 10, 5
+# A subscriber that does not keep up is this far behind at most, s.
+LAG_S = 2.5
+# Shared memory that is left to the robot, and what a channel takes beside its samples, bytes.
+MARGIN_BYTES, CHANNEL_BYTES = 4 << 20, 1 << 20
 PRIMITIVES = {
     ctypes.c_double: "float64", ctypes.c_float: "float32",
     ctypes.c_int8: "int8", ctypes.c_int16: "int16", ctypes.c_int32: "int32", ctypes.c_int64: "int64",
@@ -53,9 +61,11 @@ class Header(ctypes.Structure):
     """Begins every sample."""
 
     _fields_ = [
+        ("life", ctypes.c_uint64),
         ("cycle", ctypes.c_uint64),
         ("seq", ctypes.c_uint64),
         ("stamp_ns", ctypes.c_uint64),
+        ("published_ns", ctypes.c_uint64),
         ("oldest_input_ns", ctypes.c_uint64),
     ]
 
@@ -129,14 +139,20 @@ def _hash(text):
 class Sensor:
     """Publishes samples of one type on `sensor/NAME`."""
 
-    def __init__(self, name, message, domain=None):
+    def __init__(self, name, message, domain=None, rate_hz=None):
+        """`rate_hz`: samples a second, if that is known: the channel then keeps no more than it needs."""
         _need_version()
         self.channel = f"sensor/{name}"
         self._message, self._seq, self._ended = message, 0, False
+        self._kinds = dict(message._fields_)
+        self._buffer, self._history, self._subscribers = _quality(ctypes.sizeof(message), rate_hz)
+        self._bytes = (self._subscribers * (self._buffer + BORROWS) + self._history + 1) * ctypes.sizeof(message)
+        _need_room(self.channel, self._bytes)
         root = _root(domain)
+        self._prefix, self._reserved, self._reserve_at = f"nims{_hash(root):08x}_", set(), 0.0
         config = iceoryx2.config.default()
         scope = config.global_cfg
-        scope.prefix = iceoryx2.FileName.new(f"nims{_hash(root):08x}_")
+        scope.prefix = iceoryx2.FileName.new(self._prefix)
         scope.root_path = iceoryx2.Path.new(root)
         # The robot's own programs clean up after the dead, and know what has to be removed first.
         scope.node.cleanup_dead_nodes_on_creation = False
@@ -153,7 +169,9 @@ class Sensor:
         try:
             service = self._open()
             self._publisher = _patiently(lambda: service.publisher_builder().max_loaned_samples(1).create())
+            self._reserve()
             self._notifier = self._event(self.channel)
+            self._reserve()
         except Exception as error:
             if "IncompatibleTypes" in str(error):
                 raise SensorError(
@@ -171,13 +189,38 @@ class Sensor:
             self._node.service_builder(iceoryx2.ServiceName.new(self.channel))
             .publish_subscribe(self._message)
             .enable_safe_overflow(True)
-            .subscriber_max_buffer_size(BUFFER)
             .subscriber_max_borrowed_samples(BORROWS)
-            .history_size(HISTORY)
             .max_publishers(PUBLISHERS)
-            .max_subscribers(SUBSCRIBERS)
+            .max_subscribers(self._subscribers)
             .max_nodes(NODES)
         )
+
+    def _sized(self):
+        return self._builder().subscriber_max_buffer_size(self._buffer).history_size(self._history)
+
+    def _reserve(self):
+        """Takes the memory of what has just been made: a page that is missing when it is touched ends the process, and those that listen.
+
+        Between making and this, for about a millisecond, another user of the machine can still take it."""
+        for entry in os.scandir(SHARED_MEMORY):
+            if not entry.name.startswith(self._prefix) or entry.name in self._reserved:
+                continue
+            self._reserved.add(entry.name)
+            try:
+                found = entry.stat(follow_symlinks=False)
+                if found.st_blocks * 512 >= found.st_size:
+                    continue
+                file = os.open(entry.path, os.O_RDWR | os.O_NOFOLLOW)
+                try:
+                    os.posix_fallocate(file, 0, found.st_size)
+                finally:
+                    os.close(file)
+            except FileNotFoundError:
+                pass  # its owner has just removed it
+            except PermissionError:
+                self._reserved.discard(entry.name)  # half made; its maker reserves it, or the next time this is called
+            except OSError as error:
+                raise SensorError(f"`{self.channel}` cannot be published: shared memory has no room for it ({error.strerror})") from None
 
     def _open(self):
         text = self._message.definition()
@@ -189,7 +232,7 @@ class Sensor:
         attributes = _attributes(text[:first], [("schema.hash", f"{_hash(text):08x}")])
         last = None
         for _ in range(200):  # another process may be making, or unmaking, the channel in the same instant
-            for attempt in (lambda: self._builder().open(), lambda: self._builder().create_with_attributes(attributes)):
+            for attempt in (lambda: self._builder().open(), lambda: self._sized().create_with_attributes(attributes)):
                 try:
                     return attempt()
                 except iceoryx2.PublishSubscribeOpenError as error:
@@ -228,6 +271,9 @@ class Sensor:
     def running(self):
         """False once the process was asked to end."""
         self._publisher.update_connections()
+        if time.monotonic() > self._reserve_at:
+            self._reserve_at = time.monotonic() + 1.0
+            self._reserve()
         return not self._ended
 
     def send(self, stamp_ns=None, **fields):
@@ -235,12 +281,16 @@ class Sensor:
         self._seq += 1
         stamp_ns = now_ns() if stamp_ns is None else stamp_ns
         sample = self._message()
-        sample.header = Header(0, self._seq, stamp_ns, stamp_ns)
+        header = sample.header
+        header.seq, header.stamp_ns, header.oldest_input_ns, header.published_ns = self._seq, stamp_ns, stamp_ns, now_ns()
         for name, value in fields.items():
-            if not hasattr(sample, name):
+            kind = self._kinds.get(name)
+            if kind is None:
                 raise SensorError(f"`{self._message.__name__}` has no field `{name}`")
-            kind = dict(self._message._fields_)[name]
-            setattr(sample, name, kind(*value) if hasattr(kind, "_length_") else value)
+            if hasattr(kind, "_length_"):
+                _fill(getattr(sample, name), value, name)
+            else:
+                setattr(sample, name, value)
         self._publisher.loan_uninit().write_payload(sample).send()
         self._notifier.notify()
 
@@ -260,6 +310,54 @@ def _attributes(text, more=()):
     for key, value in [*more, *((f"schema.{i}", part) for i, part in enumerate(parts))]:
         attributes = attributes.define(iceoryx2.AttributeKey.new(key), iceoryx2.AttributeValue.new(value))
     return attributes
+
+
+def _quality(size, rate_hz):
+    """Buffer, history and subscribers of a channel whose samples have this size."""
+    subscribers = SUBSCRIBERS if size < LARGE_BYTES else LARGE_SUBSCRIBERS
+    buffer = min(BUFFER, max(KEPT_BYTES // (size * subscribers), LEAST))
+    if rate_hz is not None:
+        buffer = min(buffer, max(math.ceil(rate_hz * LAG_S), LEAST))
+    return buffer, min(HISTORY, buffer // 2), subscribers
+
+
+def _need_room(channel, size):
+    """Refuses what shared memory has no room for, before anything is made."""
+    room = os.statvfs(SHARED_MEMORY)
+    free, needed = room.f_bavail * room.f_frsize, size + CHANNEL_BYTES + MARGIN_BYTES
+    if room.f_blocks and free < needed:
+        raise SensorError(
+            f"`{channel}` needs {needed / 1e6:.1f} MB of shared memory, and {free / 1e6:.1f} MB are left: make the samples smaller, say their"
+            " rate_hz, or make /dev/shm larger"
+        )
+
+
+def _fill(array, values, name):
+    """Copies values into an array of a sample: in one go where they are bytes or an array of the same numbers (numpy, array, ctypes)."""
+    kind = array._type_
+    try:
+        view = memoryview(values)
+    except TypeError:
+        view = None
+    plain = view is not None and view.c_contiguous
+    same = plain and kind in PRIMITIVES and _same_number(view, kind)
+    given = view.nbytes // view.itemsize if plain and view.itemsize else len(values)
+    if given > len(array):
+        raise SensorError(f"the field `{name}` has room for {len(array)} numbers, and {given} were given")
+    if same:
+        ctypes.memmove(array, (ctypes.c_char * view.nbytes).from_buffer(view) if not view.readonly else bytes(view), view.nbytes)
+    else:
+        array[:given] = list(values) if plain and view.ndim <= 1 else [number for number in values]
+
+
+def _same_number(view, kind):
+    """Whether a buffer holds numbers that lie in memory as this type does."""
+    code = view.format.lstrip("@=<")
+    if len(code) != 1 or view.itemsize != ctypes.sizeof(kind):
+        return False
+    ros = PRIMITIVES[kind]
+    wanted = "fd" if ros.startswith("float") else "BHILQN" if ros.startswith("u") else "bhilqn"
+    return code in wanted or (view.itemsize == 1 and code == "c")
 
 
 def _patiently(make):

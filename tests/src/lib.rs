@@ -8,6 +8,7 @@ pub mod record;
 pub mod recorded;
 pub mod scenarios;
 pub mod takeover;
+pub mod walk;
 
 pub use nims::lockstep;
 pub use python::python;

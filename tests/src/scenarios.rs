@@ -115,7 +115,7 @@ pub fn planar() -> Result<Scenario> {
 /// Heads the rows of [`row`].
 pub const HEADING: &str = "\
 |       |          | motor, ms |            | estimate - setpoint, mm | truth - setpoint, mm | truth - chosen tension, N |           |       |        |
-| robot | mission  | delay/lag | correction | rms / max               | rms / max            | rms / max                 | tension N | slack | missed |
+| robot | mission  | delay/lag | correction | rms / max               | rms / max            | rms / max                 | tension N | slack | unsteered |
 |-------|----------|-----------|------------|-------------------------|----------------------|---------------------------|-----------|-------|--------|";
 
 /// One flight as a line of text.
@@ -134,6 +134,6 @@ pub fn row(case: &Case, stretch: bool, flight: &Flight) -> String {
         flight.tension_range_n[0],
         flight.tension_range_n[1],
         flight.slack_cycles,
-        flight.missed,
+        flight.unsteered,
     )
 }

@@ -34,8 +34,8 @@ const WATCHED: u64 = 45;
 pub struct Tally {
     /// Instants tried.
     pub instants: u64,
-    /// Cycles without a valid command.
-    pub missed: u64,
+    /// Periods that were not steered by a fresh command.
+    pub unsteered: u64,
     /// Blows after which the other slot was not in charge, or the robot did not go on.
     pub failed: u64,
     /// How much more a cable's velocity changed within a cycle than it does in the undisturbed flight, as a share of the robot's
@@ -60,8 +60,13 @@ pub fn doubled(case: &Case, law: Option<Law>) -> Result<Lockstep> {
     let config = ControllerConfig { law: law.unwrap_or(plain), ..*controller.config() };
     let section = EstimatorSection { method: "kalman".into(), ..EstimatorSection::default() };
     let method = Method::of(&section)?;
-    let estimator =
-        EstimatorConfig { robot: scenario.robot, method, sigma_length_m: section.sigma_length_m, incarnation: 1 };
+    let estimator = EstimatorConfig {
+        robot: scenario.robot,
+        method,
+        sigma_length_m: section.sigma_length_m,
+        incarnation: 1,
+        thread: 0,
+    };
     let mission = scenario.mission.clone();
     let mut lockstep = Lockstep::new(scenario)?;
     lockstep.slots_mut().start_controller(1, &config);
@@ -152,7 +157,7 @@ fn strike(
         undisturbed = *same;
     }
     tally.instants += 1;
-    tally.missed += end.authority.missed - now.authority.missed;
+    tally.unsteered += end.authority.unsteered() - now.authority.unsteered();
     let went_on = end.authority.mode == MotorAuthority::MODE_FOLLOWING;
     let other = usize::from(end.authority.in_charge[role]) == 1 - lead;
     let active = end.slots.phase[SLOTS * role + 1 - lead] == MotorSlots::PHASE_ACTIVE;

@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-mod live;
+#[path = "live/robot/mod.rs"]
+mod robot;
 
-use live::{Robot, program};
 use messages::{MotorAuthority, OperatorRequest};
+use robot::{Robot, program};
 use std::fs;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};

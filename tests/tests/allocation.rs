@@ -1,7 +1,7 @@
 //! What was recorded of a flight, fed again to fresh deciding parts, allocates nothing. That it gives the same bits is for `replay`.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-#[path = "../../shared/cable-robot/tests/counting/mod.rs"]
+#[path = "../../shared/cable-robot/tests/mathematics/counting/mod.rs"]
 mod counting;
 
 use cable_robot::law::PFeedforward;

@@ -28,15 +28,39 @@ fn program(name: &str) -> PathBuf {
     program
 }
 
+/// Tries, where this computer had no time for the box: the box leaves such time out, and a client goes by its own clock.
+const TRIES: usize = 4;
+
 #[test]
 fn the_drive_makers_client_is_content() {
+    for attempt in 1.. {
+        match talk() {
+            Ok(()) => return,
+            Err(Talked { starved: true, said }) if attempt < TRIES => {
+                println!("the box was starved, once more: {said}")
+            }
+            Err(Talked { said, .. }) => panic!("{said}"),
+        }
+    }
+}
+
+/// A talk of which the client complained.
+struct Talked {
+    /// The box left time out.
+    starved: bool,
+    said: String,
+}
+
+fn talk() -> Result<(), Talked> {
     let python = python();
     let folder = tempfile::tempdir().unwrap();
+    let box_said = folder.path().join("said");
     let child = Command::new(program("motor-box"))
         .arg("--box")
         .arg(workspace().join("configs/boxes/demo3.toml"))
         .arg("--ports-only")
         .arg(folder.path())
+        .stderr(std::fs::File::create(&box_said).unwrap())
         .spawn()
         .unwrap();
     let mut motor_box = Ended(child);
@@ -46,7 +70,7 @@ fn the_drive_makers_client_is_content() {
         if let Some(status) = motor_box.0.try_wait().unwrap() {
             panic!("motor-box ended at once: {status}");
         }
-        assert!(begin.elapsed() < Duration::from_secs(20), "motor-box made no port at {}", port.display());
+        assert!(begin.elapsed() < Duration::from_secs(120), "motor-box made no port at {}", port.display());
         std::thread::sleep(Duration::from_millis(20));
     }
 
@@ -57,9 +81,13 @@ fn the_drive_makers_client_is_content() {
         .output()
         .unwrap();
     let said = String::from_utf8_lossy(&talked.stdout);
-    let complained = String::from_utf8_lossy(&talked.stderr);
-    assert!(talked.status.success(), "{said}{complained}");
+    assert!(motor_box.0.try_wait().unwrap().is_none(), "the box ended");
+    if !talked.status.success() {
+        let box_said = std::fs::read_to_string(&box_said).unwrap();
+        let starved = box_said.contains("ms did not pass in the motor box");
+        return Err(Talked { starved, said: format!("{said}{}{box_said}", String::from_utf8_lossy(&talked.stderr)) });
+    }
     let seen: serde_json::Value = serde_json::from_str(&said).expect("one line of JSON");
     assert_eq!(seen["cycles"], 2000);
-    assert!(motor_box.0.try_wait().unwrap().is_none(), "the box lives on");
+    Ok(())
 }

@@ -167,7 +167,7 @@ fn definitions_from_python_are_ours() {
     let (definition, refusals) = rest.split_at(rest.find("refused").unwrap());
     // Parsed by what the recorder validates plug-ins with.
     let schema = messages::schema::Schema::parse(definition).unwrap();
-    assert_eq!(schema.size(), 32 + 64 + 8 + 2 + 6);
+    assert_eq!(schema.size(), 48 + 64 + 8 + 2 + 6);
     assert!(schema.has_header());
     assert_eq!(type_name, format!("nims_msgs/Spot/{:08x}", hash_of(definition)));
     assert!(refusals.contains("hidden bytes before `value` of `Hidden`"), "{refusals}");

@@ -4,17 +4,17 @@ use cable_robot::elastic::{self, Realisation};
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::limits::scale_to_limits;
 use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
-use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOTS};
+use messages::{
+    AUTHORITY_LAG, ControlStatus, ESTIMATORS, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate,
+    PlanMotion, SLOTS, Standing, same_life, standing,
+};
 use service::config::{BoxFile, RobotFile};
 use service::motion::motion_of;
 
-use crate::law::Law;
+use crate::law::{self, Law};
 use crate::own::{Asked, CableLaw};
 use crate::preview::{Notice, Preview};
-
-/// Cycles by which motor/authority may lag behind an estimate: it is published just after motor/state, so one is
-/// ordinary; the plan clock is carried forward over the gap.
-const AUTHORITY_LAG: u64 = 3;
+use crate::retune::Fade;
 
 /// What the controller is told.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +35,10 @@ pub struct ControllerConfig {
     pub error_limit_m: f64,
     /// Cycles for which a command may be used.
     pub ttl_cycles: u32,
+    /// Cycles for which an estimate may be answered.
+    pub estimate_ttl_cycles: u32,
+    /// Kernel's number of the thread that answers; 0: unknown.
+    pub thread: u32,
     /// Non-zero number of this process's life.
     pub incarnation: u32,
 }
@@ -56,6 +60,8 @@ impl ControllerConfig {
             cable_speed_limit_m_s: robot.cable_speed_limit_m_s(),
             error_limit_m: section.error_limit_m,
             ttl_cycles: file.motor_io.ttl_cycles,
+            estimate_ttl_cycles: file.estimator.ttl_cycles,
+            thread: 0,
             incarnation,
         })
     }
@@ -64,7 +70,7 @@ impl ControllerConfig {
 /// What a step works on.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Seen<'a> {
-    /// Newest estimate of each slot, if it is alive.
+    /// Newest estimate of each slot, whatever it says: what may not be acted on is left out here.
     pub estimates: [Option<&'a NodeEstimate>; SLOTS],
     /// Newest plan/motion.
     pub motion: Option<&'a PlanMotion>,
@@ -85,6 +91,10 @@ pub struct Controller {
     preview: Option<Preview>,
     /// Rows of the newest cycle: estimates come one after the other, and a law is asked once for each.
     answered: [Option<Answered>; SLOTS],
+    /// The life of motor-io that all of this belongs to.
+    life: u64,
+    /// From the answers by the parameters of before to those by the present ones.
+    fades: [Fade; SLOTS],
 }
 
 /// When the estimate is true on the clock of the cycle.
@@ -142,16 +152,18 @@ impl Controller {
             Law::PFeedforward(law) => Some(Box::new(law)),
             Law::LqEndpoint { .. } | Law::Preview { .. } | Law::Own => None,
         };
-        Self { config, own, motion: None, preview, answered: [None; SLOTS] }
+        Self { config, own, motion: None, preview, answered: [None; SLOTS], life: 0, fades: [Fade::default(); SLOTS] }
     }
 
     /// A copy that goes its own way from here; `None` with a law of one's own, of which nobody knows what it remembers.
     pub fn fork(&self) -> Option<Self> {
-        let Self { config, motion, preview, answered, .. } = self;
+        let Self { config, motion, preview, answered, life, fades, .. } = self;
         (config.law != Law::Own).then(|| Self {
             motion: *motion,
             preview: preview.clone(),
             answered: *answered,
+            life: *life,
+            fades: *fades,
             ..Self::new(*config)
         })
     }
@@ -159,6 +171,33 @@ impl Controller {
     /// A controller with a law of one's own in place of the configured one.
     pub fn with_law(config: ControllerConfig, law: Box<dyn CableLaw>) -> Self {
         Self { own: Some(law), ..Self::new(ControllerConfig { law: Law::Own, ..config }) }
+    }
+
+    /// Goes on with other parameters, between two steps; the command fades from what it was to what it is now over `fade_s`. Robot, law and
+    /// life stay what they are: another law is another controller.
+    pub fn configure(&mut self, config: ControllerConfig, fade_s: f64) {
+        let ControllerConfig { robot, incarnation, thread, law: present, .. } = self.config;
+        let law = if law::is_same_kind(&present, &config.law) { config.law } else { present };
+        let config = ControllerConfig { robot, incarnation, thread, law, ..config };
+        if config == self.config {
+            return;
+        }
+        self.config = config;
+        match law {
+            Law::PFeedforward(law) => self.own = Some(Box::new(law)),
+            Law::Preview { preview: settings, .. } => {
+                if let Some(preview) = &mut self.preview {
+                    preview.configure(settings);
+                }
+            }
+            Law::LqEndpoint { .. } | Law::Own => {}
+        }
+        self.fades.iter_mut().for_each(|fade| fade.begin(fade_s));
+    }
+
+    /// Parameters of a law of one's own, as TOML.
+    pub fn own_parameters(&self) -> String {
+        self.own.as_ref().map(|own| own.parameters()).unwrap_or_default()
     }
 
     /// What it was told.
@@ -171,41 +210,34 @@ impl Controller {
         self.preview.as_mut().and_then(Preview::notice)
     }
 
-    /// The answer to the newest cycle among the estimates: one row per estimate of that cycle. Nothing is allocated.
+    /// The answer to one cycle: one row per estimate of that cycle. Nothing is allocated.
+    ///
+    /// The cycle is that of the estimate in charge. Once that is answered, a newer estimate of the other slot gets an answer of its own, so
+    /// that the death of an estimator costs no cycle. No sample of the slot that is not in charge changes what the one in charge is
+    /// answered.
     ///
     /// Without a motion the answer is valid and zero: stand still. Without a position, a way to follow, or a finite
     /// result a row is not valid; motor-io then has no answer from this pair.
     pub fn step(&mut self, seen: &Seen<'_>) -> (MotorCommand, ControlStatus) {
-        let cycle = seen.estimates.iter().flatten().map(|estimate| estimate.header.cycle).max().unwrap_or(0);
-        let first = seen.estimates.iter().flatten().find(|estimate| estimate.header.cycle == cycle);
-        let header = first.map_or_else(Header::default, |estimate| Header { seq: 0, ..estimate.header });
-        let config = self.config;
-        let mut command = MotorCommand {
-            header,
-            based_on_cycle: cycle,
-            epoch: seen.authority.map_or(0, |authority| authority.epoch),
-            incarnation: config.incarnation,
-            ttl_cycles: config.ttl_cycles,
-            ..MotorCommand::default()
-        };
-        let mut status = ControlStatus {
-            header,
-            seen_estimate: seen.estimates.map(|estimate| estimate.map_or(0, |estimate| estimate.header.cycle)),
-            seen_authority: seen.authority.map_or(0, |authority| authority.header.cycle),
-            seen_state: seen.state.map_or(0, |state| state.header.cycle),
-            seen_motion: seen.motion.map_or(0, |motion| motion.beat),
-            horizon: config.horizon,
-            incarnation: config.incarnation,
-            law: config.law.number(),
-            chosen_law: config.law.number(),
-            cable_count: config.robot.cable_count() as u8,
-            ..ControlStatus::default()
-        };
-        let Some(authority) = seen.authority else { return (command, status) };
+        self.begin_life(seen.authority);
+        let estimates = self.live(seen);
+        let lead = seen.authority.map_or(0, |authority| usize::from(authority.in_charge[ESTIMATORS]).min(SLOTS - 1));
+        let first = seen.authority.and_then(|authority| self.to_answer(lead, &estimates, authority));
+        let life = seen.authority.map_or(0, |authority| authority.header.life);
+        // Without anything to answer to, it stands where the newest state does: a sample without a time has no place in a run file.
+        let state_ns = seen.state.map_or(0, |state| state.header.stamp_ns);
+        let now_ns =
+            if state_ns == 0 { seen.authority.map_or(0, |authority| authority.header.stamp_ns) } else { state_ns };
+        let mut header = Header { life, stamp_ns: now_ns, oldest_input_ns: now_ns, ..Header::default() };
+        if let Some(first) = first {
+            header = Header { seq: 0, published_ns: 0, ..first.header };
+        }
+        let (mut command, mut status) = self.blank(seen, &estimates, header);
+        let (Some(authority), Some(_)) = (seen.authority, first) else { return (command, status) };
         let instant = Instant::of(&header, authority);
         let target = instant.and_then(|instant| self.target(seen.motion, authority, &instant));
         if let Some(instant) = instant {
-            self.preview(seen, authority, &instant, cycle);
+            self.preview(seen, &estimates, authority, &instant, &header, lead);
         }
         match &self.preview {
             Some(preview) if preview.weight() >= 0.5 => status.horizon = preview.horizon() as u32,
@@ -217,14 +249,22 @@ impl Controller {
             status.describe(target);
         }
         status.segment = command.segment;
-        for (slot, estimate) in seen.estimates.iter().enumerate() {
-            let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) else { continue };
+        for (slot, estimate) in estimates.iter().enumerate() {
+            let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == header.cycle) else { continue };
             let (epoch, segment) = (authority.epoch, command.segment);
             let answer = match &self.answered[slot] {
                 Some(kept) if kept.estimate == *estimate && (kept.epoch, kept.segment) == (epoch, segment) => {
                     kept.answer
                 }
-                _ => self.answer(slot, estimate, target.as_ref(), authority.period_s),
+                _ if estimate.header.stamp_ns == header.stamp_ns => {
+                    self.answer(slot, estimate, target.as_ref(), authority.period_s)
+                }
+                // True at another instant: the set point of that instant.
+                _ => {
+                    let instant = Instant::of(&estimate.header, authority);
+                    let target = instant.and_then(|instant| self.target(seen.motion, authority, &instant));
+                    self.answer(slot, estimate, target.as_ref(), authority.period_s)
+                }
             };
             self.answered[slot] = Some(Answered { estimate: *estimate, epoch, segment, answer });
             let Some(answer) = answer else { continue };
@@ -244,18 +284,110 @@ impl Controller {
         (command, status)
     }
 
-    /// Tells the preview law about the cycle.
-    fn preview(&mut self, seen: &Seen<'_>, authority: &MotorAuthority, instant: &Instant, cycle: u64) {
-        let Some(mut preview) = self.preview.take() else { return };
-        if let Some(state) = seen.state.filter(|state| state.header.cycle == cycle) {
-            preview.observe(state, authority, instant.began_ns);
-            for (slot, estimate) in seen.estimates.iter().enumerate() {
-                if let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) {
-                    preview.correct(slot, estimate, instant.since_s, &state.velocity_m_s);
-                }
+    /// Forgets what belongs to another life of motor-io: its cycles, motions and readings mean nothing in this one.
+    fn begin_life(&mut self, authority: Option<&MotorAuthority>) {
+        let life = authority.map_or(self.life, |authority| authority.header.life);
+        if life != self.life {
+            self.life = life;
+            self.motion = None;
+            self.answered = [None; SLOTS];
+            self.fades.iter_mut().for_each(Fade::rest);
+            if let Some(preview) = &mut self.preview {
+                preview.begin_life();
             }
         }
-        if let Some(Kept { motion: Some(motion), .. }) = &self.motion {
+    }
+
+    /// The estimates that may be answered.
+    fn live<'a>(&self, seen: &Seen<'a>) -> [Option<&'a NodeEstimate>; SLOTS] {
+        let ttl_cycles = self.config.estimate_ttl_cycles;
+        let live = |estimate: &&NodeEstimate, authority: &MotorAuthority| {
+            standing(&estimate.header, &authority.header, ttl_cycles) == Standing::Live
+        };
+        seen.estimates.map(|estimate| estimate.filter(|one| seen.authority.is_some_and(|by| live(one, by))))
+    }
+
+    /// The estimate whose cycle is answered: the one in charge, and a newer one of the other slot where that is answered already or its
+    /// cycle is over, so that an answer would come too late.
+    fn to_answer<'a>(
+        &self,
+        lead: usize,
+        estimates: &[Option<&'a NodeEstimate>; SLOTS],
+        authority: &MotorAuthority,
+    ) -> Option<&'a NodeEstimate> {
+        let done = |estimate: &NodeEstimate| {
+            let cycle = estimate.header.cycle;
+            let answered = self.answered[lead].is_some_and(|kept| kept.estimate.header.cycle == cycle);
+            answered || cycle < authority.header.cycle
+        };
+        match (estimates[lead], estimates[1 - lead]) {
+            (Some(first), Some(other)) if other.header.cycle > first.header.cycle && done(first) => Some(other),
+            (first, other) => first.or(other),
+        }
+    }
+
+    /// An answer without rows, and the account of what it rests on.
+    fn blank(
+        &self,
+        seen: &Seen<'_>,
+        estimates: &[Option<&NodeEstimate>; SLOTS],
+        header: Header,
+    ) -> (MotorCommand, ControlStatus) {
+        let config = &self.config;
+        let command = MotorCommand {
+            header,
+            based_on_cycle: header.cycle,
+            epoch: seen.authority.map_or(0, |authority| authority.epoch),
+            incarnation: config.incarnation,
+            ttl_cycles: config.ttl_cycles,
+            thread: config.thread,
+            ..MotorCommand::default()
+        };
+        let status = ControlStatus {
+            header,
+            seen_estimate: estimates.map(|estimate| estimate.map_or(0, |estimate| estimate.header.cycle)),
+            seen_authority: seen.authority.map_or(0, |authority| authority.header.cycle),
+            seen_state: seen.state.map_or(0, |state| state.header.cycle),
+            seen_motion: seen.motion.map_or(0, |motion| motion.beat),
+            horizon: config.horizon,
+            incarnation: config.incarnation,
+            law: config.law.number(),
+            chosen_law: config.law.number(),
+            cable_count: config.robot.cable_count() as u8,
+            ..ControlStatus::default()
+        };
+        (command, status)
+    }
+
+    /// Tells the preview law about the cycle of `header`, which is that of the slot in charge, `lead`, or of the other one.
+    fn preview(
+        &mut self,
+        seen: &Seen<'_>,
+        estimates: &[Option<&NodeEstimate>; SLOTS],
+        authority: &MotorAuthority,
+        instant: &Instant,
+        header: &Header,
+        lead: usize,
+    ) {
+        let cycle = header.cycle;
+        // A cycle without readings has no say: what claims one may be a broken estimator.
+        let of_cycle = |state: &&MotorState| state.header.cycle == cycle && same_life(&state.header, &authority.header);
+        let Some(state) = seen.state.filter(of_cycle) else { return };
+        // The other slot may speak between motor/state and motor/authority. What is learnt of a cycle does not depend on that.
+        let led = estimates[lead].is_some_and(|estimate| estimate.header.cycle == cycle);
+        if !led && authority.header.cycle != cycle {
+            return;
+        }
+        let answered = self.answered[lead].is_some_and(|kept| kept.estimate.header.cycle == cycle);
+        let Some(mut preview) = self.preview.take() else { return };
+        preview.observe(state, authority, instant.began_ns);
+        for (slot, estimate) in estimates.iter().enumerate() {
+            let Some(estimate) = estimate.filter(|estimate| estimate.header.cycle == cycle) else { continue };
+            let since_s = Instant::of(&estimate.header, authority).map_or(instant.since_s, |instant| instant.since_s);
+            preview.correct(slot, estimate, since_s, &state.velocity_m_s);
+        }
+        let ahead = (led && !answered) || !preview.looked_ahead(cycle);
+        if let Some(Kept { motion: Some(motion), .. }) = self.motion.as_ref().filter(|_| ahead) {
             let robot = &self.config.robot;
             // What stretch takes from the straight lengths; where no tensions are found, as much as just before.
             let mut stretch = CableVec::zeros(robot.cable_count());
@@ -283,7 +415,9 @@ impl Controller {
         authority: &MotorAuthority,
         instant: &Instant,
     ) -> Option<Target> {
-        let message = message.filter(|message| message.motion != 0 && message.epoch == authority.epoch);
+        let message = message.filter(|message| {
+            message.motion != 0 && message.epoch == authority.epoch && same_life(&message.header, &authority.header)
+        });
         let orphaned = self.motion.is_some_and(|kept| {
             let under_way = authority.motion != 0 && (authority.motion, authority.epoch) == (kept.number, kept.epoch);
             under_way && message.is_none_or(|message| message.motion != kept.number || message.beat < kept.beat)
@@ -329,6 +463,7 @@ impl Controller {
         }
         let Some(target) = target else {
             let velocities_m_s = CableVec::zeros(n);
+            self.fades[slot].rest();
             return Some(Answer { velocities_m_s, error_m: Vector3::zeros(), saturation: 0.0, redundant_m: 0.0 });
         };
         let position = Vector3::from(estimate.position_m);
@@ -358,7 +493,10 @@ impl Controller {
             return None;
         }
         let limits = CableVec::repeat(n, config.cable_speed_limit_m_s);
+        let fade = &mut self.fades[slot];
+        let u = fade.step(estimate.header.cycle, period_s, &u);
         let scaled = scale_to_limits(&u, &limits);
+        fade.sent(estimate.header.cycle, &scaled.velocities_m_s);
         Some(Answer {
             velocities_m_s: scaled.velocities_m_s,
             error_m,

@@ -143,3 +143,8 @@ impl Law {
         }
     }
 }
+
+/// Whether two laws differ at most in their parameters.
+pub(crate) fn is_same_kind(one: &Law, other: &Law) -> bool {
+    std::mem::discriminant(one) == std::mem::discriminant(other)
+}

@@ -12,6 +12,7 @@ mod law;
 mod own;
 mod preview;
 pub mod process;
+mod retune;
 
 pub use controller::{Controller, ControllerConfig, Seen};
 pub use law::{Law, LawError};

@@ -16,6 +16,11 @@ pub trait CableLaw: Send {
     /// What a law remembers from cycle to cycle it remembers per [`Asked::slot`]: with two estimators alive it is asked twice in a
     /// cycle.
     fn velocity(&mut self, asked: &Asked<'_>) -> Option<CableVec>;
+
+    /// Its parameters as TOML, `key = value` in each line: what flew is in the run, also of a law that nims does not know.
+    fn parameters(&self) -> String {
+        String::new()
+    }
 }
 
 /// One cycle, one estimate.

@@ -254,6 +254,28 @@ impl Preview {
         }
     }
 
+    /// Another life of motor-io: its cycles count from the beginning, and what was sent before is void. The model of the drives stays.
+    pub(crate) fn begin_life(&mut self) {
+        self.pending = self.pending.or(self.installed.as_ref().map(|installed| installed.gain.lag()));
+        self.sent = CommandHistory::new();
+        self.recorder.drop_record();
+        (self.last, self.rate, self.led) = (None, None, None);
+        self.weight = 0.0;
+        self.corrected = [0; SLOTS];
+    }
+
+    /// Other settings from here on. Where they are another law, it takes the old one's place as a newly identified model does: at weight 0.
+    pub(crate) fn configure(&mut self, settings: PreviewSettings) {
+        let was = std::mem::replace(&mut self.settings, settings);
+        let law = |settings: &PreviewSettings| (settings.horizon, settings.move_penalty_s4, settings.lag);
+        if law(&was) == law(&settings) {
+            return;
+        }
+        let told = settings.lag.filter(|_| settings.lag != was.lag);
+        let present = self.installed.as_ref().map(|installed| installed.gain.lag());
+        self.pending = told.or(self.pending).or(present);
+    }
+
     /// What happened since the last call.
     pub(crate) fn notice(&mut self) -> Option<Notice> {
         self.notice.take()
@@ -400,6 +422,11 @@ impl Preview {
                 with(j, time_s, rate);
             }
         }
+    }
+
+    /// The desired lengths from this cycle on have been looked at.
+    pub(crate) fn looked_ahead(&self, cycle: u64) -> bool {
+        self.led.as_ref().is_some_and(|(of, _)| *of == cycle)
     }
 
     /// Looks at the desired lengths of the previewed cycles and what they ask of the winches; `lengths` gives them for a

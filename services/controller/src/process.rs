@@ -2,10 +2,14 @@
 
 use std::process::ExitCode;
 
-use messages::{ControlStatus, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES};
-use service::{Args, BadInput, Chassis};
+use messages::{
+    ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES, SLOTS,
+    Standing, newer, standing,
+};
+use service::config::{BoxFile, RobotFile};
+use service::{Args, BadInput, Change, Chassis, Since, Tuning};
 
-use crate::{CableLaw, Controller, ControllerConfig, Seen};
+use crate::{CableLaw, Controller, ControllerConfig, Law, Seen};
 
 /// A whole process with a law of one's own: arguments, box file, bus, everything.
 ///
@@ -27,7 +31,52 @@ pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<Controller
         law.clone_into(&mut file.controller.law);
     }
     ControllerConfig::of(&file, &file.robot_file()?, chassis.incarnation())
+        .map(|config| ControllerConfig { thread: std::process::id(), ..config })
         .map_err(|error| BadInput(format!("[controller] {error}")).into())
+}
+
+/// What this controller works with, for the run file and for a change of its parameters.
+struct Used {
+    law: String,
+    fade_s: f64,
+    tuning: Tuning<(ControllerConfig, String)>,
+}
+
+impl Used {
+    fn begin(chassis: &mut Chassis, controller: &Controller) -> anyhow::Result<Self> {
+        let (config, own) = (*controller.config(), controller.own_parameters());
+        let named = Law::name_of(config.law.number());
+        let program = || std::env::current_exe().ok()?.file_name().map(|name| name.to_string_lossy().into_owned());
+        let law = named.map(str::to_owned).or_else(program).unwrap_or_default();
+        let make = move |file: &BoxFile, robot: &RobotFile| {
+            let mut file = file.clone();
+            if let Some(law) = named {
+                law.clone_into(&mut file.controller.law);
+            }
+            let own = if own.is_empty() { String::new() } else { format!("\n[law]\n{own}") };
+            let text = format!("{}{own}", file.sections(&["controller"]));
+            Ok((ControllerConfig::of(&file, robot, config.incarnation)?, text))
+        };
+        let file = chassis.box_file()?.clone();
+        let (_, text) = make(&file, &file.robot_file()?)?;
+        let used = Self { law, fade_s: file.arbiter.fade_s, tuning: chassis.tuning(make)? };
+        let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
+        chassis.uses_since(&used.law, &text, since)?;
+        Ok(used)
+    }
+
+    /// A change that holds in the newest cycle of which there is an estimate to act on.
+    fn due(
+        &mut self,
+        controller: &Controller,
+        newest: &[Option<NodeEstimate>; SLOTS],
+        authority: Option<&MotorAuthority>,
+    ) -> Option<Change<(ControllerConfig, String)>> {
+        let (ttl_cycles, authority) = (controller.config().estimate_ttl_cycles, &authority?.header);
+        let headers = newest.iter().flatten().map(|estimate| &estimate.header);
+        let live = headers.filter(|header| standing(header, authority, ttl_cycles) == Standing::Live);
+        self.tuning.due(live.max_by_key(|header| header.cycle)?)
+    }
 }
 
 /// Answers every cycle until the process is asked to end.
@@ -45,7 +94,8 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
     let mut states = bus.subscriber::<MotorState>("motor/state")?;
     let mut statuses = bus.publisher::<ControlStatus>(&format!("control/status/{slot}"))?;
     let mut waiter = chassis.waiter(&[&channels[0], &channels[1]])?;
-    let (mut newest, mut motion, mut authority, mut state) = ([None; 2], None, None, None);
+    let (mut newest, mut motion, mut authority, mut state) = ([None::<NodeEstimate>; 2], None, None, None);
+    let mut used = Used::begin(chassis, &controller)?;
     chassis.ready()?;
     while chassis.running() {
         chassis.wait(&mut waiter, None)?;
@@ -56,8 +106,8 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
             }
         }
         motion = motions.latest()?.or(motion);
-        authority = authorities.latest()?.or(authority);
-        state = states.latest()?.or(state);
+        authority = newer(authority, authorities.latest()?);
+        state = newer(state, states.latest()?);
         if new {
             chassis.pass_begin();
             let seen = Seen {
@@ -66,10 +116,20 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
                 authority: authority.as_ref(),
                 state: state.as_ref(),
             };
+            let change = used.due(&controller, &newest, authority.as_ref());
+            if let Some(change) = &change {
+                controller.configure(change.made.0, used.fade_s);
+            }
             let (mut command, mut status) = controller.step(&seen);
             commands.send(&mut command)?;
             statuses.send(&mut status)?;
             chassis.pass_end();
+            if let Some(change) = change {
+                let Header { life, cycle, .. } = status.header;
+                let since = Since { life, cycle, seq: statuses.seq(), changes: change.changes };
+                chassis.uses_since(&used.law, &change.made.1, since)?;
+            }
+            used.tuning.hear()?;
             match controller.notice() {
                 Some(notice) if notice.is_warning() => tracing::warn!("{notice}"),
                 Some(notice) => tracing::info!("{notice}"),

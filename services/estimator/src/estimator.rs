@@ -1,7 +1,7 @@
 //! One step per cycle: lengths read, lengths predicted, position, tensions.
 
 use cable_robot::{CableVec, Matrix3, Robot, Vector3, elastic};
-use messages::{Header, MotorAuthority, MotorState, NodeEstimate};
+use messages::{Header, MotorAuthority, MotorState, NodeEstimate, same_life};
 use service::config::EstimatorSection;
 
 use crate::method::{Line, Method, MethodError};
@@ -20,6 +20,8 @@ pub struct EstimatorConfig {
     pub sigma_length_m: f64,
     /// Non-zero number of this process's life.
     pub incarnation: u32,
+    /// Kernel's number of the thread that answers; 0: unknown.
+    pub thread: u32,
 }
 
 impl EstimatorConfig {
@@ -29,7 +31,7 @@ impl EstimatorConfig {
     /// A method or a parameter that does not exist.
     pub fn of(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Result<Self, MethodError> {
         let robot = if section.stretch { robot } else { robot.with_rigid_lines() };
-        Ok(Self { robot, method: Method::of(section)?, sigma_length_m: section.sigma_length_m, incarnation })
+        Ok(Self { robot, method: Method::of(section)?, sigma_length_m: section.sigma_length_m, incarnation, thread: 0 })
     }
 }
 
@@ -41,6 +43,8 @@ pub struct Estimator {
     incarnation: u32,
     method: u8,
     lines: Vec<Line>,
+    thread: u32,
+    last_life: u64,
     last_cycle: u64,
     last_stamp_ns: u64,
     last_instant_ns: u64,
@@ -59,6 +63,8 @@ impl Estimator {
             incarnation: config.incarnation,
             method: config.method.number(),
             lines: vec![config.method.line(); config.robot.cable_count()],
+            thread: config.thread,
+            last_life: 0,
             last_cycle: 0,
             last_stamp_ns: 0,
             last_instant_ns: 0,
@@ -68,6 +74,13 @@ impl Estimator {
         }
     }
 
+    /// Goes on with other parameters, between two steps: what was learnt and filtered stays, so that the estimate does not jump. Robot,
+    /// method and life stay what they are; another method is another estimator.
+    pub fn configure(&mut self, config: &EstimatorConfig) {
+        self.sigma_length_m = config.sigma_length_m;
+        self.lines.iter_mut().for_each(|line| line.retune(&config.method));
+    }
+
     /// The estimate for the cycle of one motor/state, true at the instant of its newest reading.
     ///
     /// The paper predicts lengths over a whole iteration, because its encoder counts arrive with the last command. Here
@@ -75,34 +88,31 @@ impl Estimator {
     /// and the common instant, and whole cycles when the bus lost a reading. Nothing is allocated.
     pub fn step(&mut self, state: &MotorState, authority: Option<&MotorAuthority>) -> NodeEstimate {
         let n = self.robot.cable_count();
+        let authority = authority.filter(|authority| same_life(&authority.header, &state.header));
+        // Another life of motor-io, or a cycle that is not newer than the last: what was learnt is void.
+        if state.header.life != self.last_life || state.header.cycle <= self.last_cycle {
+            self.forget();
+        }
         let instant_ns = self.instant_ns(state, authority);
         let mut estimate = NodeEstimate {
-            header: Header {
-                cycle: state.header.cycle,
-                seq: 0,
-                stamp_ns: instant_ns,
-                oldest_input_ns: state.header.oldest_input_ns,
-            },
+            header: Header { seq: 0, stamp_ns: instant_ns, published_ns: 0, ..state.header },
             measured_m: state.length_m,
             seen_authority: authority.map_or(0, |authority| authority.header.cycle),
             epoch: authority.map_or(0, |authority| authority.epoch),
             incarnation: self.incarnation,
+            thread: self.thread,
             cable_count: n as u8,
             method: self.method,
             ..NodeEstimate::default()
         };
-        // A cycle that is not newer than the last is a second motor-io or a restarted one: what was learnt is void.
-        if state.header.cycle <= self.last_cycle {
-            self.forget();
-        }
         // Lengths may have been given anew.
         let epoch = authority.map_or(self.last_epoch, |authority| authority.epoch);
         if epoch != self.last_epoch {
             self.last_epoch = epoch;
             self.lines.iter_mut().for_each(Line::expect_anything);
         }
-        (self.last_cycle, self.last_stamp_ns, self.last_instant_ns) =
-            (state.header.cycle, state.header.stamp_ns, instant_ns);
+        (self.last_life, self.last_cycle) = (state.header.life, state.header.cycle);
+        (self.last_stamp_ns, self.last_instant_ns) = (state.header.stamp_ns, instant_ns);
         let mut known = usize::from(state.cable_count) == n && state.position_known != MotorState::POSITION_UNKNOWN;
         let mut sigma_m = CableVec::repeat(n, self.sigma_length_m);
         let mut velocity_m_s = CableVec::zeros(n);
@@ -145,6 +155,7 @@ impl Estimator {
     }
 
     fn forget(&mut self) {
+        (self.last_cycle, self.last_stamp_ns, self.last_instant_ns) = (0, 0, 0);
         self.lines.iter_mut().for_each(Line::forget);
         self.position = None;
         self.velocity_m_s = Vector3::zeros();

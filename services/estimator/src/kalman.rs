@@ -43,6 +43,13 @@ impl Line {
         }
     }
 
+    pub(crate) fn retune(&mut self, settings: FilterSettings) {
+        self.settings = settings;
+        if let Some(filter) = &mut self.filter {
+            filter.retune(settings);
+        }
+    }
+
     /// Takes the reading of this cycle, if there is one.
     pub(crate) fn read(&mut self, state: &MotorState, i: usize) {
         let (length_m, sampled_ns) = (state.length_m[i], state.sampled_ns[i]);

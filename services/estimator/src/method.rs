@@ -122,6 +122,15 @@ impl Line {
         }
     }
 
+    /// Other parameters of the same method; what is remembered stays.
+    pub(crate) fn retune(&mut self, method: &Method) {
+        match (self, *method) {
+            (Self::Phi(line), Method::Phi { eta, ridge, prior }) => line.retune(eta, ridge, prior),
+            (Self::Kalman(line), Method::Kalman(settings)) => line.retune(settings),
+            (Self::Phi(_), Method::Kalman(_)) | (Self::Kalman(_), Method::Phi { .. }) => {}
+        }
+    }
+
     /// The next reading may be anywhere.
     pub(crate) fn expect_anything(&mut self) {
         if let Self::Kalman(line) = self {

@@ -10,6 +10,9 @@ use crate::method::{Found, ahead_s};
 /// error of not predicting at all, depending on the run.
 const PREDICTION_SIGMA: f64 = 0.5;
 
+/// Faster than any winch, m/s: a line that seems to be was given another length. Twice the highest cable speed limit of a robot file.
+const JUMP_M_S: f64 = 20.0;
+
 /// See the module's text.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Line {
@@ -31,13 +34,21 @@ impl Line {
         Self { phi, length_m: None, sampled_ns: 0, cycle: 0, velocity_m_s: 0.0, command_m_s: 0.0 }
     }
 
+    pub(crate) fn retune(&mut self, eta: usize, ridge: f64, prior: [f64; 2]) {
+        self.phi.retune(eta, ridge, prior);
+    }
+
     /// Takes the reading of this cycle, if there is one, and teaches the motor model what the last command did.
     pub(crate) fn read(&mut self, state: &MotorState, i: usize) {
         let (length_m, sampled_ns) = (state.length_m[i], state.sampled_ns[i]);
         if state.fresh[i] != 0 && length_m.is_finite() {
             let elapsed_s = sampled_ns.saturating_sub(self.sampled_ns) as f64 * 1e-9;
             match self.length_m {
-                Some(before_m) if self.cycle + 1 == state.header.cycle && elapsed_s > 0.0 => {
+                Some(before_m)
+                    if self.cycle + 1 == state.header.cycle
+                        && elapsed_s > 0.0
+                        && (length_m - before_m).abs() <= JUMP_M_S * elapsed_s =>
+                {
                     self.phi.update(self.command_m_s, (length_m - before_m) / elapsed_s);
                 }
                 _ => self.phi.forget_window(),

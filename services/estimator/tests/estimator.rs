@@ -51,7 +51,7 @@ fn methods() -> [Method; 2] {
 }
 
 fn estimator(robot: Robot, method: Method) -> Estimator {
-    Estimator::new(&EstimatorConfig { robot, method, sigma_length_m: 0.001, incarnation: 7 })
+    Estimator::new(&EstimatorConfig { robot, method, sigma_length_m: 0.001, incarnation: 7, thread: 0 })
 }
 
 fn lengths(robot: &Robot, position: Vector3<f64>) -> CableVec {
@@ -62,7 +62,7 @@ fn lengths(robot: &Robot, position: Vector3<f64>) -> CableVec {
 fn state(cycle: u64, lengths_m: &CableVec) -> MotorState {
     let at_ns = 1_000_000_000 + cycle * PERIOD_NS;
     let mut state = MotorState {
-        header: Header { cycle, seq: cycle, stamp_ns: at_ns, oldest_input_ns: at_ns },
+        header: Header { cycle, seq: cycle, ..Header::at(at_ns) },
         length_m: lengths_m.to_array8(),
         cable_count: lengths_m.len() as u8,
         position_known: MotorState::POSITION_KNOWN,
@@ -416,4 +416,27 @@ fn drag_does_not_move_the_estimate_of_a_node_that_moves() {
     };
     let (known, unknown) = (worst_m(floating(25.0)), worst_m(floating(0.0)));
     assert!(known < 5e-5 && unknown > 5e-4, "{known} m, {unknown} m off without it");
+}
+
+/// Zeroing gives every line another length between two readings: that is no velocity to carry the older ones on with.
+#[test]
+fn lengths_that_are_given_anew_are_no_movement() {
+    for method in methods() {
+        let robot = robot(4, Some(6000.0));
+        let mut estimator = estimator(robot, method);
+        for cycle in 1..60 {
+            let at = if cycle < 30 { Vector3::new(3.0, 3.0, 1.5) } else { Vector3::new(6.0, 3.5, 0.8) };
+            let mut state = state(cycle, &lengths(&robot, at));
+            // Read two at a time, 2 ms apart.
+            for i in 0..4 {
+                state.sampled_ns[i] += if i < 2 { 0 } else { 2_000_000 };
+            }
+            state.header.stamp_ns += 2_000_000;
+            let epoch = if cycle < 30 { 1 } else { 2 };
+            let authority = MotorAuthority { header: state.header, epoch, period_s: 0.01, ..MotorAuthority::default() };
+            let estimate = estimator.step(&state, Some(&authority));
+            assert_eq!(estimate.valid, 1);
+            assert!(distance(&estimate, at) < 1e-4, "{method:?}, cycle {cycle}: {} m", distance(&estimate, at));
+        }
+    }
 }

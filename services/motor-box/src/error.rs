@@ -32,6 +32,14 @@ pub enum BoxError {
         /// Address asked for.
         address: u8,
     },
+    /// The file beside a port.
+    #[error("the file beside {}, in which the box tells what it leaves out of its time, cannot be made: {error}", .link.display())]
+    Time {
+        /// The port.
+        link: std::path::PathBuf,
+        /// What the system said.
+        error: std::io::Error,
+    },
     /// Waiting for bytes failed.
     #[error("cannot wait for bytes on the ports: {0}")]
     Wait(std::io::Error),

@@ -7,7 +7,7 @@
 //! # Invariants
 //! * Nothing in the control loop may read what the box publishes: truth is for evaluation.
 //! * [`Machine`] has no clock; time is an argument. The same bytes at the same times give the same answers.
-//! * The box lives at most 20 ms at once: where the computer stands still, so does the box.
+//! * The box lives at most 20 ms at once: where the computer stands still, so does the box; and where it has no time for motor-io.
 #![forbid(unsafe_code)]
 
 pub mod config;
@@ -18,6 +18,7 @@ mod machine;
 mod run;
 mod serve;
 mod socket;
+mod time;
 mod wire;
 
 pub use config::BoxConfig;
@@ -28,4 +29,5 @@ pub use machine::Machine;
 pub use run::MotorBox;
 pub use serve::{ports_only, serve};
 pub use socket::{Shared, Socket};
+pub use time::Kept;
 pub use wire::Wire;

@@ -8,22 +8,20 @@ use crate::config::BoxConfig;
 use crate::device::Device;
 use crate::fault::{BoxFault, FaultRequest};
 use crate::machine::Machine;
+use crate::time::{BoxTime, Kept};
 use crate::wire::Wire;
 
 /// Longest time between two looks at the motors, ns. The physics has its own, finer steps; this bounds how late a watchdog
 /// can be.
 const TICK_NS: u64 = 5_000_000;
 
-/// Longest time the box lives through at once, ns. Shared machines stand still for a quarter of a second now and then, and
-/// everything on them with it; a box that caught up would find that nobody had talked to its drives for so long, and stop
-/// them. So the box's clock stands still as well, but for what an ordinary hiccup takes.
-const LONGEST_STEP_NS: u64 = 20_000_000;
-
 /// Between two housekeepings of the wires, ns.
 const MAINTAIN_NS: u64 = 50_000_000;
 
 /// Shortest sleep that is asked for, ns: less is over before the call returns.
 const SHORTEST_SLEEP_NS: u64 = 1_000;
+/// The same while the box's time stands, ns: what is due comes no nearer.
+const STANDING_SLEEP_NS: u64 = 1_000_000;
 
 /// The running box.
 #[derive(Debug)]
@@ -32,17 +30,12 @@ pub struct MotorBox {
     wires: Vec<Wire>,
     devices: Vec<Device>,
     scene: Scene,
-    /// The machine's clock, ns.
-    now_ns: u64,
-    /// The real clock when that was true, ns.
-    real_ns: u64,
+    time: BoxTime,
     maintained_ns: u64,
     /// What is put right by itself, and when on the machine's clock, ns.
     repairs: Vec<(u64, BoxFault)>,
     /// The configured supply, V.
     supply_v: f64,
-    /// Time that was left out because the machine underneath stood still, ns.
-    left_out_ns: u64,
 }
 
 impl MotorBox {
@@ -61,18 +54,15 @@ impl MotorBox {
         let seed = |i: usize| config.plant.seed.wrapping_add(i as u64);
         let devices = config.devices.iter().enumerate().map(|(i, device)| Device::new(device.clone(), seed(100 + i)));
         let devices = devices.collect::<Result<_, _>>()?;
-        let real_ns = serial::monotonic_ns();
         Ok(Self {
             machine,
             wires,
             devices,
             scene: config.scene.clone(),
-            now_ns: 0,
-            real_ns,
+            time: BoxTime::new(config.ports.iter().map(|port| &*port.link))?,
             maintained_ns: 0,
             repairs: Vec::new(),
             supply_v: config.plant.supply_v,
-            left_out_ns: 0,
         })
     }
 
@@ -83,12 +73,12 @@ impl MotorBox {
 
     /// The real clock (CLOCK_MONOTONIC, ns) when the machine was last looked at.
     pub fn real_ns(&self) -> u64 {
-        self.real_ns
+        self.time.real_ns()
     }
 
-    /// Time left out so far because the computer stood still, ns.
-    pub fn left_out_ns(&self) -> u64 {
-        self.left_out_ns
+    /// Time left out so far because the computer had none for the box, or for the program that drives it.
+    pub fn kept(&self) -> Kept {
+        self.time.kept()
     }
 
     /// Breaks something, for as long as it says, or puts it right. What was to be put right later in the same place is forgotten.
@@ -100,13 +90,13 @@ impl MotorBox {
         let repair = request.fault.repair(self.supply_v);
         self.repairs.retain(|(_, pending)| Some(*pending) != repair && *pending != request.fault);
         if let (Some(seconds), Some(repair)) = (request.for_s, repair) {
-            self.repairs.push((self.now_ns.saturating_add((seconds * 1e9) as u64), repair));
+            self.repairs.push((self.time.now_ns().saturating_add((seconds * 1e9) as u64), repair));
         }
         Ok(())
     }
 
     fn repair(&mut self) -> Result<(), BoxError> {
-        while let Some(due) = self.repairs.iter().position(|(at_ns, _)| *at_ns <= self.now_ns) {
+        while let Some(due) = self.repairs.iter().position(|(at_ns, _)| *at_ns <= self.time.now_ns()) {
             let (_, repair) = self.repairs.swap_remove(due);
             self.apply(repair)?;
         }
@@ -143,14 +133,17 @@ impl MotorBox {
     pub fn run_until(&mut self, until_ns: u64) -> Result<(), BoxError> {
         loop {
             self.catch_up()?;
-            if self.real_ns >= until_ns {
+            if self.real_ns() >= until_ns {
                 return Ok(());
             }
             let devices = self.devices.iter().map(Device::next_ns);
             let next_ns = self.wires.iter().filter_map(Wire::next_ns).chain(devices).min();
             let tick_ns = self.machine.now_ns() + TICK_NS;
-            let sleep_ns = next_ns.map_or(tick_ns, |next| next.min(tick_ns)).saturating_sub(self.now_ns);
-            let sleep_ns = sleep_ns.min(until_ns - self.real_ns).max(SHORTEST_SLEEP_NS);
+            let sleep_ns = next_ns.map_or(tick_ns, |next| next.min(tick_ns)).saturating_sub(self.time.now_ns());
+            let least_ns = if self.time.stands() { STANDING_SLEEP_NS } else { SHORTEST_SLEEP_NS };
+            let sleep_ns = sleep_ns.min(until_ns - self.real_ns()).max(least_ns);
+            let busy = self.wires.iter().any(|wire| wire.next_ns().is_some());
+            self.time.sleep(sleep_ns, busy);
             if !self.wait(sleep_ns)? {
                 return Ok(());
             }
@@ -159,32 +152,29 @@ impl MotorBox {
 
     /// Brings clock, wires and machine up to now.
     fn catch_up(&mut self) -> Result<(), BoxError> {
-        let real_ns = serial::monotonic_ns();
-        let passed_ns = real_ns - self.real_ns;
-        self.real_ns = real_ns;
-        self.left_out_ns += passed_ns.saturating_sub(LONGEST_STEP_NS);
-        self.now_ns += passed_ns.min(LONGEST_STEP_NS);
+        self.time.pass(serial::monotonic_ns());
+        let now_ns = self.time.now_ns();
         self.repair()?;
         for (port, wire) in self.wires.iter_mut().enumerate() {
-            wire.take_in(self.now_ns)?;
-            while let Some((at_ns, byte)) = wire.next_for_units(self.now_ns) {
+            wire.take_in(now_ns)?;
+            while let Some((at_ns, byte)) = wire.next_for_units(now_ns) {
                 wire.answer(|line| self.machine.receive(port, at_ns, byte, line))?;
             }
         }
-        if self.now_ns >= self.machine.now_ns() + TICK_NS {
-            self.machine.advance(self.now_ns)?;
+        if now_ns >= self.machine.now_ns() + TICK_NS {
+            self.machine.advance(now_ns)?;
         }
         for wire in &mut self.wires {
-            wire.hand_out(self.now_ns)?;
+            wire.hand_out(now_ns)?;
         }
         for device in &mut self.devices {
-            if device.is_due(self.now_ns) {
-                self.machine.advance(self.now_ns)?;
+            if device.is_due(now_ns) {
+                self.machine.advance(now_ns)?;
             }
-            device.live(self.now_ns, self.machine.plant().position_m(), &self.scene)?;
+            device.live(now_ns, self.machine.plant().position_m(), &self.scene)?;
         }
-        if self.now_ns >= self.maintained_ns + MAINTAIN_NS {
-            self.maintained_ns = self.now_ns;
+        if now_ns >= self.maintained_ns + MAINTAIN_NS {
+            self.maintained_ns = now_ns;
             self.wires.iter().for_each(Wire::maintain);
             self.devices.iter().for_each(|device| device.wire.maintain());
         }

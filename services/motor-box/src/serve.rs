@@ -9,13 +9,15 @@ use service::config::BoxFile;
 use service::{BadInput, Chassis};
 use tracing::{info, warn};
 
-use crate::{BoxConfig, BoxError, FaultRequest, Machine, MotorBox};
+use crate::{BoxConfig, BoxError, FaultRequest, Kept, Machine, MotorBox};
 
 /// Between two samples of truth, ns: as often as the control cycle.
 const TRUTH_NS: u64 = 10_000_000;
 
-/// Time left out at once that is worth a word, ns.
+/// Time left out that is worth a word, ns,
 const WORTH_A_WORD_NS: u64 = 50_000_000;
+/// and how often one is said, ns.
+const WORD_NS: u64 = 1_000_000_000;
 
 /// Lives until it is asked to end: ports in the domain's folder, `truth/node` a hundred times a second, faults on request.
 ///
@@ -29,7 +31,7 @@ pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
     chassis.ready()?;
     info!("{} port(s), first at {}", config.ports.len(), config.ports[0].link.display());
     let mut next_ns = motor_box.real_ns() + TRUTH_NS;
-    let mut left_out_ns = 0;
+    let mut notice = Notice::default();
     while chassis.running() {
         motor_box.run_until(next_ns)?;
         if motor_box.real_ns() < next_ns {
@@ -42,11 +44,9 @@ pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
             let (accepted, sentence) = obey(&mut motor_box, &call.request);
             call.answer(accepted, &sentence)?;
         }
-        if motor_box.left_out_ns() > left_out_ns + WORTH_A_WORD_NS {
-            let ms = (motor_box.left_out_ns() - left_out_ns) / 1_000_000;
-            warn!("the computer stood still; {ms} ms did not pass in the motor box");
+        if let Some(sentence) = notice.sentence(&motor_box) {
+            warn!("{sentence}");
         }
-        left_out_ns = motor_box.left_out_ns();
         chassis.pass_end();
         chassis.idle()?;
         // On from where it is after a pause: samples missed cannot be caught up with.
@@ -66,11 +66,44 @@ pub fn ports_only(box_file: &Path, folder: &Path) -> anyhow::Result<()> {
         signal_hook::flag::register(signal, stop.clone())?;
     }
     let mut motor_box = MotorBox::new(&config).map_err(bad_configuration)?;
+    let mut notice = Notice::default();
     while !stop.load(Ordering::Relaxed) {
         // The longest that a signal between the check and the wait can go unnoticed.
         motor_box.run_until(motor_box.real_ns() + 100_000_000)?;
+        if let Some(sentence) = notice.sentence(&motor_box) {
+            eprintln!("motor-box: {sentence}");
+        }
     }
     Ok(())
+}
+
+/// What has been said of the time that did not pass in the box.
+#[derive(Default)]
+struct Notice {
+    said: Kept,
+    said_ns: u64,
+}
+
+impl Notice {
+    /// A sentence once in [`WORD_NS`], if there is something to say.
+    fn sentence(&mut self, motor_box: &MotorBox) -> Option<String> {
+        let now_ns = motor_box.real_ns();
+        if now_ns < self.said_ns + WORD_NS {
+            return None;
+        }
+        self.said_ns = now_ns;
+        let kept = motor_box.kept();
+        let said = std::mem::replace(&mut self.said, kept);
+        let ms = |now_ns: u64, before_ns: u64| (now_ns - before_ns) / 1_000_000;
+        (kept.total_ns() > said.total_ns() + WORTH_A_WORD_NS).then(|| {
+            format!(
+                "the computer was busy with other things; {} ms did not pass in the motor box (it had no time for the box for {} ms, none for motor-io for {} ms)",
+                ms(kept.total_ns(), said.total_ns()),
+                ms(kept.box_ns, said.box_ns),
+                ms(kept.program_ns, said.program_ns)
+            )
+        })
+    }
 }
 
 fn configuration(box_file: &BoxFile, folder: &Path) -> anyhow::Result<BoxConfig> {

@@ -1,7 +1,7 @@
 //! Answers to requests, in a fixed place: the loop does not allocate.
 
 use arrayvec::ArrayString;
-use messages::{MORE, words_within};
+use messages::{MORE, parted};
 use std::fmt::Write;
 
 /// Longest answer, bytes: what `operator/request` has room for.
@@ -31,10 +31,13 @@ impl Answer {
     }
 }
 
-/// A sentence from format arguments; of one that does not fit as many words as do, and [`MORE`].
+/// Longest text that is looked at to find the end of a sentence, bytes.
+const DRAFT: usize = 4 * SENTENCE;
+
+/// A sentence from format arguments; one that does not fit loses what stands before its cure: see [`parted`].
 #[must_use]
 pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
-    struct Cut<'a>(&'a mut Sentence, bool);
+    struct Cut<'a>(&'a mut ArrayString<DRAFT>);
     impl Write for Cut<'_> {
         fn write_str(&mut self, text: &str) -> std::fmt::Result {
             let mut end = text.len().min(self.0.remaining_capacity());
@@ -42,19 +45,17 @@ pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
                 end -= 1;
             }
             self.0.push_str(&text[..end]);
-            self.1 |= end < text.len();
             Ok(())
         }
     }
-    let mut sentence = Sentence::new();
-    let mut cut = Cut(&mut sentence, false);
+    let mut draft = ArrayString::new();
     // Cut never fails.
-    let _ = cut.write_fmt(text);
-    if cut.1 {
-        let end = words_within(&sentence, SENTENCE - MORE.len());
-        sentence.truncate(end);
-        sentence.push_str(MORE);
-    }
+    let _ = Cut(&mut draft).write_fmt(text);
+    let mut sentence = Sentence::new();
+    let (end, from) = if draft.len() > SENTENCE { parted(&draft, SENTENCE) } else { (draft.len(), draft.len()) };
+    let parts = [&draft[..end], if from > end { MORE } else { "" }, &draft[from..]];
+    // They fit: `parted` has left room for all three.
+    parts.iter().for_each(|part| sentence.push_str(part));
     sentence
 }
 

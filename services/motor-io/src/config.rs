@@ -41,6 +41,19 @@ pub struct CoreConfig {
     /// Largest change of a cable's velocity per time, m/s². Wider than the node's limit, because the controller's
     /// corrections need room beside the planned motion.
     pub cable_acceleration_m_s2: f64,
+    /// The node's speed is bounded by the robot's speed limit and this share of it.
+    pub node_speed_margin: f64,
+    /// Largest change of the node's velocity per time, m/s².
+    pub node_acceleration_m_s2: f64,
+    /// What a controller may add to the set point's own velocity, m/s: enough to bring the node back at half its speed limit.
+    pub correction_limit_m_s: f64,
+    /// A motion that begins farther from the node than this is not started, m. Uncorrected stretch is up to 35 mm on the examples.
+    pub start_bound_m: f64,
+    /// From this distance to the set point on, commands that lead away from it are a fault, m. Drives lag by up to 30 mm at full speed,
+    /// and controllers give no answer from 250 mm on.
+    pub divergence_m: f64,
+    /// For how long they may, s: at the speed limit a third of `divergence_m`.
+    pub divergence_s: f64,
     /// Time in which pause, hold and resume ramp the plan clock between standstill and full rate, s.
     pub ramp_s: f64,
     /// The same for stop, s.
@@ -82,6 +95,10 @@ pub struct CoreConfig {
     /// How far a standby's command may be from that of the controller in charge, as a share of `cable_speed_m_s`. The two laws
     /// differ most where the motion changes: by the acceleration times the time by which one looks further ahead.
     pub command_bound: f64,
+    /// How far it may be from it on average, as a share of what is being commanded, and never less than `bias_bound_m_s`.
+    pub bias_share: f64,
+    /// See `bias_share`, m/s: what two good laws differ by while the node accelerates.
+    pub bias_bound_m_s: f64,
     /// How far a standby's estimate may be from the one in charge, m: what the node may be off its path.
     pub estimate_bound_m: f64,
     /// How the tension of more cables than directions is chosen where `zero --at` turns a position into lengths.
@@ -135,6 +152,12 @@ impl CoreConfig {
             unit_count: units.len(),
             cable_speed_m_s: robot.cable_speed_limit_m_s(),
             cable_acceleration_m_s2: 4.0 * robot.acceleration_limit_m_s2(),
+            node_speed_margin: 0.1,
+            node_acceleration_m_s2: 4.0 * robot.acceleration_limit_m_s2(),
+            correction_limit_m_s: 0.5 * robot.speed_limit_m_s(),
+            start_bound_m: 0.05,
+            divergence_m: 0.1,
+            divergence_s: 0.1,
             ramp_s: 0.5,
             stop_s: 0.25,
             settle_s: 0.5,
@@ -155,12 +178,20 @@ impl CoreConfig {
             forgive_s: arbiter.forgive_s,
             quarantine_falls: arbiter.quarantine_falls,
             command_bound: arbiter.command_bound,
+            bias_share: arbiter.bias_share,
+            bias_bound_m_s: arbiter.bias_bound_m_s,
             estimate_bound_m: arbiter.estimate_bound_m,
             distribution: robot.default_distribution(),
             robot,
         };
         config.check()?;
         Ok(config)
+    }
+
+    /// Bound on the node's speed, m/s.
+    #[must_use]
+    pub fn node_speed_m_s(&self) -> f64 {
+        (1.0 + self.node_speed_margin) * self.robot.speed_limit_m_s()
     }
 
     /// How many cables.
@@ -200,6 +231,12 @@ impl CoreConfig {
         }
         inside("cable_speed_limit_m_s", self.cable_speed_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
         inside("cable_acceleration_m_s2", self.cable_acceleration_m_s2, 1e-3, 100.0, "0.001 to 100 m/s²")?;
+        inside("node_speed_margin", self.node_speed_margin, 0.0, 1.0, "0 to 1")?;
+        inside("node_acceleration_limit_m_s2", self.node_acceleration_m_s2, 1e-3, 100.0, "0.001 to 100 m/s²")?;
+        inside("correction_limit_m_s", self.correction_limit_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
+        inside("start_bound_m", self.start_bound_m, 1e-3, 10.0, "0.001 to 10 metres")?;
+        inside("divergence_m", self.divergence_m, 1e-3, 10.0, "0.001 to 10 metres")?;
+        inside("divergence_s", self.divergence_s, 0.01, 10.0, "0.01 to 10 seconds")?;
         inside("ramp_s", self.ramp_s, 0.05, 10.0, "0.05 to 10 seconds")?;
         inside("stop_s", self.stop_s, 0.05, 10.0, "0.05 to 10 seconds")?;
         inside("settle_s", self.settle_s, 0.0, 10.0, "0 to 10 seconds")?;
@@ -226,6 +263,8 @@ impl CoreConfig {
         inside("forgive_s", self.forgive_s, 0.1, 3600.0, "0.1 to 3600 seconds")?;
         inside("quarantine_falls", self.quarantine_falls.into(), 1.0, 100.0, "1 to 100")?;
         inside("command_bound", self.command_bound, 1e-3, 1.0, "0.001 to 1")?;
+        inside("bias_share", self.bias_share, 1e-3, 1.0, "0.001 to 1")?;
+        inside("bias_bound_m_s", self.bias_bound_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
         inside("estimate_bound_m", self.estimate_bound_m, 1e-4, 1.0, "0.0001 to 1 metre")
     }
 }

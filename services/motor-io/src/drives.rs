@@ -33,6 +33,8 @@ pub struct Drives {
     slow_ns: [[u64; 4]; UNITS],
     trouble: Option<Error>,
     lost: Option<Error>,
+    /// Of each unit that has not answered for several attempts: why.
+    absent: [Option<Error>; UNITS],
 }
 
 impl Drives {
@@ -67,6 +69,7 @@ impl Drives {
             slow_ns: [[0; 4]; UNITS],
             trouble: None,
             lost: None,
+            absent: [const { None }; UNITS],
         })
     }
 
@@ -86,6 +89,11 @@ impl Drives {
         self.lost = reply.ports.iter().find_map(|port| port.lost.clone());
         for (unit, answer) in reply.units.iter().enumerate().take(UNITS) {
             input.unit[unit] = outcome(answer, &mut self.reboots[unit]);
+            match &answer.outcome {
+                Ok(()) => self.absent[unit] = None,
+                Err(error) if error.is_silence() || error.is_lost() => self.absent[unit] = Some(error.clone()),
+                Err(_) => {}
+            }
             if let Err(error) = &answer.outcome {
                 // What comes after the first error of a line is its way back.
                 if !matches!(error, Error::Resynchronising { .. }) || self.trouble.is_none() {
@@ -125,9 +133,21 @@ impl Drives {
         }
     }
 
+    /// Time that virtual drives have left out so far, ns; 0 of real ones.
+    #[must_use]
+    pub fn left_out_ns(&self) -> u64 {
+        self.fleet.left_out_ns()
+    }
+
     /// What went wrong since the last call, the newest of it.
     pub fn trouble(&mut self) -> Option<Error> {
         self.trouble.take()
+    }
+
+    /// Why a unit that is needed does not answer: its port, and what comes from there.
+    #[must_use]
+    pub fn absent(&self) -> Option<&Error> {
+        self.absent.iter().flatten().next()
     }
 
     /// The port that is not there, as of the last exchange.
@@ -145,9 +165,11 @@ fn outcome(answer: &UnitAnswer, reboots: &mut u32) -> u8 {
         }
         Ok(()) => MotorInput::UNIT_OK,
         Err(error) if error.is_lost() => MotorInput::UNIT_LOST,
-        Err(Error::Silent { .. } | Error::WatchdogRefused { .. }) => MotorInput::UNIT_LOST,
+        Err(error) if error.is_silence() => MotorInput::UNIT_LOST,
+        Err(Error::WatchdogRefused { .. }) => MotorInput::UNIT_LOST,
         // This program came too late: that says nothing about the unit.
         Err(Error::Busy { .. } | Error::TooLate { .. }) => MotorInput::UNIT_LATE,
+        Err(Error::NoAnswer { .. } | Error::Unanswered { .. }) => MotorInput::UNIT_SILENT,
         Err(_) => MotorInput::UNIT_RESYNC,
     }
 }

@@ -14,6 +14,7 @@ pub const HARD: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_DRIVE_ERROR
     | MotorAuthority::FAULT_LENGTH_LIMIT
     | MotorAuthority::FAULT_SUPPLY
+    | MotorAuthority::FAULT_DIVERGING
     | MotorAuthority::FAULT_EMERGENCY_INPUT;
 
 /// Causes of a stop on the path after which the robot holds: the motion is kept, and `resume` goes on with it.
@@ -22,13 +23,31 @@ pub const STOPS: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_COMMAND_REFUSED
     | MotorAuthority::FAULT_SUPERVISOR_LOST
     | MotorAuthority::FAULT_PLANNER_LOST
-    | MotorAuthority::FAULT_LONG_GAP;
+    | MotorAuthority::FAULT_LONG_GAP
+    | MotorAuthority::FAULT_OFF_START
+    | MotorAuthority::FAULT_COMPUTER;
 
 /// Conditions that are still there while they last, so that a reset has to wait for their end.
 pub const LASTING: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_DRIVE_ERROR
     | MotorAuthority::FAULT_SUPPLY
     | MotorAuthority::FAULT_EMERGENCY_INPUT;
+
+/// Faults of a drive unit: only with these do the units mean something that a set of faults names.
+pub const OF_UNITS: u32 = MotorAuthority::FAULT_LOST_UNIT
+    | MotorAuthority::FAULT_UNIT_REBOOT
+    | MotorAuthority::FAULT_SUPPLY
+    | MotorAuthority::FAULT_EMERGENCY_INPUT
+    | MotorAuthority::FAULT_DRIVE_ERROR;
+
+/// Faults of a cable: only with these do the cables mean something that a set of faults names.
+pub const OF_CABLES: u32 = MotorAuthority::FAULT_STALL
+    | MotorAuthority::FAULT_SLACK
+    | MotorAuthority::FAULT_OVER_TENSION
+    | MotorAuthority::FAULT_OVER_CURRENT
+    | MotorAuthority::FAULT_RUNAWAY
+    | MotorAuthority::FAULT_ENCODER_JUMP
+    | MotorAuthority::FAULT_LENGTH_LIMIT;
 
 /// Faults after which the drive's own loop cannot be trusted, because it closes on an encoder that does not tell the truth: this
 /// cable, and only this one, goes to duty 0.

@@ -1,7 +1,10 @@
 //! Collects what arrives between two cycles into the one [`MotorInput`] that the core sees.
 
 use crate::core::REQUESTS;
-use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanSegment, SLOTS, UNITS};
+use crate::setpoint::Setpoints;
+use messages::{
+    CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, SLOTS, UNITS,
+};
 
 /// ```
 /// use motor_io::inbox::Inbox;
@@ -14,6 +17,7 @@ use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanS
 #[derive(Debug, Clone)]
 pub struct Inbox {
     input: MotorInput,
+    setpoints: Setpoints,
     requests: usize,
 }
 
@@ -24,7 +28,14 @@ impl Inbox {
         let mut input = MotorInput { cable_count: cables as u8, unit_count: units as u8, ..MotorInput::default() };
         // Not yet read, which is something else than 0 V.
         input.supply_v = [f64::NAN; UNITS];
-        Self { input, requests: 0 }
+        Self { input, setpoints: Setpoints::default(), requests: 0 }
+    }
+
+    /// The life that begins: every sample of the chain carries it from here on.
+    #[must_use]
+    pub fn of_life(mut self, life: u64) -> Self {
+        self.input.header.life = life;
+        self
     }
 
     /// For the first cycle: the epoch to begin with, and where the lines were in the last life of this process.
@@ -43,26 +54,39 @@ impl Inbox {
         self.input.command_arrived[slot] = 1;
     }
 
-    /// An estimator's estimate.
+    /// An estimator's estimate. What belongs to another life displaces none of this one.
     pub fn estimate(&mut self, slot: usize, estimate: &NodeEstimate) {
+        let life = self.input.header.life;
+        if estimate.header.life != life && self.input.estimate_life[slot] == life {
+            return;
+        }
         self.input.estimate_cycle[slot] = estimate.header.cycle;
+        self.input.estimate_life[slot] = estimate.header.life;
         self.input.estimate_valid[slot] = estimate.valid;
         self.input.estimate_incarnation[slot] = estimate.incarnation;
         self.input.estimate_position_m[slot * 3..][..3].copy_from_slice(&estimate.position_m);
         self.input.estimate_tension_n[slot * CABLES..][..CABLES].copy_from_slice(&estimate.tension_n);
     }
 
-    /// The planner's motion.
-    pub fn motion(&mut self, motion: &PlanMotion) {
+    /// The planner's motion; `following` is the number of the motion that the robot follows, 0: none.
+    pub fn motion(&mut self, motion: &PlanMotion, following: u32) {
+        self.setpoints.take(motion, following);
         let end = |segment: &PlanSegment| segment.start_s + segment.duration_s;
         let carried = if motion.next.id == 0 { &motion.current } else { &motion.next };
         self.input.motion = motion.motion;
+        self.input.motion_life = motion.header.life;
         self.input.motion_epoch = motion.epoch;
+        self.input.mission = motion.mission;
         self.input.motion_segment = motion.current.id;
         self.input.motion_start_s = motion.current.start_s;
         self.input.motion_end_s = motion.end_s;
         self.input.motion_known_s = end(carried);
         self.input.planner_beat = motion.beat;
+    }
+
+    /// The set point by which the core judges: that of the present plan time.
+    pub fn judge_at(&mut self, plan_time_s: f64) {
+        self.setpoints.write(plan_time_s, &mut self.input);
     }
 
     /// The supervisor's beat.
@@ -87,6 +111,12 @@ impl Inbox {
         self.input.request_stamp_ns[i] = stamp_ns;
         self.requests += 1;
         true
+    }
+
+    /// Emergency stops that came on their own way: before all other requests, and one is enough for the robot.
+    pub fn emergency(&mut self, stops: usize, first: &OperatorRequest) {
+        self.input.estops = stops as u32;
+        self.request_made(first.id, OperatorRequest::VERB_ESTOP, &first.args, first.header.stamp_ns);
     }
 
     /// True while this cycle has room for another request.
@@ -122,6 +152,7 @@ impl Inbox {
     /// The cycle is over: what arrived has been used.
     pub fn finish(&mut self) {
         self.requests = 0;
+        self.input.estops = 0;
         self.input.request_id = [0; REQUESTS];
         self.input.request_verb = [0; REQUESTS];
         self.input.request_args = [0.0; REQUESTS * 8];

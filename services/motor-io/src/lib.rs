@@ -10,6 +10,8 @@
 //! Invariants:
 //! * Nothing but a command that the [`arbiter`] accepted and the [`limits`] let through, or a jog, ever moves a cable.
 //! * The core has no clock, does no I/O and allocates nothing after its construction.
+//! * The node's speed and its change are bounded by motor-io's own lengths, a motion begins where motor-io believes the node is, and
+//!   commands that lead away from the set point are a fault.
 //! * A fault stays until it is reset, and no motion goes on by itself after one.
 //! * Time to live counts cycles, never milliseconds.
 #![forbid(unsafe_code)]
@@ -23,8 +25,10 @@ pub mod energy;
 pub mod excuse;
 pub mod faults;
 pub mod inbox;
+pub mod kernel;
 pub mod limits;
 pub mod motion;
+pub mod node;
 pub mod odometry;
 pub mod plan_clock;
 pub mod position;
@@ -32,6 +36,7 @@ pub mod process;
 mod requests;
 pub mod safety;
 pub mod sentences;
+pub mod setpoint;
 pub mod watch;
 
 pub use answer::Answer;

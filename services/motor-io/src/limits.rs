@@ -3,7 +3,25 @@
 //! The whole vector is scaled, never one cable alone: clamping one of the lines that hold one node bends the path and stresses
 //! the others.
 
+use cable_robot::NodeJacobian;
 use messages::CABLES;
+
+/// The node's own limits at its present position.
+#[derive(Debug, Clone, Copy)]
+pub struct NodeLimit<'a> {
+    /// What changes of the lengths do to the position.
+    pub sensitivity: &'a NodeJacobian,
+    /// Largest speed of the node, m/s.
+    pub speed_m_s: f64,
+    /// Largest change of its velocity per cycle, m/s.
+    pub step_m_s: f64,
+}
+
+impl NodeLimit<'_> {
+    fn size(&self, cables_m_s: &[f64; CABLES]) -> f64 {
+        self.sensitivity.node_velocity(cables_m_s).norm()
+    }
+}
 
 /// Limits of all cables, and what was sent last.
 #[derive(Debug, Clone)]
@@ -40,22 +58,28 @@ impl Limits {
 
     /// The velocities to send for the wanted ones (finite), and the factor by which the velocity limit scaled them.
     ///
-    /// The result lies between the last and the wanted vector, so it keeps the velocity limit too.
-    pub fn toward(&mut self, wanted: &[f64; CABLES]) -> ([f64; CABLES], f64) {
-        let fastest = largest(wanted);
-        let factor = if fastest > self.speed_m_s { self.speed_m_s / fastest } else { 1.0 };
+    /// The result lies between the last and the wanted vector, so it keeps the velocity limits too. The position changes meanwhile, and
+    /// with it what the last vector does to the node: where that alone breaks the node's speed limit, all of it is scaled.
+    pub fn toward(&mut self, wanted: &[f64; CABLES], node: Option<&NodeLimit<'_>>) -> ([f64; CABLES], f64) {
+        let within = |size: f64, limit: f64| if size > limit { limit / size } else { 1.0 };
+        let factor = within(largest(wanted), self.speed_m_s);
+        let factor = node.map_or(factor, |node| factor.min(within(node.size(wanted), node.speed_m_s)));
         let mut change = [0.0; CABLES];
         for i in 0..CABLES {
             change[i] = wanted[i] * factor - self.last[i];
         }
-        let most = largest(&change);
-        if most <= self.step_m_s {
+        let share = within(largest(&change), self.step_m_s);
+        let share = node.map_or(share, |node| share.min(within(node.size(&change), node.step_m_s)));
+        if share >= 1.0 {
             // Exactly the wanted vector, so that standstill is exactly zero.
             self.last = wanted.map(|v| v * factor);
         } else {
-            let share = self.step_m_s / most;
             for (last, change) in self.last.iter_mut().zip(change) {
                 *last = (*last + change * share).clamp(-self.speed_m_s, self.speed_m_s);
+            }
+            if let Some(node) = node {
+                let shrink = within(node.size(&self.last), node.speed_m_s);
+                self.last = self.last.map(|v| v * shrink);
             }
         }
         (self.last, factor)
@@ -84,7 +108,7 @@ mod tests {
             let mut limits = Limits::new(0.8, 2.0, 0.01);
             let mut last = [0.0; CABLES];
             for w in &wanted {
-                let (v, factor) = limits.toward(w);
+                let (v, factor) = limits.toward(w, None);
                 prop_assert!(factor > 0.0 && factor <= 1.0);
                 for i in 0..CABLES {
                     prop_assert!(v[i].abs() <= 0.8 + 1e-12);
@@ -97,7 +121,7 @@ mod tests {
         #[test]
         fn the_direction_of_the_change_is_kept(wanted in prop::array::uniform8(-0.5..0.5f64)) {
             let mut limits = Limits::new(0.8, 2.0, 0.01);
-            let (v, _) = limits.toward(&wanted);
+            let (v, _) = limits.toward(&wanted, None);
             for i in 1..CABLES {
                 prop_assert!((v[0] * wanted[i] - v[i] * wanted[0]).abs() < 1e-12);
             }
@@ -107,9 +131,9 @@ mod tests {
     #[test]
     fn standstill_is_reached_exactly() {
         let mut limits = Limits::new(0.8, 2.0, 0.01);
-        limits.toward(&[0.1; CABLES]);
+        limits.toward(&[0.1; CABLES], None);
         for _ in 0..3 {
-            limits.toward(&[0.0; CABLES]);
+            limits.toward(&[0.0; CABLES], None);
         }
         assert_eq!(limits.last_speed(), 0.0);
     }

@@ -44,7 +44,8 @@ impl Motion {
         if input.planner_beat < self.beat {
             self.beat = u64::MAX; // for the rest of this motion
         }
-        self.planner_gone = input.motion != self.id || input.planner_beat < self.beat;
+        let other = input.motion != self.id || input.motion_life != input.header.life;
+        self.planner_gone = other || input.planner_beat < self.beat;
         self.orphaned = if self.planner_gone { self.orphaned.saturating_add(1) } else { 0 };
         if !self.planner_gone {
             self.beat = input.planner_beat;
@@ -68,6 +69,7 @@ impl Motion {
             && input.motion != 0
             && input.motion_segment != 0
             && input.motion_epoch == epoch
+            && input.motion_life == input.header.life
             && finite
             && fresh
             && input.motion_start_s >= plan_time_s - tolerance_s

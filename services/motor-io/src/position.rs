@@ -6,8 +6,9 @@
 use crate::config::CoreConfig;
 use messages::CABLES;
 use serde::{Deserialize, Serialize};
+use service::file;
 use std::fs::{self, File};
-use std::io::{self, Write};
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, SyncSender, TrySendError};
 use std::thread::JoinHandle;
@@ -18,6 +19,8 @@ use tracing::warn;
 const PAUSE_NS: u64 = 500_000_000;
 /// Less than this is not worth a write, m.
 const WORTH_M: f64 = 1e-4;
+/// First line of the file.
+const HEAD: &str = "# Where the lines were when motor-io last looked; written by motor-io.\n";
 
 /// Lengths (m) and encoder counts at one moment.
 pub type Position = ([f64; CABLES], [i64; CABLES]);
@@ -98,40 +101,35 @@ impl PositionFile {
     /// Says why what is there cannot be used.
     pub fn load(folder: &Path, name: &str, config: &CoreConfig) -> Result<Option<Position>, PositionError> {
         let path = path_of(folder, name);
-        let text = match fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        let text = match file::read_text_if_there(&path) {
+            Ok(Some(text)) => text,
+            Ok(None) => return Ok(None),
             Err(error) => return Err(PositionError::Unreadable { path, why: error.to_string() }),
         };
-        let file: Self = match toml::from_str(&text) {
-            Ok(file) => file,
+        let kept: Self = match toml::from_str(&text) {
+            Ok(kept) => kept,
             Err(error) => return Err(PositionError::Unreadable { path, why: error.message().to_owned() }),
         };
         let n = config.cable_count();
         let same = Self {
-            lengths_m: file.lengths_m.clone(),
-            counts: file.counts.clone(),
+            lengths_m: kept.lengths_m.clone(),
+            counts: kept.counts.clone(),
             ..Self::of(config, &([0.0; CABLES], [0; CABLES]))
         };
-        let sound = file.lengths_m.len() == n && file.counts.len() == n && file.lengths_m.iter().all(|l| l.is_finite());
-        if file != same || !sound {
+        let sound = kept.lengths_m.len() == n && kept.counts.len() == n && kept.lengths_m.iter().all(|l| l.is_finite());
+        if kept != same || !sound {
             return Err(PositionError::OtherRobot { path });
         }
         let (mut lengths_m, mut counts) = ([0.0; CABLES], [0; CABLES]);
-        lengths_m[..n].copy_from_slice(&file.lengths_m);
-        counts[..n].copy_from_slice(&file.counts);
+        lengths_m[..n].copy_from_slice(&kept.lengths_m);
+        counts[..n].copy_from_slice(&kept.counts);
         Ok(Some((lengths_m, counts)))
     }
 
-    /// Writes it whole or not at all: beside it, then renamed.
+    /// Writes it whole or not at all.
     fn write(&self, path: &Path) -> io::Result<()> {
-        let beside = path.with_extension("tmp");
         let text = toml::to_string(self).map_err(io::Error::other)?;
-        let mut file = File::create(&beside)?;
-        file.write_all(b"# Where the lines were when motor-io last looked; written by motor-io.\n")?;
-        file.write_all(text.as_bytes())?;
-        file.sync_data()?;
-        fs::rename(&beside, path)
+        file::replace(path, &format!("{HEAD}{text}"))
     }
 }
 

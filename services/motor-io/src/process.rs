@@ -4,10 +4,12 @@ use crate::config::CoreConfig;
 use crate::core::{Core, Observation};
 use crate::drives::Drives;
 use crate::inbox::Inbox;
+use crate::kernel::Evidence;
 use crate::position::{Keeper, PositionFile};
 use crate::safety::Mode;
 use crate::sentences::{fault_sentences, faults_of, mode_sentence};
 use bus::clock::{Pacer, SECOND_NS, now_ns};
+use bus::estop;
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber};
 use messages::{
     Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
@@ -31,7 +33,8 @@ const ANSWER_LEAST: f64 = 0.5;
 const GRACE_MOST: f64 = 0.4;
 /// The energy changes slowly: every so many seconds.
 const ENERGY_S: f64 = 0.1;
-/// Drives have this long to come up, s; the virtual box makes its ports while this process starts.
+/// Drives have this long to come up without a word, s; the virtual box makes its ports while this process starts. A port that is not there
+/// by then is an error; a unit that does not answer is waited for, and this process is not ready before.
 const PATIENCE_S: f64 = 5.0;
 /// A robot that is told to end while it moves gets this long to come to rest, s.
 const LAST_STOP_S: f64 = 3.0;
@@ -63,9 +66,17 @@ impl CoreConfig {
         config.stall_cycles = section.stall_cycles;
         config.supply_min_v = section.supply_min_v;
         config.watchdog_s = section.watchdog_s;
+        config.node_speed_margin = section.node_speed_margin;
+        config.node_acceleration_m_s2 = section.node_acceleration_limit_m_s2.unwrap_or(config.node_acceleration_m_s2);
+        config.correction_limit_m_s = section.correction_limit_m_s.unwrap_or(config.correction_limit_m_s);
+        config.start_bound_m = section.start_bound_m;
+        config.divergence_m = section.divergence_m;
+        config.divergence_s = section.divergence_s;
         let arbiter = &box_file.arbiter;
         config.qualify_s = arbiter.qualify_s;
         config.command_bound = arbiter.command_bound;
+        config.bias_share = arbiter.bias_share;
+        config.bias_bound_m_s = arbiter.bias_bound_m_s;
         config.estimate_bound_m = arbiter.estimate_bound_m;
         config.announce_s = arbiter.announce_s;
         config.fade_s = arbiter.fade_s;
@@ -99,7 +110,9 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
     });
     let mut drives = Drives::open(&box_file, &config, chassis.bus().domain().root())?;
     let mut ports = Ports::open(chassis.bus())?;
-    let mut inbox = Inbox::new(config.cable_count(), config.unit_count);
+    // A later life has a larger number; a computer that starts again begins with empty shared memory.
+    let life = now_ns().max(1);
+    let mut inbox = Inbox::new(config.cable_count(), config.unit_count).of_life(life);
     inbox.first((chassis.incarnation() & 0x3fff_ffff).max(1), restored);
 
     let period_ns = (config.period_s * 1e9).round() as u64;
@@ -112,6 +125,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
     let mut core = Core::new(config);
     let mut reporter = Reporter::default();
     let mut server = chassis.bus().server(chassis.name())?;
+    let mut emergency = estop::Receiver::open(chassis.bus().domain())?;
     let mut waiter = chassis.bus().waiter(&["motor/command/a", "motor/command/b"])?;
     let (mut ready, mut ending, mut published_ns) = (false, 0_u64, 0_u64);
     let mut pacer = Pacer::new(period_ns);
@@ -132,17 +146,24 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         // Takes away the wake-ups of the last cycle; from here on a new one is not lost.
         reporter.bus(waiter.wait_until(Some(0)).map(|_| ()));
         let awaited = core.awaited_slots();
-        let mut answered = ports.commands(cycle, awaited, &mut inbox, &mut reporter);
+        let mut answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);
         let earliest_ns = tick.woke_ns.saturating_add(grace_ns);
-        let latest_ns = tick.woke_ns.saturating_add(grace_most_ns);
+        // By the tick and not by the wake-up: what begins later than this is the computer's lateness, and never patience.
+        let latest_ns = tick.scheduled_ns.saturating_add(grace_most_ns).max(earliest_ns);
         let patient_ns = published_ns.saturating_add(answer_least_ns).clamp(earliest_ns, latest_ns);
         while !answered && core.awaits_command() && now_ns() < patient_ns {
             reporter.bus(waiter.wait_until(Some(patient_ns)).map(|_| ()));
-            answered = ports.commands(cycle, awaited, &mut inbox, &mut reporter);
+            answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);
         }
-        let call = ports.gather(&mut inbox, &mut server, &mut reporter);
+        let stops = emergency.take();
+        if let Some(first) = stops.first() {
+            inbox.emergency(stops.len(), &first.request);
+        }
+        let call = ports.gather(core.motion(), &mut inbox, &mut server, &mut reporter);
         let begin_ns = now_ns();
+        inbox.judge_at(core.plan_time_s());
         let input = inbox.begin(cycle, tick.scheduled_ns, begin_ns);
+        ports.evidence.look(drives.left_out_ns(), published_ns, input);
         let command = core.decide(input);
         drives.exchange(
             cycle,
@@ -154,23 +175,24 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         let observation = core.observe(input);
         ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
         published_ns = now_ns();
-        answer(call, &core, &mut reporter);
-        if ready {
+        answer(call, &core, drives.absent(), &mut reporter);
+        answer_stops(&stops, &emergency, &mut server, &core, &mut reporter);
+        if ready || cycle > patience {
             reporter.look(&observation.authority);
+            // Last: what is still waited for at the start is read from the end of what was said.
             reporter.drives(&mut drives);
         }
         keeper.keep(core.position(), tick.woke_ns);
         if !ready {
             let up = observation.state.unit_ok[..usize::from(observation.state.unit_count)].iter().all(|ok| *ok == 1);
-            if up || cycle >= patience {
-                if let Some(error) = drives.lost() {
-                    anyhow::bail!("the drives are not there: {error}");
-                }
+            if up {
                 chassis.ready()?;
                 ready = true;
-                if up {
-                    let _ = drives.trouble(); // what was said while the units were being set up
-                }
+                let _ = drives.trouble(); // what was said while the units were being set up
+            } else if cycle >= patience
+                && let Some(error) = drives.lost()
+            {
+                anyhow::bail!("the drives are not there: {error}");
             }
         }
         inbox.finish();
@@ -193,6 +215,7 @@ struct Ports {
     slots: Publisher<MotorSlots>,
     input: Publisher<MotorInput>,
     energy: Publisher<Energy>,
+    evidence: Evidence,
     /// Kept here so that publishing the input needs no copy on the stack each time.
     sent_input: Box<MotorInput>,
 }
@@ -210,6 +233,7 @@ impl Ports {
             slots: bus.publisher("motor/slots")?,
             input: bus.publisher("motor/input")?,
             energy: bus.publisher("energy")?,
+            evidence: Evidence::new(),
             sent_input: Box::default(),
         })
     }
@@ -218,7 +242,7 @@ impl Ports {
     /// answer may be there before: it is for the case that the other does not come.
     fn commands(
         &mut self,
-        cycle: u64,
+        (life, cycle): (u64, u64),
         (controller, estimator): (usize, usize),
         inbox: &mut Inbox,
         reporter: &mut Reporter,
@@ -228,7 +252,8 @@ impl Ports {
             // What a dead controller left behind arrives first: the answer to the last cycle counts, whenever it comes.
             let mut answered = false;
             while let Some(command) = reporter.take(commands.receive()) {
-                let current = command.based_on_cycle.checked_add(1) == Some(cycle);
+                self.evidence.command(slot, &command);
+                let current = command.header.life == life && command.based_on_cycle.checked_add(1) == Some(cycle);
                 if current || !answered {
                     inbox.command(slot, &command);
                 }
@@ -240,14 +265,21 @@ impl Ports {
     }
 
     /// Takes in everything else that has arrived, and at most one request.
-    fn gather<'a>(&mut self, inbox: &mut Inbox, server: &'a mut Server, reporter: &mut Reporter) -> Option<Call<'a>> {
+    fn gather<'a>(
+        &mut self,
+        following: u32,
+        inbox: &mut Inbox,
+        server: &'a mut Server,
+        reporter: &mut Reporter,
+    ) -> Option<Call<'a>> {
         for slot in 0..SLOT_NAMES.len() {
-            if let Some(estimate) = reporter.take(self.estimates[slot].latest()) {
+            while let Some(estimate) = reporter.take(self.estimates[slot].receive()) {
+                self.evidence.estimate(slot, &estimate);
                 inbox.estimate(slot, &estimate);
             }
         }
         if let Some(motion) = reporter.take(self.motion.latest()) {
-            inbox.motion(&motion);
+            inbox.motion(&motion, following);
         }
         if let Some(beat) = reporter.take(self.supervisor.latest()) {
             inbox.supervisor(beat.beat);
@@ -279,7 +311,9 @@ impl Ports {
     }
 }
 
-fn answer(call: Option<Call<'_>>, core: &Core, reporter: &mut Reporter) {
+/// Passes on what the core has answered. Whoever is not allowed to arm because a unit does not answer (`absent`) is told on which port,
+/// and what comes from there; the core knows of no ports.
+fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&roboclaw::Error>, reporter: &mut Reporter) {
     let Some(call) = call else { return };
     let Some(answer) =
         core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
@@ -290,8 +324,33 @@ fn answer(call: Option<Call<'_>>, core: &Core, reporter: &mut Reporter) {
         ));
         return;
     };
-    info!("request {}: {}", if answer.is_accepted() { "accepted" } else { "refused" }, answer.sentence);
-    reporter.bus(call.answer(answer.accepted, &answer.sentence));
+    let asks_for_drives = matches!(answer.verb, OperatorRequest::VERB_ARM | OperatorRequest::VERB_RESET);
+    let sentence = match absent {
+        Some(error) if asks_for_drives && !answer.is_accepted() => {
+            let not_done = if answer.verb == OperatorRequest::VERB_ARM { "armed" } else { "reset" };
+            format!("Not {not_done}: {error}.")
+        }
+        _ => answer.sentence.to_string(),
+    };
+    info!("request {}: {sentence}", if answer.is_accepted() { "accepted" } else { "refused" });
+    reporter.bus(call.answer(answer.accepted, &sentence));
+}
+
+/// The first of the emergency stops has gone to the core; its answer is that of all.
+fn answer_stops(
+    stops: &[estop::Stop],
+    emergency: &estop::Receiver,
+    server: &mut Server,
+    core: &Core,
+    reporter: &mut Reporter,
+) {
+    let Some(first) = stops.first() else { return };
+    let Some(answer) = core.answers().iter().find(|answer| answer.verb == first.request.verb) else { return };
+    for stop in stops {
+        emergency.answer(stop, answer.accepted, &answer.sentence);
+        info!("emergency stop of process {}: {}", stop.request.pid, answer.sentence);
+        reporter.bus(server.record(&stop.request, answer.accepted, &answer.sentence));
+    }
 }
 
 /// Says what changes, once; and that the bus fails, not more than once a second: a robot that is held must not be dropped
@@ -327,7 +386,12 @@ impl Reporter {
     /// only after a minute.
     fn drives(&mut self, drives: &mut Drives) {
         let now = now_ns();
-        let Some(error) = drives.trouble() else { return };
+        let Some(trouble) = drives.trouble() else { return };
+        // Where it is known what is the matter with a unit, its way back is no news.
+        let error = match drives.absent() {
+            Some(absent) if matches!(trouble, roboclaw::Error::Resynchronising { .. }) => absent.clone(),
+            _ => trouble,
+        };
         let pause_ns = if self.trouble.as_ref() == Some(&error) { 60 * SECOND_NS } else { SECOND_NS };
         if now.saturating_sub(self.troubled_ns) > pause_ns {
             self.troubled_ns = now;

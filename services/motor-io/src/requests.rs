@@ -3,14 +3,14 @@
 
 use crate::answer::{Answer, Sentence, sentence};
 use crate::arbiter::role::Refusal;
-use crate::config::JOG_LIMIT_M;
+use crate::config::{CoreConfig, JOG_LIMIT_M};
 use crate::core::{Core, Jog};
 use crate::faults::{Faults, STOPS};
 use crate::plan_clock::SLOWEST;
 use crate::safety::Mode;
 use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
 use cable_robot::{Vector3, elastic, kinematics, tension};
-use messages::{MotorAuthority, MotorInput, MotorState, OperatorRequest, ROLES, SLOT_NAMES, SLOTS};
+use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, OperatorRequest, ROLES, SLOT_NAMES, SLOTS};
 
 /// A number as it was given; huge ones in powers of ten, so that they leave room for the rest of the sentence.
 struct Given(f64);
@@ -102,7 +102,7 @@ impl Core {
             MotorState::POSITION_KNOWN => yes!("Armed: the drives hold the lines."),
             MotorState::POSITION_FROM_BEFORE_THE_CUT => {
                 yes!(
-                    "Armed: the drives hold the lines; the position is from before the cut, so confirm it or zero before a motion."
+                    "Armed: the drives hold the lines; the position is the one kept from before motor-io was started, so look where the node is and confirm it or zero before a motion."
                 )
             }
             _ => yes!("Armed: the drives hold the lines; the position is unknown, so zero before a motion."),
@@ -176,6 +176,12 @@ impl Core {
                 if !self.chosen.is_some_and(|chosen| self.motion.has(chosen.segment)) {
                     return no!(
                         "Not resumed: no controller answers for this motion; look at nims status which process is missing."
+                    );
+                }
+                if let Some(off_m) = self.setpoint_distance_m(input).filter(|off_m| *off_m > self.config.divergence_m) {
+                    return no!(
+                        "Not resumed: the node is {off_m:.2} m from where the motion was left (accepted: {} m); stop, then start a new motion.",
+                        self.config.divergence_m
                     );
                 }
                 self.follow();
@@ -405,12 +411,32 @@ impl Core {
     fn swap(&mut self, input: &MotorInput, args: &[f64; 8]) -> Outcome {
         let (role, slot) = Self::seat(args)?;
         let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
+        if let Some((off_m, within_s)) = self.swap_moves_off(role, slot)
+            && off_m > self.config.divergence_m
+            && self.arbiter.slot(role, slot).phase().is_standby()
+        {
+            return no!(
+                "Not swapped: the {who} in slot {name} would move the node {off_m:.2} m off its path within {within_s:.1} s (accepted: {} m); look at its configuration, or swap where the robot holds.",
+                self.config.divergence_m
+            );
+        }
         match self.arbiter.announce(role, slot, input.header.cycle) {
             Ok(cycle) => yes!("The {who} in slot {name} takes over in cycle {cycle}."),
             Err(Refusal::InCharge) => yes!("The {who} in slot {name} is in charge already."),
             Err(Refusal::UnderWay) => no!("Not swapped: another swap is under way; ask again in a second."),
             Err(_) => no!("Not swapped: the {who} in slot {name} {}.", self.why_not(role, slot)),
         }
+    }
+
+    /// How far a controller would move the node off its path until the swap to it is over, m, and within which time, s: as it differs on
+    /// average from the one in charge, half of that while the commands fade and all of it while the old one is in probation.
+    fn swap_moves_off(&self, role: usize, slot: usize) -> Option<(f64, f64)> {
+        if role != CONTROLLERS {
+            return None;
+        }
+        let CoreConfig { fade_s, probation_s, .. } = self.config;
+        let node_m_s = self.node.velocity_of(self.arbiter.bias_m_s(slot))?.norm();
+        Some((node_m_s * (0.5 * fade_s + probation_s), fade_s + probation_s))
     }
 
     /// Why a slot is no standby, as the rest of a sentence, and what to do.
@@ -423,6 +449,7 @@ impl Core {
             verdict: self.arbiter.verdict()[slot],
             well_s: f64::from(seat.well()) * self.config.period_s,
             qualify_s: self.config.qualify_s,
+            moves_off: self.swap_moves_off(role, slot),
         }
     }
 

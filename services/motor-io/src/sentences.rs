@@ -1,12 +1,12 @@
 //! What happened and what to do, one sentence per mode, fault and verdict: for whoever shows the robot's state.
 
 use crate::arbiter::role::Phase;
-use crate::faults::Faults;
+use crate::faults::{Faults, OF_CABLES, OF_UNITS};
 use messages::{CONTROLLERS, MotorAuthority, MotorSlots, MotorState, ROLES};
 use std::fmt;
 
 /// (bit, what is the case, what to do about it)
-const FAULTS: [(u32, &str, &str); 18] = [
+const FAULTS: [(u32, &str, &str); 21] = [
     (MotorAuthority::FAULT_LOST_UNIT, "a drive unit does not answer", "check its power and its cable, then reset"),
     (
         MotorAuthority::FAULT_UNIT_REBOOT,
@@ -73,55 +73,103 @@ const FAULTS: [(u32, &str, &str); 18] = [
         "the controller's commands were no numbers or far beyond the limits, so the robot stopped and holds",
         "look at the controller's log, then resume",
     ),
+    (
+        MotorAuthority::FAULT_DIVERGING,
+        "the commands moved the node away from its set point",
+        "reset, see that the node is where nims status says and zero it where it is not, then swap to another controller or estimator",
+    ),
+    (
+        MotorAuthority::FAULT_OFF_START,
+        "the planned motion does not begin where the lines say that the node is, so it is not started",
+        "compare the estimators in nims status, restart the one that is off, then ask again",
+    ),
+    (
+        MotorAuthority::FAULT_COMPUTER,
+        "the computer was busy with other things and did not give the robot's programs the processor in time",
+        "end what else runs on it, or permit real-time priority (`nims doctor` says how); up to a second of it the robot waits for, after \
+         more it holds, and resume goes on",
+    ),
 ];
 
 /// One sentence per fault in `bits`: what is the case and what to do.
 pub fn fault_sentences(bits: u32) -> impl Iterator<Item = String> {
-    FAULTS.iter().filter(move |(bit, _, _)| bits & bit != 0).map(|(_, what, cure)| {
+    each_fault(bits).map(|(_, sentence)| sentence)
+}
+
+fn each_fault(bits: u32) -> impl Iterator<Item = (u32, String)> {
+    FAULTS.iter().filter(move |(bit, _, _)| bits & bit != 0).map(|(bit, what, cure)| {
         let mut chars = what.chars();
         let first = chars.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
-        format!("{first}{}: {cure}.", chars.as_str())
+        (*bit, format!("{first}{}: {cure}.", chars.as_str()))
     })
 }
 
-/// The sentences of a sample's faults, each ending with the cables and units that are named.
+/// The sentences of a sample's faults; one of cables or of units ends with those that are named.
 #[must_use]
 pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
-    let named = |marks: &[u8; 8]| {
-        marks.iter().enumerate().filter(|(_, m)| **m == 1).map(|(i, _)| (i + 1).to_string()).collect::<Vec<_>>()
+    let place = |bit: u32| match bit {
+        bit if bit & OF_CABLES != 0 => named(&authority.fault_cable, "cable"),
+        bit if bit & OF_UNITS != 0 => named(&authority.fault_unit, "unit"),
+        _ => String::new(),
     };
-    let (cables, units) = (named(&authority.fault_cable).join(", "), named(&authority.fault_unit).join(", "));
-    let place = match (cables.is_empty(), units.is_empty()) {
-        (true, true) => String::new(),
-        (false, true) => format!(" (cable {cables})"),
-        (true, false) => format!(" (unit {units})"),
-        (false, false) => format!(" (cable {cables}; unit {units})"),
-    };
-    fault_sentences(authority.faults).map(|text| format!("{}{place}.", text.trim_end_matches('.'))).collect()
+    each_fault(authority.faults).map(|(bit, text)| format!("{}{}.", text.trim_end_matches('.'), place(bit))).collect()
 }
 
-/// What is the case, without the cure, separated by commas; for use inside a sentence, without allocation.
+/// Those that are marked, in parentheses; empty without any.
+fn named(marks: &[u8; 8], what: &str) -> String {
+    let numbers: Vec<String> =
+        marks.iter().enumerate().filter(|(_, mark)| **mark == 1).map(|(i, _)| (i + 1).to_string()).collect();
+    match numbers.as_slice() {
+        [] => String::new(),
+        [one] => format!(" ({what} {one})"),
+        several => format!(" ({what}s {})", several.join(", ")),
+    }
+}
+
+/// So many bytes of faults stand in one answer; of more, `nims status` has the sentences.
+const LISTED: usize = 360;
+
+/// What is the case, each with its cure; for use inside a sentence, without allocation.
 #[derive(Debug, Clone, Copy)]
 pub struct FaultList<'a>(pub &'a Faults);
 
 impl fmt::Display for FaultList<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut separator = "";
-        for (bit, what, cure) in FAULTS {
-            if self.0.bits & bit != 0 {
-                write!(f, "{separator}{what} ({cure})")?;
-                separator = ", and ";
+        let (mut written, mut left_out) = (0, 0);
+        for (bit, what, cure) in FAULTS.iter().filter(|(bit, _, _)| self.0.bits & bit != 0) {
+            if written > 0 && written + what.len() + cure.len() > LISTED {
+                left_out += 1;
+                continue;
             }
+            let separator = if written > 0 { ", and " } else { "" };
+            write!(f, "{separator}{what}")?;
+            if bit & OF_UNITS != 0 {
+                named_in(f, "unit", &self.0.units)?;
+            } else if bit & OF_CABLES != 0 {
+                named_in(f, "cable", &self.0.cables)?;
+            }
+            write!(f, " ({cure})")?;
+            written += separator.len() + what.len() + cure.len();
         }
-        let mut separator = " on unit ";
-        for (unit, named) in self.0.units.iter().enumerate() {
-            if *named {
-                write!(f, "{separator}{}", unit + 1)?;
-                separator = ", ";
-            }
+        if left_out > 0 {
+            write!(f, "; and {left_out} more, which nims status names with their cures")?;
         }
         Ok(())
     }
+}
+
+/// ` on unit 1`, ` on units 1, 2`; nothing where none is named.
+fn named_in(f: &mut fmt::Formatter<'_>, what: &str, named: &[bool]) -> fmt::Result {
+    let plural = if named.iter().filter(|named| **named).count() > 1 { "s" } else { "" };
+    let mut separator = "";
+    for (i, _) in named.iter().enumerate().filter(|(_, named)| **named) {
+        match separator {
+            "" => write!(f, " on {what}{plural} {}", i + 1)?,
+            separator => write!(f, "{separator}{}", i + 1)?,
+        }
+        separator = ", ";
+    }
+    Ok(())
 }
 
 /// The mode's name, as commands print it.
@@ -162,12 +210,13 @@ pub fn verdict_sentence(verdict: u8) -> &'static str {
         MotorAuthority::VERDICT_ACCEPTED => "The command is good.",
         MotorAuthority::VERDICT_STALE => "The command answers an earlier cycle.",
         MotorAuthority::VERDICT_EPOCH => "The command was computed before the last arm, stop, fault, reset or zero.",
-        MotorAuthority::VERDICT_INCARNATION => "The controller was started anew while the robot moved.",
+        MotorAuthority::VERDICT_INCARNATION => "The controller was started again while the robot moved.",
         MotorAuthority::VERDICT_NOT_FINITE => "The command holds something that is no number.",
         MotorAuthority::VERDICT_OUT_OF_LIMITS => "The command is far beyond the cable speed limit.",
         MotorAuthority::VERDICT_NO_ESTIMATE => "The controller has no valid estimate to answer for.",
         MotorAuthority::VERDICT_ABSENT => "No command has arrived for this cycle.",
         MotorAuthority::VERDICT_SEGMENT => "The command follows another motion than the robot.",
+        MotorAuthority::VERDICT_LIFE => "The command was computed for a motor-io that has ended.",
         _ => "This verdict is unknown to this program; it is of another version than motor-io.",
     }
 }
@@ -197,7 +246,7 @@ pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
     match cause {
         MotorSlots::CAUSE_NONE => "",
         MotorSlots::CAUSE_ABSENT => "stopped answering",
-        MotorSlots::CAUSE_RESTARTED => "was started anew",
+        MotorSlots::CAUSE_RESTARTED => "was started again",
         MotorSlots::CAUSE_NOT_FINITE => "gave something that is no number",
         MotorSlots::CAUSE_OUT_OF_LIMITS => "asked for velocities far beyond the limit",
         MotorSlots::CAUSE_APART if role == CONTROLLERS => "commanded something else than the one in charge",
@@ -223,6 +272,8 @@ pub struct WhyNot {
     pub well_s: f64,
     /// For how long it has to, s.
     pub qualify_s: f64,
+    /// Of a controller: how far it would move the node off its path, m, and within which time, s.
+    pub moves_off: Option<(f64, f64)>,
 }
 
 impl fmt::Display for WhyNot {
@@ -237,10 +288,13 @@ impl fmt::Display for WhyNot {
                 write!(f, "has no good answer yet ({verdict}); ask again when it has")
             }
             Phase::Attached => f.write_str("has no good answer beside the one in charge yet; ask again when it has"),
-            Phase::Shadow if well_s == 0.0 && !failed.is_empty() => write!(
-                f,
-                "does not qualify: it {failed}; look at its log and its configuration, or swap where the robot holds"
-            ),
+            Phase::Shadow if well_s == 0.0 && !failed.is_empty() => {
+                write!(f, "does not qualify: it {failed}")?;
+                if let Some((off_m, within_s)) = self.moves_off.filter(|_| cause == MotorSlots::CAUSE_APART) {
+                    write!(f, " and would move the node {off_m:.2} m off its path within {within_s:.1} s")?;
+                }
+                f.write_str("; look at its log and its configuration, or swap where the robot holds")
+            }
             Phase::Shadow => write!(f, "has answered well for {well_s:.1} of {qualify_s:.1} s; ask again in a second"),
             Phase::Quarantined => {
                 write!(f, "was set aside because it came and went: it {failed}; admit it again with nims swap --admit")
@@ -256,7 +310,7 @@ pub fn position_sentence(position_known: u8) -> &'static str {
     match position_known {
         MotorState::POSITION_KNOWN => "The position is known.",
         MotorState::POSITION_FROM_BEFORE_THE_CUT => {
-            "The position is from before the cut: confirm it (nims confirm-position) or zero (nims zero)."
+            "The position is the one kept from before motor-io was started: look where the node is, then confirm it (nims confirm-position) or zero (nims zero)."
         }
         _ => "The position is unknown: zero where the node is (nims zero).",
     }
@@ -289,11 +343,39 @@ mod tests {
     }
 
     #[test]
+    fn units_and_cables_stand_only_behind_what_is_of_units_and_cables() {
+        let mut authority = MotorAuthority {
+            faults: MotorAuthority::FAULT_LOST_UNIT | MotorAuthority::FAULT_SLACK | MotorAuthority::FAULT_LONG_GAP,
+            ..Default::default()
+        };
+        (authority.fault_unit[0], authority.fault_unit[1], authority.fault_cable[2]) = (1, 1, 1);
+        let said = faults_of(&authority);
+        assert!(said[0].ends_with("(units 1, 2).") && said[1].ends_with("(cable 3)."), "{said:?}");
+        assert!(said[2].ends_with("goes on."), "{said:?}");
+        // Every fault of the drives or the lines is one or the other, and none is both. That of the commands is neither.
+        let of_neither = MotorAuthority::FAULT_DIVERGING;
+        assert_eq!((OF_UNITS | OF_CABLES | of_neither, OF_UNITS & OF_CABLES), (crate::faults::HARD, 0));
+    }
+
+    #[test]
+    fn an_answer_holds_the_cures_of_whatever_has_failed() {
+        let all = FAULTS.iter().fold(0, |all, (bit, _, _)| all | bit);
+        let faults = Faults { bits: all, cables: [true; 8], units: [true; 8], ..Faults::default() };
+        let answer = crate::answer::sentence(format_args!("Not armed: {}.", FaultList(&faults)));
+        assert!(!answer.contains(messages::MORE) && answer.ends_with("names with their cures."), "{answer}");
+        for (bit, what, cure) in FAULTS {
+            let faults = Faults { bits: bit, cables: [true; 8], units: [true; 8], ..Faults::default() };
+            let answer = crate::answer::sentence(format_args!("Not armed: {}.", FaultList(&faults)));
+            assert!(answer.contains(what) && answer.contains(cure) && !answer.contains(messages::MORE), "{answer}");
+        }
+    }
+
+    #[test]
     fn every_mode_and_verdict_has_a_sentence() {
         for mode in 0..=6 {
             assert!(!mode_sentence(mode).contains("unknown"));
         }
-        for verdict in 0..=9 {
+        for verdict in 0..=10 {
             assert!(!verdict_sentence(verdict).contains("another version"));
         }
     }

@@ -21,6 +21,9 @@ const LOST_CYCLES: u32 = 3;
 /// A resynchronisation takes 50 to 100 ms (quiet line, then a fence), and several times that where answers come late; after this it will
 /// not succeed, s.
 const RESYNC_S: f64 = 0.4;
+/// Where the computer had no time for this program, a reply that is not there says nothing of its unit; but after this it is gone all the
+/// same, s.
+const AWAY_S: f64 = 3.0;
 /// Below this commanded velocity nothing is said about a cable that does not move, m/s.
 const STALL_COMMAND_M_S: f64 = 0.01;
 /// A cable slower than this share of its command does not move.
@@ -89,6 +92,8 @@ pub struct Situation {
     pub released: [bool; CABLES],
     /// Least and largest velocity that commands explain, m/s.
     pub excused_m_s: [[f64; 2]; CABLES],
+    /// The computer had no time for this program or for those that answer it: estimates are not what they seem.
+    pub starved: bool,
     /// The estimate slot in use.
     pub estimator: usize,
 }
@@ -98,6 +103,8 @@ pub struct Situation {
 pub struct Watch {
     silent: [u32; UNITS],
     resync: [u32; UNITS],
+    /// Cycles without an answer for which the computer can be the cause.
+    away: [u32; UNITS],
     low_supply: [u32; UNITS],
     stalled: [Lasting; CABLES],
     runaway: [u32; CABLES],
@@ -125,6 +132,7 @@ impl Watch {
         Self {
             silent: [0; UNITS],
             resync: [0; UNITS],
+            away: [0; UNITS],
             low_supply: [0; UNITS],
             stalled: [Lasting::default(); CABLES],
             runaway: [0; CABLES],
@@ -143,29 +151,39 @@ impl Watch {
         }
     }
 
-    /// Looks at the drives' replies: units first, before the odometry uses them. True for a unit that had been lost and is back.
-    pub fn units(&mut self, config: &CoreConfig, input: &MotorInput, found: &mut Faults) -> [bool; UNITS] {
+    /// Looks at the drives' replies: units first, before the odometry uses them. True for a unit that had been lost and is back. `starved`:
+    /// the computer had no time for this program, so that a reply which is not there says nothing.
+    pub fn units(
+        &mut self,
+        config: &CoreConfig,
+        input: &MotorInput,
+        starved: bool,
+        found: &mut Faults,
+    ) -> [bool; UNITS] {
         let mut back = [false; UNITS];
-        let patience = config.cycles(RESYNC_S).max(LOST_CYCLES);
         let late = input.unit[..config.unit_count].contains(&MotorInput::UNIT_LATE);
         count(&mut self.late, late);
         for (unit, back) in back.iter_mut().enumerate().take(config.unit_count) {
-            let was_lost = self.silent[unit] >= LOST_CYCLES || self.resync[unit] >= patience;
+            let was_lost = self.is_lost(config, unit);
+            let late = input.unit[unit] == MotorInput::UNIT_LATE;
             match input.unit[unit] {
                 MotorInput::UNIT_OK => {
                     *back = was_lost;
-                    (self.silent[unit], self.resync[unit]) = (0, 0);
+                    (self.silent[unit], self.resync[unit], self.away[unit]) = (0, 0, 0);
                 }
-                MotorInput::UNIT_RESYNC => self.resync[unit] = self.resync[unit].saturating_add(1),
-                // Neither proves nor excuses anything: this program was late.
-                MotorInput::UNIT_LATE => {}
                 MotorInput::UNIT_REBOOTED => {
-                    (self.silent[unit], self.resync[unit]) = (0, 0);
+                    (self.silent[unit], self.resync[unit], self.away[unit]) = (0, 0, 0);
                     found.unit(MotorAuthority::FAULT_UNIT_REBOOT, unit);
+                }
+                // Neither proves nor excuses anything: this program was late, or did not get to hear the answer.
+                _ if late => {}
+                _ if starved => self.away[unit] = self.away[unit].saturating_add(1),
+                MotorInput::UNIT_RESYNC | MotorInput::UNIT_SILENT => {
+                    self.resync[unit] = self.resync[unit].saturating_add(1)
                 }
                 _ => self.silent[unit] = self.silent[unit].saturating_add(1),
             }
-            if self.silent[unit] >= LOST_CYCLES || self.resync[unit] >= patience {
+            if self.is_lost(config, unit) {
                 found.unit(MotorAuthority::FAULT_LOST_UNIT, unit);
             }
             if has(input, unit, MotorInput::SLOW_STATUS) {
@@ -190,6 +208,11 @@ impl Watch {
             }
         }
         back
+    }
+
+    fn is_lost(&self, config: &CoreConfig, unit: usize) -> bool {
+        let patience = config.cycles(RESYNC_S).max(LOST_CYCLES);
+        self.silent[unit] >= LOST_CYCLES || self.resync[unit] >= patience || self.away[unit] >= config.cycles(AWAY_S)
     }
 
     /// Looks at each cable. `velocity_m_s` is the measured one; `fresh` tells whether it is of this cycle.
@@ -253,7 +276,7 @@ impl Watch {
                 let limit = config.current_limit_a.min(most);
                 self.ease = self.ease.min(headroom(current, EASE_CURRENT_SHARE * limit, limit));
             }
-            if estimate_valid && tensions[i].is_finite() {
+            if estimate_valid && tensions[i].is_finite() && !situation.starved {
                 if situation.following {
                     let [least, largest] = config.robot.tension_limits_n();
                     self.ease = self.ease.min(headroom(tensions[i], largest, strongest));

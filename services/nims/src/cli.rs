@@ -6,7 +6,7 @@ mod values;
 use clap::{Parser, Subcommand, ValueEnum};
 use service::config::Point;
 use std::path::PathBuf;
-use values::{above_zero, assignment, finite, numbers, point};
+use values::{above_zero, assignment, finite, numbers, point, seconds};
 
 pub use bench::{Bench, Part};
 pub use values::Numbers;
@@ -109,11 +109,15 @@ pub enum Command {
         #[arg(required = true, allow_negative_numbers = true)]
         words: Vec<String>,
         /// Put it right after so many seconds.
-        #[arg(long = "for", value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
+        #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
         seconds: Option<f64>,
     },
     /// Let another controller or estimator take over while the robot moves.
     Swap(Swap),
+    /// Set a parameter of the controllers or estimators while the robot runs, for all of them and until the run ends; without a value,
+    /// show it.
+    #[command(after_help = crate::set::help())]
+    Set(Set),
     /// Check a robot, box, mission, sensor or scene file; each finding with its cure.
     Check {
         /// The file.
@@ -322,6 +326,16 @@ pub struct Swap {
     pub admit: bool,
 }
 
+/// `nims set`.
+#[derive(Debug, clap::Args)]
+pub struct Set {
+    /// Which parameter, as in the box file, e.g. controller.length_gain_per_s; default: all, to be shown.
+    pub key: Option<String>,
+    /// Its new value, written as in the box file.
+    #[arg(allow_hyphen_values = true)]
+    pub value: Option<String>,
+}
+
 /// `nims demo`.
 #[derive(Debug, clap::Args)]
 pub struct Demo {
@@ -341,7 +355,7 @@ pub struct Up {
     /// Box file.
     pub config: PathBuf,
     /// Stop after this many seconds.
-    #[arg(long = "for", value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
+    #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<f64>,
     /// Run folder; default: a new one in the box's runs folder.
     #[arg(long, value_name = "DIR")]
@@ -366,7 +380,7 @@ pub struct Start {
 pub struct Plug {
     /// What it shall be called: 1 to 16 of a-z, 0-9, dash.
     pub name: String,
-    /// If a process of that name runs, end it and start this one in its place.
+    /// If a process of that name runs: start this one beside it, and end the other when this one has said its first valid sample.
     #[arg(long)]
     pub replace: bool,
     /// Program and arguments, behind `--`; {name}, {domain}, {box} and {run} stand for its name, the robot's domain, the box file, the run folder.
@@ -397,7 +411,7 @@ pub enum Channel {
         /// Channel; default: all.
         name: Option<String>,
         /// For how long to count, s.
-        #[arg(long = "for", value_name = "SECONDS", default_value = "3", value_parser = finite, allow_negative_numbers = true)]
+        #[arg(long = "for", value_name = "SECONDS", default_value = "3", value_parser = seconds, allow_negative_numbers = true)]
         seconds: f64,
     },
     /// Print samples of any type as they come, one JSON object per line.
@@ -408,7 +422,7 @@ pub enum Channel {
         #[arg(long, short = 'n', value_name = "N")]
         count: Option<u64>,
         /// Stop after this many seconds.
-        #[arg(long = "for", value_name = "SECONDS", value_parser = finite, allow_negative_numbers = true)]
+        #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
         seconds: Option<f64>,
     },
 }
@@ -464,6 +478,9 @@ pub struct Run {
     /// Fly what is left of it after it was broken off, by whatever.
     #[arg(long = "continue", conflicts_with = "dry_run")]
     pub go_on: bool,
+    /// Fly it although nothing is being recorded.
+    #[arg(long, conflicts_with = "dry_run")]
+    pub unrecorded: bool,
     /// For a dry run without a running robot: its robot or box file.
     #[arg(long, requires = "dry_run")]
     pub config: Option<PathBuf>,

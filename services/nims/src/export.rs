@@ -27,7 +27,7 @@ pub fn export(asked: &cli::Export) -> Answer<(Value, String)> {
     if wanted.from_s >= wanted.to_s {
         return Err(Failure::BadInput(format!("--from {} is not before --to {}", wanted.from_s, wanted.to_s)));
     }
-    let export = runlog::export::export(&asked.run, &wanted, &mut progress("exporting")).map_err(of_run)?;
+    let export = runlog::export::export(&asked.run, &wanted, &mut progress("exporting"))?;
     let value = json!({ "run": asked.run, "folder": wanted.folder, "tables": export.tables, "left_out": export.left_out,
         "repeated": export.repeated, "damaged": export.damaged });
     let contents = wanted.folder.join(CONTENTS);
@@ -35,17 +35,6 @@ pub fn export(asked: &cli::Export) -> Answer<(Value, String)> {
     std::fs::write(&contents, text + "\n")
         .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", contents.display())))?;
     Ok((value, words(&export, &wanted.folder)))
-}
-
-/// What is wrong with the wish is bad input; what is wrong with the disk is not.
-fn of_run(error: runlog::RunError) -> Failure {
-    match error {
-        runlog::RunError::NotARun { .. } => Failure::bad(error),
-        runlog::RunError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::AlreadyExists => {
-            Failure::BadInput(format!("{error}; give another folder with --out, or move it away"))
-        }
-        other => Failure::not_now(other),
-    }
 }
 
 /// `export` in the run folder, or beside a run file.

@@ -63,6 +63,19 @@ impl From<bus::BusError> for Failure {
     }
 }
 
+/// What is wrong with what was given is bad input; what is wrong with the disk is not.
+impl From<runlog::RunError> for Failure {
+    fn from(error: runlog::RunError) -> Self {
+        match error {
+            runlog::RunError::NotARun { .. } => Self::bad(error),
+            runlog::RunError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::AlreadyExists => {
+                Self::BadInput(format!("{error}; give another folder with --out, or move it away"))
+            }
+            other => Self::not_now(other),
+        }
+    }
+}
+
 /// The result of a command.
 pub type Answer<T = ()> = Result<T, Failure>;
 

@@ -98,7 +98,7 @@ pub const ROWS: [Row; 28] = [
         "noise 1 0.0005 for 1",
         "checksums and encoder steps that cannot be; the bus is brought back into step, 50 to 100 ms each time",
         FOLLOWING,
-        "goes on more slowly while readings are missing; the cycles are counted as `skipped`",
+        "goes on more slowly while readings are missing; the periods count as lost to *resync*",
         "PORT, unit 0x80: the answer to COMMAND has a wrong checksum; look for noise or two units of one address",
     ),
     row("silence 1", IN_VAIN, 60, MotorAuthority::FAULT_LOST_UNIT, FAULTED, STOPS),
@@ -269,7 +269,7 @@ pub fn page() -> String {
          Cables, ports and units count as in the box file, from 1; a unit is named by its address.\n\
          What is said of a controller or an estimator is so without a standby; with one, the standby's answer of the same cycle is used.\n\n\
          This page is the output of `nims fault list`. The tests break each of these things in flight and hold the robot to the number of\n\
-         control cycles, the fault and the mode that stand here (`tests/tests/faults.rs`; the deaths of processes: `tests/tests/processes.rs`).\n\
+         control cycles, the fault and the mode that stand here (`tests/tests/live/faults.rs`; the deaths of processes: `tests/tests/live/processes.rs`).\n\
          From the moment in which a line's encoder or motor is wrong (`stall`, `dead`, `slip`) to the one in which it is found out, the loop pulls the node\n\
          after that line, so that others can hang loose for as long and while the node swings back; none is pulled beyond its limit.\n\n\
          | fault | what happens | how the robot finds out | within cycles | what it does | mode | what it says |\n\

@@ -108,8 +108,19 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
 pub fn can_be_built(file: &BoxFile) -> Answer {
     let robot = file.robot_file().map_err(Failure::bad)?;
     motor_io::CoreConfig::from_files(file, &robot).map_err(Failure::bad)?;
-    controller::ControllerConfig::of(file, &robot, 1)
+    chain_can_be_built(file, &robot)
+}
+
+/// The same of controller and estimator alone.
+///
+/// # Errors
+/// One sentence: which key, what is accepted.
+pub fn chain_can_be_built(file: &BoxFile, robot: &RobotFile) -> Answer {
+    controller::ControllerConfig::of(file, robot, 1)
         .map_err(|error| Failure::BadInput(format!("[controller] {error}")))?;
+    let parts = robot.robot().map_err(Failure::bad)?;
+    estimator::EstimatorConfig::of(&file.estimator, parts, 1)
+        .map_err(|error| Failure::BadInput(format!("[estimator] {error}")))?;
     Ok(())
 }
 

@@ -10,9 +10,11 @@
 
 mod answers;
 mod bench;
+mod busy;
 mod calibrate;
 mod channels;
 pub mod cli;
+pub mod counters;
 pub mod demo;
 mod doctor;
 mod export;
@@ -36,6 +38,7 @@ pub mod replay;
 pub mod report;
 mod runs;
 pub mod scene_export;
+mod set;
 mod setup;
 pub mod solve;
 mod status;
@@ -47,6 +50,7 @@ mod workspace;
 
 pub use failure::{Answer, Failure};
 
+use bus::Party;
 use clap::Parser;
 use cli::{Channel, Cli, Command};
 use messages::OperatorRequest;
@@ -98,7 +102,16 @@ pub fn run(cli: &Cli) -> Answer {
     let (domain, json) = (cli.domain.as_deref(), cli.json);
     let print = |value: &serde_json::Value, words: &str| answers::print(json, value, words);
     let ask = |process: &str, verb: u8| -> Answer {
-        let sentence = operate::send(&live::join(domain)?, process, &operate::plain(verb))?;
+        // what brings the robot to rest may take the places that other commands leave
+        let stops = matches!(
+            verb,
+            OperatorRequest::VERB_HOLD
+                | OperatorRequest::VERB_STOP
+                | OperatorRequest::VERB_PAUSE
+                | OperatorRequest::VERB_DISARM
+        );
+        let party = if stops { Party::Member } else { Party::Command };
+        let sentence = operate::send(&live::join_as(domain, party)?, process, &operate::plain(verb))?;
         print(&operate::accepted(&sentence), &sentence);
         Ok(())
     };
@@ -125,7 +138,7 @@ pub fn run(cli: &Cli) -> Answer {
         Command::Disarm => ask(operate::MOTOR_IO, OperatorRequest::VERB_DISARM),
         Command::Hold => ask(operate::MOTOR_IO, OperatorRequest::VERB_HOLD),
         Command::Stop => ask(operate::MOTOR_IO, OperatorRequest::VERB_STOP),
-        Command::Estop => ask(operate::MOTOR_IO, OperatorRequest::VERB_ESTOP),
+        Command::Estop => asked(live::emergency_stop(domain)?),
         Command::Reset => ask(operate::MOTOR_IO, OperatorRequest::VERB_RESET),
         Command::ConfirmPosition => ask(operate::MOTOR_IO, OperatorRequest::VERB_CONFIRM_POSITION),
         Command::Pause => ask(operate::MOTOR_IO, OperatorRequest::VERB_PAUSE),
@@ -148,6 +161,11 @@ pub fn run(cli: &Cli) -> Answer {
         Command::Swap(asked) => {
             let bus = live::join(domain)?;
             let (value, words) = if asked.admit { swap::admit(&bus, asked)? } else { swap::swap(&bus, asked)? };
+            print(&value, &words);
+            Ok(())
+        }
+        Command::Set(asked) => {
+            let (value, words) = set::set(domain, asked)?;
             print(&value, &words);
             Ok(())
         }
@@ -232,13 +250,27 @@ pub fn run(cli: &Cli) -> Answer {
 }
 
 fn up(asked: &cli::Up, domain: Option<&str>, json: bool) -> Answer {
-    let ending = supervisor::up(asked, domain)?;
+    let (ending, watched) = supervisor::up(asked, domain)?;
+    let run = &ending.run;
     let mode = ending.mode.map_or("unknown", status::mode_name);
-    let words = format!("the robot is left in mode {mode}; the run is in {}", ending.run.display());
-    answers::print(json, &json!({ "run": ending.run, "mode": mode, "died": ending.died }), &words);
-    match ending.died.as_slice() {
-        [] => Ok(()),
-        died => Err(Failure::NotNow(format!("died on the way: {}; see {}/log", died.join(", "), ending.run.display()))),
+    let mut words = vec![format!("the robot is left in mode {mode}; the run is in {}", run.display())];
+    // A mission that did not come to its end leaves a question, and the page answers it.
+    let page = ending.unfinished.as_ref().map(|_| report::after(run));
+    words.extend(ending.unfinished.clone());
+    match &page {
+        Some(Ok(page)) => words.push(format!("page       {}", page.display())),
+        Some(Err(failure)) => words.push(failure.to_string()),
+        None => {}
+    }
+    let value = json!({
+        "run": run, "mode": mode, "died": ending.died, "unrecorded": ending.unrecorded, "unfinished": ending.unfinished,
+        "page": page.and_then(Result::ok),
+    });
+    answers::print(json, &value, &words.join("\n"));
+    watched?;
+    match ending.failed() {
+        Some(sentence) => Err(Failure::NotNow(sentence)),
+        None => Ok(()),
     }
 }
 
@@ -264,7 +296,7 @@ fn doctor(config: Option<&std::path::Path>, json: bool) -> Answer {
 }
 
 fn channel_command(channel: &Channel, domain: Option<&str>, json: bool) -> Answer {
-    let bus = live::join(domain)?;
+    let bus = live::join_as(domain, Party::Guest)?;
     let (value, words) = match channel {
         Channel::List => channels::list(&bus)?,
         Channel::Hz { name, seconds } => channels::rates(&bus, name.as_deref(), *seconds)?,

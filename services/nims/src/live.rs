@@ -1,8 +1,10 @@
 //! Finding the robot that runs, and talking to it.
 
 use crate::failure::{Answer, Failure};
-use bus::{Bus, Domain};
-use messages::{Message, MotorAuthority, NodeEstimate, OperatorRequest, SLOT_NAMES};
+use bus::{Bus, Domain, Party};
+use messages::{
+    Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Rule, SLOT_NAMES, blended_estimate,
+};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -71,8 +73,16 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
 /// # Errors
 /// As [`domain`].
 pub fn join(name: Option<&str>) -> Answer<Bus> {
+    join_as(name, Party::Command)
+}
+
+/// The same for a command that stops the robot, which has all places, or for one that only looks on.
+///
+/// # Errors
+/// As [`domain`].
+pub fn join_as(name: Option<&str>, party: Party) -> Answer<Bus> {
     bus::make_private();
-    Ok(Bus::join(&domain(name)?, "nims-command")?)
+    Ok(Bus::join_as(&domain(name)?, "nims-command", party)?)
 }
 
 /// Asks a process and waits for its answer.
@@ -88,21 +98,32 @@ const UNEASY: Duration = Duration::from_secs(1);
 /// What helps where no program does.
 const HARDWARE_STOP: &str = "use the hardware stop";
 
-/// Asks for an emergency stop: speaks up when there is no answer for a second, goes on trying, and leaves the request behind for a
-/// motor-io that stands still.
+/// The domain that is meant, as [`domain`] finds it; but where motor-io listens for emergency stops, nothing else is asked for.
+fn listening(name: Option<&str>) -> Answer<Domain> {
+    let found = match name {
+        Some(name) => Domain::existing(name)?.into_iter().collect(),
+        None => Domain::all(),
+    };
+    let mut heard: Vec<Domain> = found.into_iter().filter(bus::estop::is_heard).collect();
+    match (heard.pop(), heard.is_empty()) {
+        (Some(only), true) => Ok(only),
+        _ => domain(name),
+    }
+}
+
+/// Asks for an emergency stop, by a way that needs no place on the bus and no memory: speaks up when there is no answer for a second, goes on
+/// trying, and leaves the request behind for a motor-io that stands still.
 ///
 /// # Errors
 /// motor-io does not run, or does not answer.
-pub fn ask_for_emergency_stop(bus: &Bus, request: &OperatorRequest) -> Answer<OperatorRequest> {
+pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
     let helped = |error: bus::BusError| Failure::NotNow(format!("{error}; {HARDWARE_STOP}"));
-    let mut client = bus.client("motor-io").map_err(helped)?;
-    let answer = client.ask_aloud(request, ANSWER, UNEASY, || {
+    let (verb, origin) = (OperatorRequest::VERB_ESTOP, OperatorRequest::ORIGIN_ESTOP);
+    let request = OperatorRequest { verb, origin, ..OperatorRequest::default() };
+    let answer = bus::estop::send(&listening(name)?, &request, ANSWER, UNEASY, || {
         eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
     });
-    if answer.is_err() {
-        client.leave_behind();
-    }
-    answer.map_err(helped)
+    Failure::of(&answer.map_err(helped)?)
 }
 
 /// The newest estimate of those in charge, if there is one within `patience`.
@@ -123,9 +144,45 @@ pub fn estimate(bus: &Bus, patience: Duration) -> Answer<Option<NodeEstimate>> {
         said = authority.latest()?.or(said);
         let late = bus::clock::now_ns() >= deadline;
         if late || (said.is_some() && newest.iter().any(Option::is_some)) {
-            return Ok(messages::blended_estimate(said.as_ref(), [newest[0].as_ref(), newest[1].as_ref()]));
+            return Ok(blended_estimate(said.as_ref(), [newest[0].as_ref(), newest[1].as_ref()], Rule::History));
         }
         waiter.wait_until(Some(deadline))?;
+    }
+}
+
+/// The recorder says every second how it is doing; from one that has said nothing for this long nothing is heard any more, ns.
+const RECORDER_NS: u64 = 2_500_000_000;
+
+/// Why nothing of this robot is being recorded; `None` while it is.
+///
+/// # Errors
+/// The channel cannot be opened.
+pub fn unrecorded(bus: &Bus) -> Answer<Option<String>> {
+    let mut rows = bus.subscriber::<RecorderStatus>("recorder/status")?;
+    let deadline = bus::clock::now_ns() + RECORDER_NS;
+    let mut waiter = bus.waiter(&["recorder/status"])?;
+    loop {
+        // What is kept of the past says nothing about a recorder that has hung since.
+        let row = rows.latest()?.filter(|row| row.header.stamp_ns + RECORDER_NS > bus::clock::now_ns());
+        if let Some(row) = row {
+            return Ok(unrecorded_of(&row));
+        }
+        if bus::clock::now_ns() >= deadline {
+            return Ok(Some("the recorder does not run or hangs; see nims status".to_owned()));
+        }
+        waiter.wait_until(Some(deadline))?;
+    }
+}
+
+/// Why the recorder that says this records nothing.
+#[must_use]
+pub fn unrecorded_of(row: &RecorderStatus) -> Option<String> {
+    let reason = messages::text_of(&row.reason);
+    match row.state {
+        RecorderStatus::STATE_RECORDING => None,
+        _ if !reason.is_empty() => Some(reason),
+        RecorderStatus::STATE_DISK_FULL => Some("the disk is full".to_owned()),
+        _ => Some("the recorder cannot write".to_owned()),
     }
 }
 

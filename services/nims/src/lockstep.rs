@@ -1,6 +1,7 @@
 //! The whole control chain against the plant, one cycle after the other, without processes and without a clock: much
 //! faster than real time and the same bits every time.
 
+mod lives;
 mod slots;
 
 pub use slots::{Said, Slots};
@@ -11,9 +12,10 @@ use controller::{Controller, ControllerConfig, Law, Notice};
 use estimator::{Estimator, EstimatorConfig, Method};
 use messages::{
     CABLES, ControlStatus, Energy, Header, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
-    NodeEstimate, OperatorRequest, PlanMotion, PlanStatus,
+    NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, UNITS,
 };
-use motor_io::{Core, CoreConfig};
+use motor_io::setpoint::Setpoints;
+use motor_io::{Answer, Core, CoreConfig};
 use planner::{Mission, Planner, PlannerConfig};
 use plant::{MotorInput as DriveInput, Plant, PlantConfig};
 use service::config::{BoxFile, ControllerSection, EstimatorSection, PlannerSection};
@@ -84,8 +86,8 @@ pub struct Flight {
     pub tension_range_n: [f64; 2],
     /// Cycles in which a line was slack by truth.
     pub slack_cycles: u64,
-    /// Cycles without a valid command.
-    pub missed: u64,
+    /// Periods of the mission that were not steered by a fresh command.
+    pub unsteered: u64,
     /// Largest saturation of the cable speeds.
     pub saturation: f64,
     /// Where the truth ended, m, and the setpoint.
@@ -199,6 +201,8 @@ impl Chain {
             cable_speed_limit_m_s: robot.cable_speed_limit_m_s(),
             error_limit_m: section.error_limit_m,
             ttl_cycles: core.ttl_cycles,
+            estimate_ttl_cycles: EstimatorSection::default().ttl_cycles,
+            thread: 0,
             incarnation: 2,
         };
         let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, .. } = PlannerSection::default();
@@ -210,6 +214,7 @@ impl Chain {
                 method: scenario.method,
                 sigma_length_m: EstimatorSection::default().sigma_length_m,
                 incarnation: 1,
+                thread: 0,
             }),
             controller: Controller::new(controller),
             planner: Planner::new(PlannerConfig {
@@ -239,6 +244,15 @@ impl Chain {
     }
 }
 
+/// What a life of motor-io begins with.
+#[derive(Debug, Clone, Copy)]
+struct Beginning {
+    epoch: u32,
+    restored: Option<([f64; CABLES], [i64; CABLES])>,
+    /// The drives were running all the time.
+    alive: bool,
+}
+
 /// The chain and the plant.
 pub struct Lockstep {
     scenario: Scenario,
@@ -246,7 +260,17 @@ pub struct Lockstep {
     core: Core,
     slots: Slots,
     planner: Planner,
+    setpoints: Setpoints,
+    planner_lives: bool,
+    life: u64,
     cycle: u64,
+    beginning: Beginning,
+    /// Time since motor-io died, s.
+    dead_s: Option<f64>,
+    /// What the drives were told last.
+    drives: [DriveInput; CABLES],
+    /// Count of the supervisor's beats, and whether it lives; 0 without one.
+    supervisor: (u64, bool),
     requests: Vec<(u8, [f64; 8])>,
     authority: Option<MotorAuthority>,
     estimate: Option<NodeEstimate>,
@@ -271,7 +295,14 @@ impl Lockstep {
             core,
             slots: Slots::new(estimator, controller),
             planner,
+            setpoints: Setpoints::default(),
+            planner_lives: true,
+            life: 1,
             cycle: 0,
+            beginning: Beginning { epoch: 1, restored: None, alive: false },
+            dead_s: None,
+            drives: [DriveInput::RELEASED; CABLES],
+            supervisor: (0, false),
             requests: Vec::new(),
             authority: None,
             estimate: None,
@@ -323,6 +354,19 @@ impl Lockstep {
         self.requests.push((verb, args));
     }
 
+    /// The planner's pass, if it lives.
+    fn plan(&mut self) {
+        let seen = planner::Seen {
+            now_ns: self.plant.time_ns(),
+            authority: self.authority.as_ref(),
+            estimate: self.estimate.as_ref(),
+            map: None,
+        };
+        if self.planner_lives {
+            (self.motion, self.plan) = self.planner.step(&seen);
+        }
+    }
+
     /// Tells motor-io where the node is (where it really is), and arms.
     pub fn zero_and_arm(&mut self) -> Result<()> {
         self.cycle()?;
@@ -356,10 +400,21 @@ impl Lockstep {
         &self.planner
     }
 
+    /// Answers to the requests of the last cycle.
+    pub fn answers(&self) -> &[Answer] {
+        self.core.answers()
+    }
+
     /// What has arrived when cycle `cycle` begins.
     fn arrivals(&mut self, cycle: u64, tick_ns: u64) -> MotorInput {
-        let mut input = MotorInput { tick_ns, begin_ns: tick_ns, first_epoch: 1, ..MotorInput::default() };
-        input.header = Header { cycle, seq: cycle, stamp_ns: tick_ns, oldest_input_ns: tick_ns };
+        let Beginning { epoch, restored, alive } = self.beginning;
+        let mut input = MotorInput { tick_ns, begin_ns: tick_ns, first_epoch: epoch, ..MotorInput::default() };
+        input.header = Header { life: self.life, cycle, seq: cycle, ..Header::at(tick_ns) };
+        if let Some((lengths_m, counts)) = restored {
+            (input.restored, input.restored_m, input.restored_counts) = (1, lengths_m, counts);
+        }
+        input.unit_alive = [u8::from(alive); UNITS];
+        input.supervisor_beat = self.beat();
         input.planner_beat = self.motion.beat;
         for (i, (verb, args)) in self.requests.drain(..self.requests.len().min(4)).enumerate() {
             input.request_id[i] = cycle;
@@ -369,11 +424,15 @@ impl Lockstep {
         let PlanMotion { current, next, .. } = &self.motion;
         let last = if next.id != 0 { next } else { current };
         input.motion = self.motion.motion;
+        input.motion_life = self.motion.header.life;
+        input.mission = self.motion.mission;
         input.motion_epoch = self.motion.epoch;
         input.motion_segment = current.id;
         input.motion_start_s = current.start_s;
         input.motion_end_s = self.motion.end_s;
         input.motion_known_s = last.start_s + last.duration_s;
+        self.setpoints.take(&self.motion, self.core.motion());
+        self.setpoints.write(self.core.plan_time_s(), &mut input);
         self.slots.arrive(&mut input);
         input
     }
@@ -381,6 +440,7 @@ impl Lockstep {
     /// One cycle.
     pub fn cycle(&mut self) -> Result<Cycle> {
         let n = self.plant.cable_count();
+        ensure!(self.dead_s.is_none(), "motor-io does not live");
         self.cycle += 1;
         let cycle = self.cycle;
         let tick_ns = self.plant.time_ns();
@@ -388,12 +448,13 @@ impl Lockstep {
         let mut input = self.arrivals(cycle, tick_ns);
         let sent = self.core.decide(&input);
         let asked_m_s = *self.core.asked_m_s();
-        let mut inputs = [DriveInput::RELEASED; 8];
+        let mut inputs = [DriveInput::RELEASED; CABLES];
         for (i, drive) in inputs.iter_mut().enumerate().take(n) {
             if !sent.released[i] {
                 *drive = self.plant.speed_input(i, sent.speed_m_s[i]);
             }
         }
+        self.drives = inputs;
         input.cable_count = n as u8;
         input.unit_count = n.div_ceil(2) as u8;
         for unit in 0..n.div_ceil(2) {
@@ -417,13 +478,7 @@ impl Lockstep {
         self.estimate = self.slots.blended(&authority);
         self.authority = Some(authority);
         if cycle.is_multiple_of(PLANNER_CYCLES) {
-            let seen = planner::Seen {
-                now_ns: self.plant.time_ns(),
-                authority: self.authority.as_ref(),
-                estimate: self.estimate.as_ref(),
-                map: None,
-            };
-            (self.motion, self.plan) = self.planner.step(&seen);
+            self.plan();
         }
         let (command, control) = self.slots.command(&state, &authority, &self.motion);
         let estimate = self.estimate.unwrap_or_default();
@@ -508,7 +563,7 @@ pub fn fly_with(scenario: Scenario, controller: impl FnOnce(ControllerConfig) ->
                 tension_share: share,
                 tension_range_n: [low, high],
                 slack_cycles: slack,
-                missed: cycle.authority.missed,
+                unsteered: cycle.authority.unsteered(),
                 saturation,
                 end_m: last.context("nothing moved")?,
                 state,

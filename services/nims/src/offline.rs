@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 use service::config::{Point, RobotFile};
 use std::path::Path;
 
+/// The robot of a file. [`RobotFile::load`] refuses anchors that determine no position.
 fn robot(path: &Path) -> Answer<Robot> {
     RobotFile::load(path).map_err(Failure::bad)?.robot().map_err(Failure::bad)
 }

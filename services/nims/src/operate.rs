@@ -8,7 +8,7 @@ use bus::Bus;
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
 use messages::{OperatorRequest, put_text};
 use serde_json::{Value, json};
-use service::config::BoxFile;
+use service::config::{BoxFile, RESOLVED};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -20,7 +20,7 @@ pub const PLANNER: &str = "planner";
 /// A request without arguments.
 #[must_use]
 pub fn plain(verb: u8) -> OperatorRequest {
-    OperatorRequest { verb, ..OperatorRequest::default() }
+    OperatorRequest { verb, origin: OperatorRequest::ORIGIN_COMMAND, ..OperatorRequest::default() }
 }
 
 /// A request with numbers.
@@ -45,11 +45,7 @@ pub fn with_args(verb: u8, numbers: &[f64]) -> Answer<OperatorRequest> {
 /// # Errors
 /// Refused, with the reason, or not answered.
 pub fn send(bus: &Bus, process: &str, request: &OperatorRequest) -> Answer<String> {
-    let answer = match request.verb {
-        OperatorRequest::VERB_ESTOP => live::ask_for_emergency_stop(bus, request)?,
-        _ => live::ask(bus, process, request)?,
-    };
-    Failure::of(&answer)
+    Failure::of(&live::ask(bus, process, request)?)
 }
 
 /// The answer of an accepted request as JSON.
@@ -108,6 +104,8 @@ pub fn speed(bus: &Bus, percent: f64) -> Answer<String> {
 ///
 /// # Errors
 /// A point where the robot cannot be, a speed it does not have; refused; not answered.
+///
+/// A single move is not refused where nothing is being recorded: it may be the way home. It is said.
 pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
     path_of(asked)?;
     let robot = robot_of(bus)?;
@@ -122,7 +120,11 @@ pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
     }
     let (path, mu) = path_of(asked)?;
     let [x, y, z] = to;
-    send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path, mu])?)
+    let answer = send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path, mu])?)?;
+    if let Some(why) = live::unrecorded(bus)? {
+        eprintln!("nims: warning: nothing is being recorded ({why})");
+    }
+    Ok(answer)
 }
 
 /// The path of a move as the planner has it: its number, and how much it sags, 1/m.
@@ -170,6 +172,11 @@ pub fn run_checked(bus: &Bus, asked: &Run) -> Answer<String> {
     let file = box_of(bus)?;
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
+    if let Some(why) = live::unrecorded(bus)?.filter(|_| !asked.unrecorded) {
+        return Err(Failure::NotNow(format!(
+            "the mission is not started, because nothing is being recorded ({why}): put that right, or fly it with --unrecorded"
+        )));
+    }
     // Where the node is not known the planner has the better words for why it does not start.
     // What is left of a mission only the planner knows.
     if !asked.go_on
@@ -247,7 +254,10 @@ pub fn box_of(bus: &Bus) -> Answer<BoxFile> {
             bus.domain().name()
         )));
     };
-    BoxFile::load(&running.box_file).map_err(Failure::not_now)
+    let copy = running.run.join(RESOLVED);
+    // Who deleted the folder of the run shall still be able to land the robot.
+    let path = if copy.is_file() { &copy } else { &running.box_file };
+    BoxFile::load(path).map_err(Failure::not_now)
 }
 
 fn robot_of(bus: &Bus) -> Answer<Robot> {

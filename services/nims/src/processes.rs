@@ -104,6 +104,8 @@ fn outcome(row: &ProcessState, asked: &Asked, asked_ns: u64) -> Option<bool> {
             _ => None,
         },
         Asked::Unplug { .. } => (row.state == ProcessState::STATE_GONE).then_some(true),
+        // No process comes or goes.
+        Asked::Set { .. } => Some(true),
         Asked::Start { .. } | Asked::Restart { .. } | Asked::Plug { .. } => {
             // An earlier life is not meant, nor is another process of the same role.
             if row.started_ns < asked_ns {

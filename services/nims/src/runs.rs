@@ -11,23 +11,56 @@ use std::path::{Path, PathBuf};
 /// There is no run, or it cannot be read.
 pub fn info(run: &Path) -> Answer<(Value, String)> {
     there(run)?;
-    let report = runlog::info_with(run, &mut progress("reading")).map_err(Failure::not_now)?;
+    let report = runlog::info_with(run, &mut progress("reading"))?;
     let mut value = serde_json::to_value(&report).map_err(Failure::not_now)?;
     let mut words = report.to_string();
-    // a run file alone has no manifest
-    let manifest = std::fs::read_to_string(run.join("manifest.json")).ok();
-    if let Some(manifest) = manifest.and_then(|text| serde_json::from_str::<Value>(&text).ok()) {
-        words = format!("{}{words}", of_manifest(&manifest));
+    if let Some(manifest) = manifest_of(run) {
+        words = format!("{}{words}", of_manifest(&manifest, report.recording));
+        let unrecorded_s = unrecorded_ends_s(run, &report);
+        for (seconds, which) in unrecorded_s.iter().zip(ENDS).filter(|(seconds, _)| **seconds > 0.0) {
+            words.push_str(&format!("of the {which} {seconds:.1} s of the run nothing was recorded\n"));
+        }
+        value["unrecorded_ends_s"] = json!(unrecorded_s);
         value["manifest"] = manifest;
     }
     Ok((value, words))
 }
 
+/// What a run folder says about itself; a run file alone has no manifest.
+fn manifest_of(run: &Path) -> Option<Value> {
+    serde_json::from_str(&std::fs::read_to_string(run.join("manifest.json")).ok()?).ok()
+}
+
+/// A recorder gives to the disk what it holds twice a second; what is missing at an end beyond this was not recorded, s.
+const END_S: f64 = 2.0;
+/// The ends of a run, as [`unrecorded_ends_s`] has them.
+pub const ENDS: [&str; 2] = ["first", "last"];
+
+/// From the time at which the recorder was ready to the first sample, and from the last one to the end of the run, both as the supervisor
+/// has them, where that is a while: the recorder was not there then, or what it wrote was removed, s.
+#[must_use]
+pub fn unrecorded_ends_s(run: &Path, report: &runlog::RunReport) -> [f64; 2] {
+    let (Some(manifest), Some(first_ns)) = (manifest_of(run), report.started_unix_ns) else { return [0.0; 2] };
+    let since_first_s = |key: &str| {
+        let at_ns = manifest[key].as_u64()?;
+        Some((i128::from(at_ns) - i128::from(first_ns)) as f64 * 1e-9)
+    };
+    let left = [
+        since_first_s("recording_unix_ns").map(|ready_s| -ready_s),
+        since_first_s("stopping_unix_ns").map(|end_s| end_s - report.duration_s),
+    ];
+    left.map(|left_s| left_s.filter(|left_s| *left_s > END_S).unwrap_or(0.0))
+}
+
 /// What a run's manifest says, in words.
-fn of_manifest(manifest: &Value) -> String {
+fn of_manifest(manifest: &Value, recording: bool) -> String {
     let text = |key: &str| manifest[key].as_str().unwrap_or("?");
-    let ended = manifest["ended_because"].as_str().unwrap_or("no end: it runs, or was cut off");
-    let mut words = format!("run       {} with nims {}; ended: {ended}\n", text("name"), text("nims_version"));
+    let ended = match manifest["ended_because"].as_str() {
+        Some(because) => format!("ended: {because}"),
+        None if recording => "it is being recorded".to_owned(),
+        None => "no end: it was cut off".to_owned(),
+    };
+    let mut words = format!("run       {} with nims {}; {ended}\n", text("name"), text("nims_version"));
     for process in manifest["processes"].as_array().into_iter().flatten() {
         let restarts = process["restarts"].as_u64().unwrap_or(0);
         if restarts > 0 {
@@ -48,7 +81,7 @@ pub fn recover(run: &Path) -> Answer<(Value, String)> {
     let mut recovered = Vec::new();
     let mut words = Vec::new();
     for file in &files {
-        let recovery = runlog::recover(file, &mut progress("recovering")).map_err(Failure::not_now)?;
+        let recovery = runlog::recover(file, &mut progress("recovering"))?;
         words.push(recovery.to_string());
         recovered.push(serde_json::to_value(&recovery).map_err(Failure::not_now)?);
     }

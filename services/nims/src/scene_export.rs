@@ -26,7 +26,7 @@ pub fn export_scene(run: &Path, out: &Path) -> Answer<(Value, String)> {
     if out.exists() {
         return Err(Failure::BadInput(format!("{} exists already: give another name, or remove it", out.display())));
     }
-    let mut reader = RunReader::open(run).map_err(Failure::not_now)?;
+    let mut reader = RunReader::open(run)?;
     let (mut film, mut show): (Option<Film>, _) = (None, crate::runs::progress("drawing"));
     let mut shown = 0;
     loop {

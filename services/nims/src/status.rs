@@ -1,15 +1,18 @@
 //! `nims status`: the robot and its processes at one glance.
 
+use crate::counters::Periods;
 use crate::failure::Answer;
-use crate::live::Running;
+use crate::live::{self, Running};
+use crate::operate;
 use crate::processes::state_name;
-use bus::{Bus, Subscriber, clock};
+use bus::{Bus, Memory, Subscriber, clock};
 use messages::{
-    ControlStatus, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState,
-    RecorderStatus, SLOT_NAMES, SLOTS, text_of,
+    ControlStatus, LogEvent, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState,
+    RecorderStatus, Rule, SLOT_NAMES, SLOTS, SystemConfig, blended_estimate, text_of,
 };
 use motor_io::sentences;
 use serde_json::{Value, json};
+use service::TUNED_CHANNEL;
 use std::collections::BTreeMap;
 
 pub use motor_io::sentences::mode_name;
@@ -17,8 +20,15 @@ pub use motor_io::sentences::mode_name;
 /// The slowest rows come once a second; a stall of the machine may come between.
 const PATIENCE_NS: u64 = 1_500_000_000;
 const LOOK_NS: u64 = 20_000_000;
+/// The recorder speaks once a second; what is older than this is not the present any more, s.
+const OLD_S: f64 = 2.5;
 /// A cycle without readings has no estimate: where the position is known, the next ones are worth waiting for.
 const ESTIMATE_NS: u64 = 300_000_000;
+/// What a process has said before is given to a late listener with its next heartbeat, five times a second.
+const LOG_NS: u64 = 500_000_000;
+
+/// Below this much free shared memory a process may not find room, bytes.
+const SCARCE_BYTES: u64 = 8 << 20;
 
 /// Newest sample of a channel.
 struct Newest<T: Message> {
@@ -56,6 +66,7 @@ pub fn status(bus: &Bus) -> Answer<(Value, String)> {
     let mut seats = Newest::<MotorSlots>::of(bus, "motor/slots")?;
     let mut plan = Newest::<PlanStatus>::of(bus, "plan/status")?;
     let mut recorder = Newest::<RecorderStatus>::of(bus, "recorder/status")?;
+    let mut set = Newest::<SystemConfig>::of(bus, TUNED_CHANNEL)?;
     let mut table = bus.subscriber::<ProcessState>("system/process")?;
     let mut processes: BTreeMap<String, ProcessState> = BTreeMap::new();
 
@@ -77,6 +88,7 @@ pub fn status(bus: &Bus) -> Answer<(Value, String)> {
             seats.look()?,
             plan.look()?,
             recorder.look()?,
+            set.look()?,
             !processes.is_empty(),
         ];
         let known = state.sample.is_some_and(|state| state.position_known == MotorState::POSITION_KNOWN);
@@ -97,12 +109,25 @@ pub fn status(bus: &Bus) -> Answer<(Value, String)> {
         value["box"] = json!(running.box_file);
         lines.push(format!("run        {}", running.run.display()));
     }
+    if let Some(set) = set.sample.filter(|set| set.changes > 0) {
+        let set = text_of(&set.parameters);
+        value["set"] = json!(set.lines().collect::<Vec<_>>());
+        lines.push(format!("set        {}", set.lines().collect::<Vec<_>>().join(", ")));
+    }
     match &authority.sample {
-        Some(authority) => motors(authority, &mut value, &mut lines),
+        Some(authority) => {
+            motors(authority, processes.get("motor-io"), &mut value, &mut lines);
+            if authority.faults & MotorAuthority::FAULT_LOST_UNIT != 0
+                && let Some(said) = of_ports(bus)?
+            {
+                lines.push(format!("drives     {said}"));
+                value["drives"] = json!(said);
+            }
+        }
         None => lines.push("motor-io   says nothing: it does not run; nothing can move".to_owned()),
     }
     if let Some(sample) = &seats.sample {
-        slots(sample, &mut value, &mut lines);
+        slots(sample, &processes, &mut value, &mut lines);
     }
     if let Some(state) = &state.sample {
         let cables = usize::from(state.cable_count).min(state.length_m.len());
@@ -110,7 +135,8 @@ pub fn status(bus: &Bus) -> Answer<(Value, String)> {
         value["currents_a"] = json!(state.current_a[..cables]);
     }
     let [one, other] = &estimates;
-    let estimate = messages::blended_estimate(authority.sample.as_ref(), [one.sample.as_ref(), other.sample.as_ref()]);
+    let estimate =
+        blended_estimate(authority.sample.as_ref(), [one.sample.as_ref(), other.sample.as_ref()], Rule::History);
     if let Some(estimate) = estimate.filter(|estimate| estimate.valid == 1) {
         let cables = usize::from(estimate.cable_count).min(estimate.tension_n.len());
         let [x, y, z] = estimate.position_m;
@@ -127,14 +153,18 @@ pub fn status(bus: &Bus) -> Answer<(Value, String)> {
         value["tracking_error_m"] = json!(control.error_norm_m);
     }
     if let Some(plan) = &plan.sample {
-        mission(plan, &mut value, &mut lines);
+        mission(plan, authority.sample.as_ref(), &mut value, &mut lines);
     }
     if let Some(recorder) = &recorder.sample {
-        let recording = recording_words(recorder.state);
+        let recording = recording_words(recorder, clock::now_ns());
         value["recorder"] = json!({ "state": recording, "messages": recorder.total_messages, "bytes": recorder.total_bytes, "lost": recorder.lost });
         let megabytes = recorder.total_bytes as f64 * 1e-6;
         lines.push(format!("recorder   {recording}, {} messages, {megabytes:.1} MB", recorder.total_messages));
     }
+    let memory = bus.domain().memory();
+    value["shared_memory"] =
+        json!({ "used_bytes": memory.used, "free_bytes": memory.free, "total_bytes": memory.total });
+    lines.push(format!("memory     {}", memory_words(&memory)));
     value["processes"] = processes.iter().map(|(name, row)| json!({ "name": name, "pid": row.pid, "state": state_name(row.state), "restarts": row.restarts })).collect();
     let listed: Vec<String> = processes.iter().map(|(name, row)| format!("{name} {}", state_name(row.state))).collect();
     lines
@@ -142,35 +172,90 @@ pub fn status(bus: &Bus) -> Answer<(Value, String)> {
     Ok((value, lines.join("\n")))
 }
 
-fn motors(authority: &MotorAuthority, value: &mut Value, lines: &mut Vec<String>) {
+/// Shared memory, on one line; with a warning while there is still room for what the warning asks for.
+fn memory_words(memory: &Memory) -> String {
+    let megabytes = |bytes: u64| format!("{:.1} MB", bytes as f64 * 1e-6);
+    let used = format!("{} of shared memory used by this robot", megabytes(memory.used));
+    match (memory.total, memory.free) {
+        (0, _) => used,
+        (total, free) if free < SCARCE_BYTES => format!(
+            "{used}, ONLY {} of {} free: no sensor can be plugged in and no process started until /dev/shm has room again",
+            megabytes(free),
+            megabytes(total)
+        ),
+        (total, free) => format!("{used}, {} of {} free", megabytes(free), megabytes(total)),
+    }
+}
+
+fn motors(authority: &MotorAuthority, row: Option<&ProcessState>, value: &mut Value, lines: &mut Vec<String>) {
     let faults = sentences::faults_of(authority);
+    let position = position_words(authority.position_known, row, clock::now_ns());
     value["mode"] = json!(mode_name(authority.mode));
     value["faults"] = json!(faults);
-    value["position"] = json!(sentences::position_sentence(authority.position_known));
+    value["position"] = json!(position);
     value["plan_rate"] = json!(authority.plan_rate);
     value["cycle"] = json!({
-        "number": authority.header.cycle, "period_s": authority.period_s, "missed": authority.missed, "late": authority.late,
-        "skipped": authority.skipped, "bus_ns": authority.bus_ns, "command_age_ns": authority.command_age_ns,
+        "number": authority.header.cycle, "period_s": authority.period_s, "bus_ns": authority.bus_ns, "command_age_ns": authority.command_age_ns,
     });
+    let periods = Periods::of(authority);
+    value["periods"] = json!(periods);
+    value["periods"]["all"] = json!(periods.all());
+    value["periods"]["unsteered"] = json!(periods.unsteered());
     lines.push(format!("mode       {}: {}", mode_name(authority.mode), sentences::mode_sentence(authority.mode)));
     lines.extend(faults.iter().map(|fault| format!("fault      {fault}")));
-    lines.push(format!("position   {}", sentences::position_sentence(authority.position_known)));
+    lines.push(format!("position   {position}"));
     lines.push(format!(
-        "cycle      {} at {:.0} Hz; {} missed, {} late, {} skipped",
+        "cycle      {} at {:.0} Hz; {}",
         authority.header.cycle,
         1.0 / authority.period_s,
-        authority.missed,
-        authority.late,
-        authority.skipped
+        periods.words()
     ));
 }
 
+/// What motor-io said last of one of its serial ports: which, and what comes from there.
+fn of_ports(bus: &Bus) -> Answer<Option<String>> {
+    let Ok(file) = operate::box_of(bus) else { return Ok(None) };
+    let root = bus.domain().root().to_string_lossy().into_owned();
+    let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.replace("{domain}", &root)).collect();
+    let mut log = bus.subscriber::<LogEvent>("system/log/motor-io")?;
+    let (mut said, give_up) = (None, clock::now_ns() + LOG_NS);
+    while clock::now_ns() < give_up {
+        while let Some(event) = log.receive()? {
+            let text = text_of(&event.text);
+            if event.level >= LogEvent::LEVEL_WARN && ports.iter().any(|port| text.starts_with(port)) {
+                said = Some(text);
+            }
+        }
+        clock::sleep_until(clock::now_ns() + LOOK_NS);
+    }
+    Ok(said)
+}
+
+/// How far the position can be trusted; of one from before a start, when that was, by motor-io's row of the process table.
+pub(crate) fn position_words(position_known: u8, row: Option<&ProcessState>, now_ns: u64) -> String {
+    let sentence = sentences::position_sentence(position_known);
+    let Some(row) = row.filter(|_| position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT) else {
+        return sentence.to_owned();
+    };
+    let ago_s = now_ns.saturating_sub(row.started_ns) as f64 * 1e-9;
+    let which =
+        if row.restarts == 0 { "with this run".to_owned() } else { format!("restart {} of this run", row.restarts) };
+    format!("{sentence} motor-io was started {ago_s:.0} s ago, {which}.")
+}
+
 /// Who is in charge, and who stands by.
-fn slots(slots: &MotorSlots, value: &mut Value, lines: &mut Vec<String>) {
+fn slots(slots: &MotorSlots, processes: &BTreeMap<String, ProcessState>, value: &mut Value, lines: &mut Vec<String>) {
     for (role, who) in sentences::ROLE_NAMES.iter().enumerate() {
         let seats = SLOT_NAMES.iter().enumerate().map(|(slot, name)| {
             let seat = SLOTS * role + slot;
             let (phase, cause) = (slots.phase[seat], sentences::cause_phrase(role, slots.cause[seat]));
+            // One that was asked to end has not failed.
+            let ended = processes.values().any(|row| {
+                row.state == ProcessState::STATE_STOPPED
+                    && text_of(&row.role) == *who
+                    && usize::from(row.slot) == slot + 1
+            });
+            let cause = if ended && phase == MotorSlots::PHASE_EMPTY { "" } else { cause };
             (*name, sentences::phase_name(phase), cause, phase != MotorSlots::PHASE_EMPTY)
         });
         let listed: Vec<String> = seats
@@ -189,12 +274,12 @@ fn slots(slots: &MotorSlots, value: &mut Value, lines: &mut Vec<String>) {
     }
 }
 
-fn mission(plan: &PlanStatus, value: &mut Value, lines: &mut Vec<String>) {
+fn mission(plan: &PlanStatus, authority: Option<&MotorAuthority>, value: &mut Value, lines: &mut Vec<String>) {
     value["mission"] = json!({
         "state": mission_state(plan.state), "name": text_of(&plan.mission), "leg": plan.leg, "legs": plan.legs, "progress": plan.progress,
         "time_left_s": plan.time_left_s, "reason": text_of(&plan.reason),
     });
-    lines.push(format!("mission    {}", mission_words(plan)));
+    lines.push(format!("mission    {}", mission_words(plan, authority)));
 }
 
 fn mission_state(state: u8) -> &'static str {
@@ -210,9 +295,16 @@ fn mission_state(state: u8) -> &'static str {
 }
 
 /// What the planner does, on one line.
-pub(crate) fn mission_words(plan: &PlanStatus) -> String {
+pub(crate) fn mission_words(plan: &PlanStatus, authority: Option<&MotorAuthority>) -> String {
     let (name, reason) = (text_of(&plan.mission), text_of(&plan.reason));
-    let mut line = mission_state(plan.state).to_owned();
+    let slows = authority.is_some_and(|authority| {
+        let moves = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);
+        moves && authority.plan_rate_target == 0.0
+    });
+    let mut line = match plan.state {
+        PlanStatus::STATE_RUNNING if slows => "slowing down".to_owned(),
+        state => mission_state(state).to_owned(),
+    };
     if !name.is_empty() {
         line += &format!(": {name}");
     }
@@ -231,11 +323,46 @@ pub(crate) fn mission_words(plan: &PlanStatus) -> String {
     line
 }
 
-/// What the recorder does, in a word or two.
-pub(crate) fn recording_words(state: u8) -> &'static str {
-    match state {
-        RecorderStatus::STATE_RECORDING => "recording",
-        RecorderStatus::STATE_DISK_FULL => "NOT RECORDING: the disk is full",
-        _ => "NOT RECORDING: it failed",
+/// What the recorder does, in a word or two; why, where it does not record.
+pub(crate) fn recording_words(row: &RecorderStatus, now_ns: u64) -> String {
+    let age_s = now_ns.saturating_sub(row.header.stamp_ns) as f64 * 1e-9;
+    match live::unrecorded_of(row) {
+        _ if age_s > OLD_S => format!("NOT RECORDING: the recorder has said nothing for {age_s:.0} s"),
+        Some(why) => format!("NOT RECORDING: {why}"),
+        None => "recording".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_position_from_before_a_start_names_that_start() {
+        let row = ProcessState { started_ns: 5_000_000_000, restarts: 2, ..ProcessState::default() };
+        let before = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+        let words = position_words(before, Some(&row), 17_000_000_000);
+        assert!(words.contains("12 s ago, restart 2 of this run"), "{words}");
+        assert!(!position_words(MotorState::POSITION_KNOWN, Some(&row), 17_000_000_000).contains("restart"));
+    }
+
+    #[test]
+    fn a_mission_is_not_paused_while_the_robot_moves() {
+        let plan = PlanStatus { state: PlanStatus::STATE_RUNNING, ..PlanStatus::default() };
+        let mut authority = MotorAuthority { mode: MotorAuthority::MODE_FOLLOWING, ..MotorAuthority::default() };
+        assert!(mission_words(&plan, Some(&authority)).starts_with("slowing down"));
+        authority.plan_rate_target = 1.0;
+        assert!(mission_words(&plan, Some(&authority)).starts_with("running"));
+        assert!(mission_words(&plan, None).starts_with("running"));
+    }
+
+    #[test]
+    fn a_recorder_says_why_it_does_not_record() {
+        let mut row = RecorderStatus { state: RecorderStatus::STATE_FAILED, ..RecorderStatus::default() };
+        messages::put_text(&mut row.reason, "the folder was removed");
+        assert!(recording_words(&row, 0).ends_with("the folder was removed"));
+        row.state = RecorderStatus::STATE_RECORDING;
+        assert_eq!(recording_words(&row, 0), "recording");
+        assert!(recording_words(&row, 9_000_000_000).contains("nothing for 9 s"), "it hangs, whatever it said before");
     }
 }

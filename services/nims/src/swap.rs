@@ -7,7 +7,7 @@ use crate::cli::{SlottedRole, Swap};
 use crate::failure::{Answer, Failure};
 use crate::operate::{self, MOTOR_IO};
 use crate::processes;
-use crate::supervisor::Asked;
+use crate::supervisor::{Asked, law_of};
 use bus::{Bus, Subscriber, Waiter, clock};
 use messages::{MotorSlots, OperatorRequest, ProcessState, SLOTS, text_of};
 use motor_io::sentences;
@@ -16,6 +16,8 @@ use service::Slot;
 use service::config::Role;
 use std::collections::BTreeMap;
 
+/// As configured, instead of a law.
+const DEFAULT: &str = "default";
 /// A new one has this long to qualify, s; it takes one where all is well.
 const QUALIFY_S: f64 = 20.0;
 /// From the announcement to the end of the probation, s: a little more than one where all is well.
@@ -37,13 +39,17 @@ pub fn swap(bus: &Bus, asked: &Swap) -> Answer<(Value, String)> {
         )));
     }
     let (new, old) = (robot.role.process_name(name_of(slot)), robot.role.process_name(name_of(lead)));
+    if let Some(law) = asked.name.as_deref().filter(|law| *law != DEFAULT) {
+        // Before anything is ended to make room for it.
+        law_of(&operate::box_of(bus)?, robot.role, law)?;
+    }
     if let Some(law) = &asked.name {
         robot.end(&new)?;
         robot.admit(slot)?;
         let start = Asked::Start {
             name: robot.role.name().to_owned(),
             slot: Some(name_of(slot)),
-            law: (law != "default").then(|| law.clone()),
+            law: (law != DEFAULT).then(|| law.clone()),
         };
         let (_, words) = processes::tell(bus, &start)?;
         robot.tell(&words);

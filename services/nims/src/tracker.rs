@@ -3,7 +3,8 @@
 
 use cable_robot::{Segment, Setpoint};
 use messages::{
-    ControlStatus, Energy, Message, MotorAuthority, MotorState, NodeEstimate, PlanMotion, SLOTS, TruthNode,
+    ControlStatus, Energy, Message, MotorAuthority, MotorState, NodeEstimate, PlanMotion, Rule, SLOTS, TruthNode,
+    blended_estimate,
 };
 use runlog::Recorded;
 use service::motion::segment_of;
@@ -181,7 +182,7 @@ impl Tracker {
             }
         }
         let [a, b] = &row.estimates;
-        let estimate = messages::blended_estimate(Some(authority), [a.as_ref(), b.as_ref()]);
+        let estimate = blended_estimate(Some(authority), [a.as_ref(), b.as_ref()], Rule::History);
         let following = authority.mode == MotorAuthority::MODE_FOLLOWING;
         let motion = self.motions.get(&authority.motion).filter(|_| following);
         let segments = motion.map_or(&[][..], |motion| &motion.segments);

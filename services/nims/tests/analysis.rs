@@ -4,6 +4,7 @@
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Segment, Vector3};
 use messages::{ControlStatus, Message, MotorAuthority, NodeEstimate, PlanMotion, TruthNode};
+use nims::counters::Periods;
 use nims::demo::analysis::analyse;
 use runlog::{ChannelSpec, RunClock, RunWriter};
 use service::motion::segment_message;
@@ -55,9 +56,10 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
             period_s: 0.01,
             mode: MotorAuthority::MODE_FOLLOWING,
             motion: 1,
-            missed: 1,
-            late: 2,
-            skipped: 3,
+            periods: 6,
+            lost_answer: 1,
+            lost_computer: 2,
+            lost_resync: 3,
             ..Default::default()
         };
         write(1, stamp, bytemuck::bytes_of(&stamped(authority, cycle, stamp)));
@@ -77,7 +79,8 @@ fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
 
     let found = analyse(folder.path()).unwrap();
     assert_eq!(found.cycles, cycles);
-    assert_eq!((found.missed, found.late, found.skipped), (1, 2, 3));
+    let wanted = Periods { computer: 2, resync: 3, answer: 1, ..Periods::default() };
+    assert_eq!((found.periods, found.periods.unsteered(), found.periods.all()), (wanted, 6, 6));
     assert_eq!(found.estimate.samples as u64, moving);
     let close = |found: f64, wanted: f64| (found - wanted).abs() < 1e-6;
     assert!(close(found.estimate.rms_m, ESTIMATE_OFF_M) && close(found.estimate.max_m, ESTIMATE_OFF_M));

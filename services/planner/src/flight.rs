@@ -49,6 +49,10 @@ pub(crate) struct Flight {
     pub kept: bool,
     pub name: String,
     pub motion: u32,
+    /// Number of the mission, the same from its acceptance to its end.
+    pub mission: u32,
+    /// Life and epoch of motor-io for which it was made.
+    pub life: u64,
     pub epoch: u32,
     pub current: usize,
     pub accepted_ns: u64,
@@ -76,6 +80,8 @@ impl Flight {
             kept,
             name,
             motion: 0,
+            mission: 0,
+            life: authority.header.life,
             epoch: authority.epoch,
             current: 0,
             accepted_ns: seen.now_ns,

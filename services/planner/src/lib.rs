@@ -16,6 +16,7 @@ mod flight;
 pub mod mission;
 pub mod plan;
 mod planner;
+pub mod process;
 pub mod progress;
 pub mod requests;
 pub mod scan;

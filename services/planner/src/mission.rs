@@ -4,13 +4,16 @@ use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 use service::config::Point;
-use service::toml_file;
+use service::{file, toml_file};
 use thiserror::Error;
 
 use crate::scan::{Adaptive, DwellPoints, Profile, Raster, Transect};
 
 /// Most legs of a mission; more is a scan pattern that belongs into one polyline.
 pub const MAX_LEGS: usize = 200;
+
+/// Bytes of a mission's name: it is said in sentences.
+const LONGEST_NAME: usize = 100;
 
 /// Most points of a polyline.
 pub const MAX_POINTS: usize = 1000;
@@ -190,7 +193,7 @@ impl Mission {
     /// # Errors
     /// One sentence: the file, the line, the key and what is accepted there.
     pub fn read(path: &Path) -> Result<Self, MissionError> {
-        let text = std::fs::read_to_string(path)
+        let text = file::read_text(path)
             .map_err(|why| MissionError::Unreadable { path: path.display().to_string(), why: why.to_string() })?;
         Self::parse(&text).map_err(|error| match error {
             MissionError::Malformed(why) => MissionError::Malformed(format!("{}, {why}", path.display())),
@@ -236,17 +239,17 @@ impl Mission {
 
     fn check(&self) -> Result<(), MissionError> {
         let nowhere = || None;
-        if self.name.trim().is_empty() {
-            return Err(self.wrong(nowhere(), "name", "empty".into(), "a name"));
+        if self.name.trim().is_empty() || self.name.len() > LONGEST_NAME {
+            let given = if self.name.len() > LONGEST_NAME { "too long" } else { "empty" };
+            let named = Self { name: self.name.chars().take(20).collect(), ..self.clone() };
+            return Err(named.wrong(nowhere(), "name", given.into(), "a name of at most 100 bytes"));
         }
         if self.leg.is_empty() || self.leg.len() > MAX_LEGS {
             return Err(self.wrong(nowhere(), "leg", format!("there {} times", self.leg.len()), "1 to 200 legs"));
         }
         self.speed(nowhere(), self.speed_m_s)?;
-        if let Some(a) = self.acceleration_m_s2
-            && !(a.is_finite() && a > 0.0)
-        {
-            return Err(self.wrong(nowhere(), "acceleration_m_s2", a.to_string(), "above 0, in m/s²"));
+        if let Some(a) = self.acceleration_m_s2 {
+            self.range(nowhere(), "acceleration_m_s2", a, 1e-3, 100.0, "0.001 to 100 m/s²")?;
         }
         self.range(nowhere(), "time_weight_w", self.time_weight_w, 0.0, 1e6, "0 to 1e6 W")?;
         for (i, leg) in self.leg.iter().enumerate() {
@@ -324,7 +327,8 @@ impl Mission {
         high: f64,
         accepted: &'static str,
     ) -> Result<(), MissionError> {
-        if (low..=high).contains(&value) { Ok(()) } else { Err(self.wrong(leg, key, value.to_string(), accepted)) }
+        let given = || service::config::Given(value).to_string();
+        if (low..=high).contains(&value) { Ok(()) } else { Err(self.wrong(leg, key, given(), accepted)) }
     }
 
     fn point(&self, leg: Option<usize>, key: &'static str, point: &Point) -> Result<(), MissionError> {
@@ -445,6 +449,14 @@ profile = { at_m = [1, 1, 2], rise_m = -1.5 }
             ("[1.0, 2.0, 3.0]", "[1.0, \"2\", 3.0]", &["line 5", "string"]),
             ("speed_m_s = 0.1", "speed_m_s = -0.1", &["line 5", "leg 1", "speed_m_s", "-0.1"]),
             ("speed_m_s = 0.2", "speed_m_s = 0.0", &["line 3", "speed_m_s is 0"]),
+            ("speed_m_s = 0.2", "speed_m_s = 1.7e150", &["line 3", "speed_m_s is 1.7e150;", "0.001 to 100"]),
+            (
+                "speed_m_s = 0.2",
+                "acceleration_m_s2 = 1.7e150",
+                &["line 3", "acceleration_m_s2 is 1.7e150;", "100 m/s²"],
+            ),
+            ("duration_s = 2.0", "duration_s = 1.7e150", &["line 13", "duration_s is 1.7e150;", "86400"]),
+            ("rise_m = -1.5", "rise_m = -1.7e150", &["leg 9", "rise_m is -1.7e150;"]),
             ("[[1.0, 2.0, 2.0], [2.0, 2.0, 2.0]]", "[]", &["leg 2", "points_m"]),
             ("radius_m = 0.60", "radius_m = 0.0", &["leg 4", "radius_m"]),
             ("turns = 4", "turns = 0", &["leg 4", "turns"]),

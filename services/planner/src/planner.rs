@@ -3,7 +3,7 @@
 use cable_robot::Vector3;
 use messages::{
     FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence,
-    put_text, text_of,
+    put_text, same_life, text_of,
 };
 use service::motion::segment_message;
 use thiserror::Error;
@@ -77,6 +77,7 @@ pub struct Planner {
     flight: Option<Flight>,
     next_id: u32,
     motions: u32,
+    missions: u32,
     beat: u64,
     refused: u32,
     status: PlanStatus,
@@ -93,6 +94,7 @@ impl Planner {
             flight: None,
             next_id: 1,
             motions: 0,
+            missions: 0,
             beat: 0,
             refused: 0,
             status: PlanStatus::default(),
@@ -233,7 +235,7 @@ impl Planner {
             ));
         }
         if progress.done {
-            return refuse(format!("mission \"{name}\" is done; nothing is left of it"));
+            return refuse(format!("mission \"{name}\" is done; nothing is left of it, run it without --continue"));
         }
         let (authority, estimate) = self.ready(seen)?;
         let stage = progress.stage.as_ref().unwrap_or(mission);
@@ -255,7 +257,7 @@ impl Planner {
                 Plan::new(&stay, &self.config, here, authority.plan_time_s, self.next_id)?
             }
             Err(PlanError::AlreadyThere) => {
-                return refuse(format!("mission \"{name}\" is done; nothing is left of it"));
+                return refuse(format!("mission \"{name}\" is done; nothing is left of it, run it without --continue"));
             }
             plan => plan?,
         };
@@ -282,6 +284,10 @@ impl Planner {
         self.next_id = self.next_id.wrapping_add(plan.segments.len() as u32).max(1);
         self.motions = self.motions.wrapping_add(1).max(1);
         flight.motion = self.motions;
+        if flight.mission == 0 {
+            self.missions = self.missions.wrapping_add(1).max(1);
+            flight.mission = self.missions;
+        }
         let sentence = flight.sentence(verb, &self.config);
         self.status = PlanStatus {
             refused: self.refused,
@@ -327,6 +333,10 @@ impl Planner {
             }));
         }
         match authority.mode {
+            // Another planner's, which has ended: motor-io keeps it to go on with, and takes up no other meanwhile.
+            MotorAuthority::MODE_HOLDING if authority.motion != 0 => {
+                return refuse("a motion of a planner that has ended is still kept; give it up with nims stop");
+            }
             MotorAuthority::MODE_HOLDING => {}
             MotorAuthority::MODE_DISARMED => return refuse("the robot is disarmed; arm it with nims arm"),
             MotorAuthority::MODE_JOGGING => return refuse("a cable is being jogged; wait until it has stopped"),
@@ -344,7 +354,7 @@ impl Planner {
             MotorState::POSITION_KNOWN => {}
             MotorState::POSITION_FROM_BEFORE_THE_CUT => {
                 return refuse(
-                    "the position is the one from before the last start; look whether the node is where nims status says, \
+                    "the position is the one kept from before motor-io was started; look whether the node is where nims status says, \
                      then nims confirm-position, or nims zero --at x,y,z",
                 );
             }
@@ -355,7 +365,9 @@ impl Planner {
         }
         let fresh = |(estimate, epoch): &(NodeEstimate, u32)| {
             // another epoch may have another idea of where the node is
-            *epoch == authority.epoch && estimate.header.cycle.saturating_add(STALE_CYCLES) >= authority.header.cycle
+            *epoch == authority.epoch
+                && same_life(&estimate.header, &authority.header)
+                && estimate.header.cycle.saturating_add(STALE_CYCLES) >= authority.header.cycle
         };
         let Some((estimate, _)) = self.valid.filter(fresh) else {
             return refuse(
@@ -373,9 +385,12 @@ impl Planner {
             self.refine(authority, seen);
         }
         self.beat = self.beat.wrapping_add(1);
-        let cycle = seen.authority.map_or(0, |authority| authority.header.cycle);
-        let oldest_input_ns = seen.authority.map_or(seen.now_ns, |authority| authority.header.stamp_ns);
-        let header = Header { cycle, seq: 0, stamp_ns: seen.now_ns, oldest_input_ns };
+        let header = match seen.authority.map(|authority| authority.header) {
+            Some(Header { life, cycle, stamp_ns, .. }) => {
+                Header { life, cycle, oldest_input_ns: stamp_ns, ..Header::at(seen.now_ns) }
+            }
+            None => Header::at(seen.now_ns),
+        };
         let mut motion = PlanMotion { header, beat: self.beat, ..PlanMotion::default() };
         if let Some(flight) = &self.flight {
             let at = |i: usize| flight.plan.segments.get(i).map_or_else(PlanSegment::default, segment_message);
@@ -384,8 +399,10 @@ impl Planner {
             motion.end_s = flight.plan.end_s();
             motion.motion = flight.motion;
             motion.epoch = flight.epoch;
+            motion.mission = flight.mission;
         }
         self.status.header = header;
+        self.status.mission_number = motion.mission;
         (motion, self.status)
     }
 
@@ -413,12 +430,12 @@ impl Planner {
         let Some(known) = adaptive::known(map, &flight.whole) else { return };
         let start = flight.plan.end();
         let legs_before = flight.legs_before + flight.plan.leg_count;
-        let name = flight.name.clone();
+        let (name, mission) = (flight.name.clone(), flight.mission);
         let (flown_s, share) = (flight.flown_s(f64::INFINITY), flight.share);
         let planned = adaptive::resolved(left, &known, start)
             .map_err(|error| PlanError::Scan { leg: legs_before as usize + 1, error })
-            .and_then(|mission| {
-                let (first, left) = adaptive::split(&mission);
+            .and_then(|resolved| {
+                let (first, left) = adaptive::split(&resolved);
                 let at_s = authority.plan_time_s;
                 Plan::new(&first, &self.config, start, at_s, self.next_id).map(|plan| (plan, first, left))
             });
@@ -432,7 +449,7 @@ impl Planner {
                     (progress.stage, progress.left) = (Some(first), left.clone());
                 }
                 let flight = Flight::new(name, plan.clone(), plan, true, authority, seen);
-                let flight = Flight { before_s: flown_s, share, later, left, legs_before, ..flight };
+                let flight = Flight { before_s: flown_s, share, later, left, legs_before, mission, ..flight };
                 self.offer(flight, "goes on");
             }
             Err(error) => {
@@ -479,7 +496,7 @@ impl Planner {
         let ours = authority.motion == flight.motion;
         flight.taken_up |= ours && authority.mode == MotorAuthority::MODE_FOLLOWING;
         let moving = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);
-        let over = if authority.epoch != flight.epoch {
+        let over = if (authority.header.life, authority.epoch) != (flight.life, flight.epoch) {
             Some((PlanStatus::STATE_ABORTED, stopped_by(authority)))
         } else if !moving && time_s >= end_s && flight.left.is_some() && authority.mode == MotorAuthority::MODE_HOLDING
         {
@@ -493,6 +510,11 @@ impl Planner {
             Some((PlanStatus::STATE_DONE, ""))
         } else if !matches!(authority.mode, MotorAuthority::MODE_HOLDING) && !moving {
             Some((PlanStatus::STATE_ABORTED, stopped_by(authority)))
+        } else if !flight.taken_up && authority.faults & MotorAuthority::FAULT_OFF_START != 0 {
+            Some((
+                PlanStatus::STATE_ABORTED,
+                "motor-io believes that the node is elsewhere than the estimate says, so the motion was not started; see nims status, restart the estimator, and ask again",
+            ))
         } else if !flight.taken_up && now_ns.saturating_sub(flight.accepted_ns) > TAKE_UP_NS {
             Some((
                 PlanStatus::STATE_ABORTED,
@@ -501,7 +523,8 @@ impl Planner {
         } else {
             status.state = if !flight.taken_up {
                 PlanStatus::STATE_READY
-            } else if authority.plan_rate_target == 0.0 || !moving {
+            } else if !moving {
+                // Not before it stands: a pause takes its ramp.
                 PlanStatus::STATE_PAUSED
             } else {
                 PlanStatus::STATE_RUNNING

@@ -3,13 +3,14 @@
 //! Written whole or not at all, a few times a second while a mission is flown, by a thread of its own: a disk that stands still delays
 //! no motion. What is lost with a power cut are the last moments, which are then flown again.
 
-use std::fs::{self, File};
-use std::io::{self, Write};
+use std::fs;
+use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, SyncSender, TrySendError};
 use std::thread::JoinHandle;
 
 use serde::{Deserialize, Serialize};
+use service::file;
 use thiserror::Error;
 
 use crate::mission::Mission;
@@ -17,6 +18,8 @@ use crate::plan::Mark;
 
 /// Least time between two writings, ns: at 0.4 m/s a tenth of a metre.
 const PAUSE_NS: u64 = 250_000_000;
+/// First line of the file.
+const HEAD: &str = "# How far the last mission came, for nims run MISSION --continue; written by the planner.\n";
 
 /// How far a mission has come; enough to go on with it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -60,9 +63,9 @@ impl Progress {
     /// The file is there and cannot be used.
     pub fn load(folder: &Path, name: &str) -> Result<Option<Self>, KeepError> {
         let path = path_of(folder, name);
-        let text = match fs::read_to_string(&path) {
-            Ok(text) => text,
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        let text = match file::read_text_if_there(&path) {
+            Ok(Some(text)) => text,
+            Ok(None) => return Ok(None),
             Err(error) => return Err(KeepError::Unreadable { path, why: error.to_string() }),
         };
         let unusable = |why: String| KeepError::Unreadable { path: path.clone(), why: why.replace('\n', " ") };
@@ -71,15 +74,10 @@ impl Progress {
         Ok(Some(Self { mission, ..progress }))
     }
 
-    /// Writes it beside its place, then there.
+    /// Writes it whole or not at all.
     fn write(&self, path: &Path) -> io::Result<()> {
-        let beside = path.with_extension("tmp");
         let text = toml::to_string(self).map_err(io::Error::other)?;
-        let mut file = File::create(&beside)?;
-        file.write_all(b"# How far the last mission came, for nims run MISSION --continue; written by the planner.\n")?;
-        file.write_all(text.as_bytes())?;
-        file.sync_data()?;
-        fs::rename(&beside, path)
+        file::replace(path, &format!("{HEAD}{text}"))
     }
 }
 

@@ -83,7 +83,10 @@ impl Recorder {
         }
         self.take();
         let now = now_ns();
-        let free = self.session.wants_free_bytes(now).then(|| free_bytes(self.session.folder()).unwrap_or(0));
+        let free = self.session.wants_free_bytes(now).then(|| {
+            // A file system that does not answer has not said that it is full: what it takes is seen when it is written.
+            free_bytes(self.session.folder()).unwrap_or(u64::MAX)
+        });
         let recorded = self.session.is_recording();
         self.session.tick(now, free);
         // a recording that stops, or goes on, is no news for the next second

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
-use messages::{Message, RecorderGap, RecorderStatus, put_text};
+use messages::{Message, RecorderGap, RecorderStatus, put_sentence, put_text};
 use runlog::{ChannelId, ChannelSpec, RunClock, RunError, RunWriter, kept_files, next_file};
 
 use crate::batch::{Batch, Heard};
@@ -16,6 +16,8 @@ const SECOND_NS: u64 = 1_000_000_000;
 const WATCH_NS: u64 = SECOND_NS / 2;
 /// How long after a failure another file is tried.
 const RETRY_NS: u64 = 5 * SECOND_NS;
+/// And how long after the file was removed: nothing says that the next one cannot be written.
+const REMOVED_NS: u64 = SECOND_NS;
 /// Recording goes on when there is a tenth more room than it stopped at, so that it does not begin a file every second.
 const ROOM_FACTOR: f64 = 1.1;
 /// A channel that has been silent for this long when a file ends is static: its last sample begins the next file, so that this can be
@@ -65,8 +67,12 @@ pub struct Session {
     cause: u8,
     files: u64,
     file: String,
+    /// Why nothing is being recorded, and what to do; empty while it is.
+    reason: String,
     /// A file of this session could not be finished.
     unfinished: bool,
+    /// The file was removed while it was written.
+    removed: bool,
 }
 
 impl Session {
@@ -90,7 +96,9 @@ impl Session {
             cause: RecorderGap::CAUSE_DISK_FULL,
             files: 0,
             file: String::new(),
+            reason: String::new(),
             unfinished: false,
+            removed: false,
         };
         if free_bytes < session.settings.min_free_bytes {
             session.say_full();
@@ -103,6 +111,15 @@ impl Session {
     /// Begins a file with every channel that has been written, and the last sample of those that rarely speak. The file before, if one is
     /// being written, is finished behind.
     fn begin(&mut self, now_ns: u64) -> Result<(), RunError> {
+        if self.removed {
+            // The run is worth more than the folder that it stood in.
+            let folder = &self.settings.folder;
+            std::fs::create_dir_all(folder).map_err(|source| RunError::Io {
+                path: folder.clone(),
+                what: "make the folder of the run again",
+                source,
+            })?;
+        }
         let path = next_file(&self.settings.folder);
         let mut about = self.settings.about.clone();
         about.insert("segment".to_owned(), (self.files + 1).to_string());
@@ -119,6 +136,7 @@ impl Session {
         tracing::info!("recording to {}", path.display());
         self.file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         self.files += 1;
+        (self.removed, self.reason) = (false, String::new());
         let before = std::mem::replace(&mut self.state, State::DiskFull);
         let before = if let State::Recording(before) = before { self.settle_file(before) } else { None };
         for (row, id) in self.rows.iter_mut().zip(ids) {
@@ -268,6 +286,9 @@ impl Session {
                 recording.look_at_disk();
             }
         }
+        if free_bytes.is_some() && self.look_for_removal(now_ns) {
+            return;
+        }
         let room = self.free_bytes as f64 >= self.settings.min_free_bytes as f64 * ROOM_FACTOR;
         match &mut self.state {
             State::Recording(_) if self.free_bytes < self.settings.min_free_bytes => {
@@ -305,6 +326,22 @@ impl Session {
         }
     }
 
+    /// Notices that somebody removed the file: what is written to it goes nowhere, and without an error. True if it was.
+    fn look_for_removal(&mut self, now_ns: u64) -> bool {
+        let State::Recording(recording) = &self.state else { return false };
+        let writer = &recording.writer;
+        if writer.is_there() {
+            return false;
+        }
+        let error = RunError::Removed { path: writer.path().to_owned() };
+        self.removed = true;
+        // What had been settled there is gone too, but only what comes now can still be counted.
+        self.fail(&error, now_ns);
+        self.state = State::Failed { retry_ns: now_ns + REMOVED_NS };
+        self.unfinished = false;
+        true
+    }
+
     fn begin_again(&mut self, now_ns: u64) {
         if let Err(error) = self.begin(now_ns) {
             self.fail(&error, now_ns);
@@ -313,6 +350,7 @@ impl Session {
 
     /// Leaves the file, if one is being written; true if all that was written is in it nevertheless.
     fn fail(&mut self, error: &RunError, now_ns: u64) -> bool {
+        self.reason = error.to_string();
         tracing::error!("NOTHING IS BEING RECORDED: {error}; trying another file in {} s", RETRY_NS / SECOND_NS);
         let failed = State::Failed { retry_ns: now_ns + RETRY_NS };
         self.cause = RecorderGap::CAUSE_FAILED;
@@ -349,12 +387,13 @@ impl Session {
         }
     }
 
-    fn say_full(&self) {
+    fn say_full(&mut self) {
         let (free, wanted) = (self.free_bytes as f64 / 1e6, self.settings.min_free_bytes as f64 / 1e6);
         let folder = self.settings.folder.display();
-        tracing::error!(
-            "NOTHING IS BEING RECORDED: {free:.0} MB free at {folder}, at least {wanted:.0} MB are needed; make room and it goes on"
+        self.reason = format!(
+            "the disk is full: {free:.0} MB are free at {folder}, and at least {wanted:.0} MB are needed; make room and it goes on"
         );
+        tracing::error!("NOTHING IS BEING RECORDED: {}", self.reason);
     }
 
     fn look_at_finished(&mut self) {
@@ -411,6 +450,7 @@ impl Session {
             status.header_mut().stamp_ns = now_ns;
             status.header_mut().oldest_input_ns = now_ns;
             put_text(&mut status.file, &self.file);
+            put_sentence(&mut status.reason, &self.reason);
             status
         })
     }

@@ -37,7 +37,7 @@ macro_rules! load {
             const NAME: &'static str = stringify!($name);
             fn schema() -> &'static str {
                 concat!(
-                    "uint64 cycle\nuint64 seq\nuint64 stamp_ns\nuint64 oldest_input_ns\nuint8[",
+                    "uint64 life\nuint64 cycle\nuint64 seq\nuint64 stamp_ns\nuint64 published_ns\nuint64 oldest_input_ns\nuint8[",
                     stringify!($bytes),
                     "] data\n"
                 )

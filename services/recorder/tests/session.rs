@@ -60,6 +60,8 @@ fn a_full_disk_stops_the_recording_loudly_and_room_lets_it_go_on() {
     hear(&mut session, row, 2, 2 * SECOND, 0);
     session.tick(3 * SECOND, Some(MIN_FREE));
     assert_eq!(status(&session).state, RecorderStatus::STATE_DISK_FULL, "not for a handful of bytes");
+    let reason = text_of(&status(&session).reason);
+    assert!(reason.contains("the disk is full") && reason.ends_with("make room and it goes on"), "{reason}");
     hear(&mut session, row, 3, 3 * SECOND, 0);
     assert_eq!(status(&session).lost, 2);
 
@@ -89,25 +91,44 @@ fn a_disk_that_is_full_from_the_beginning_is_waited_for() {
 }
 
 #[test]
-fn a_folder_that_goes_away_is_said_and_recording_goes_on_when_it_is_back() {
+fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one() {
     let parent = tempfile::tempdir().unwrap();
     let folder = parent.path().join("run");
     assert!(Session::open(settings(&folder), RunClock::now(), 0, 10_000).is_err());
     fs::create_dir(&folder).unwrap();
     let mut session = Session::open(settings(&folder), RunClock::now(), 0, 10_000).unwrap();
     let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
+    hear(&mut session, row, 1, SECOND / 2, 0);
+    session.tick(SECOND, Some(10_000));
+    assert_eq!(text_of(&status(&session).reason), "");
     fs::remove_dir_all(&folder).unwrap();
-    session.tick(SECOND, Some(0)); // closing the file fails: there is no folder
-    session.tick(2 * SECOND, Some(10_000)); // neither can another be begun
-    assert_eq!(status(&session).state, RecorderStatus::STATE_FAILED);
-    hear(&mut session, row, 1, 2 * SECOND, 0);
-    fs::create_dir(&folder).unwrap();
+    session.tick(2 * SECOND, Some(10_000));
+    let said = status(&session);
+    assert_eq!(said.state, RecorderStatus::STATE_FAILED);
+    assert!(text_of(&said.reason).contains("was removed"), "{}", text_of(&said.reason));
+    hear(&mut session, row, 2, 2 * SECOND, 0);
+    assert_eq!(status(&session).lost, 1);
     session.tick(3 * SECOND, Some(10_000));
-    assert_eq!(status(&session).state, RecorderStatus::STATE_FAILED, "not at once");
-    session.tick(8 * SECOND, Some(10_000));
-    hear(&mut session, row, 2, 8 * SECOND, 0);
+    assert_eq!(
+        (status(&session).state, text_of(&status(&session).reason)),
+        (RecorderStatus::STATE_RECORDING, String::new())
+    );
+    hear(&mut session, row, 3, 4 * SECOND, 0);
     session.close("stopped").unwrap().unwrap();
-    assert_eq!(read_channel::<TruthNode>(&folder, "truth/node").unwrap().len(), 1);
+    assert_eq!(numbers(&folder, "truth/node"), [1, 3], "the last sample of what is gone begins the new file");
+}
+
+#[test]
+fn a_file_that_was_replaced_by_another_of_its_name_is_removed_too() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut session = Session::open(settings(folder.path()), RunClock::now(), 0, 10_000).unwrap();
+    session.tick(SECOND, Some(10_000));
+    assert!(session.is_recording());
+    let part = folder.path().join("run.mcap.part");
+    fs::remove_file(&part).unwrap();
+    fs::write(&part, "another").unwrap();
+    session.tick(2 * SECOND, Some(10_000));
+    assert!(!session.is_recording());
 }
 
 #[test]

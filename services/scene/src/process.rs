@@ -59,14 +59,30 @@ impl Port {
 
 /// Everything that is published.
 #[derive(Default)]
-struct Ports(BTreeMap<String, Port>);
+struct Ports {
+    open: BTreeMap<String, Port>,
+    /// That there is no room for one has been said.
+    complained: bool,
+}
 
 impl Ports {
     fn send(&mut self, bus: &Bus, drawing: &Drawing) -> Result<(), BusError> {
-        if !self.0.contains_key(&drawing.channel) {
-            self.0.insert(drawing.channel.clone(), Port::open(bus, &drawing.channel, drawing.kind)?);
+        if !self.open.contains_key(&drawing.channel) {
+            match Port::open(bus, &drawing.channel, drawing.kind) {
+                Ok(port) => {
+                    self.open.insert(drawing.channel.clone(), port);
+                }
+                // tried again with the next frame
+                Err(error @ BusError::NoMemory { .. }) => {
+                    if !std::mem::replace(&mut self.complained, true) {
+                        tracing::warn!("{error}");
+                    }
+                    return Ok(());
+                }
+                Err(error) => return Err(error),
+            }
         }
-        self.0.get_mut(&drawing.channel).map_or(Ok(()), |port| port.send(&drawing.body))
+        self.open.get_mut(&drawing.channel).map_or(Ok(()), |port| port.send(&drawing.body))
     }
 }
 

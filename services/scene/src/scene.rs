@@ -7,8 +7,8 @@ use cable_robot::Robot;
 use messages::ros::Payload;
 use messages::ros::{self, CLOUD_POINT_BYTES, CLOUD_POINTS, PATH_POSES};
 use messages::{
-    CABLES, LogEvent, Message, MotorAuthority, NodeEstimate, PlanMotion, Reading, SLOTS, Sample, blended_estimate,
-    put_text, text_of,
+    CABLES, LogEvent, Message, MotorAuthority, NodeEstimate, PlanMotion, Reading, Rule, SLOTS, Sample,
+    blended_estimate, put_text, text_of,
 };
 use service::motion::segment_of;
 
@@ -172,7 +172,8 @@ impl Scene {
 
     fn node(&self) -> Option<NodeEstimate> {
         let [a, b] = &self.estimates;
-        blended_estimate(self.authority.as_ref(), [a.as_ref(), b.as_ref()]).filter(|estimate| estimate.valid == 1)
+        blended_estimate(self.authority.as_ref(), [a.as_ref(), b.as_ref()], Rule::History)
+            .filter(|estimate| estimate.valid == 1)
     }
 
     fn track_node(&mut self) {

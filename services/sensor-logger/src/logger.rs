@@ -1,6 +1,6 @@
 //! Readings wait for the estimate that is newer than they are, and become samples.
 
-use messages::{MotorAuthority, NodeEstimate, SLOTS, Sample, blended_estimate};
+use messages::{MotorAuthority, NodeEstimate, Rule, SLOTS, Sample, blended_estimate, newer};
 use std::collections::VecDeque;
 use survey::SurveyError;
 use survey::track::{Fix, Placing, Track, TrackOptions};
@@ -68,7 +68,7 @@ impl Logger {
 
     /// Which slots are in charge.
     pub fn authority(&mut self, authority: &MotorAuthority) {
-        self.authority = Some(*authority);
+        self.authority = newer(self.authority, Some(*authority));
     }
 
     /// An estimate of a slot. Where there are two, what counts is what the robot acts on.
@@ -76,7 +76,8 @@ impl Logger {
         let Some(newest) = self.estimates.get_mut(slot) else { return };
         *newest = Some(*estimate);
         let [a, b] = &self.estimates;
-        let Some(node) = blended_estimate(self.authority.as_ref(), [a.as_ref(), b.as_ref()]) else { return };
+        let newest = [a.as_ref(), b.as_ref()];
+        let Some(node) = blended_estimate(self.authority.as_ref(), newest, Rule::History) else { return };
         if node.valid == 1 {
             self.track.note(&Fix {
                 stamp_ns: node.header.stamp_ns,

@@ -10,6 +10,8 @@ use crate::{Counts, Decoder, Logger, LoggerConfig, SensorMap};
 
 /// Between two looks at the channels: soon for whoever watches, and far less than what a channel holds. Nothing is woken per reading.
 const PASS_NS: u64 = 20_000_000;
+/// Shared memory for the samples and the map of a sensor.
+const OUTLET_BYTES: usize = 4 << 20;
 /// What of each map's period is spent at most on making maps, so that many of them cannot hold up the samples.
 const MAP_SHARE: u64 = 10;
 /// Between two words about readings without a place.
@@ -54,8 +56,8 @@ pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
     let mut desk = Desk {
         logger: Logger::new(&config)?,
         config,
-        authorities: bus.subscriber("motor/authority")?,
-        estimates: [bus.subscriber("node/estimate/a")?, bus.subscriber("node/estimate/b")?],
+        authorities: bus.deep_subscriber("motor/authority")?,
+        estimates: [bus.deep_subscriber("node/estimate/a")?, bus.deep_subscriber("node/estimate/b")?],
         sensors: Vec::new(),
         outlets: Vec::new(),
         said: Vec::new(),
@@ -113,7 +115,12 @@ impl Desk {
                 return Ok(());
             }
         };
-        let tap = match chassis.bus().tap_with_history(&info.name) {
+        // What it takes to listen, and to say what comes of it.
+        let tap = match chassis
+            .bus()
+            .room_for(OUTLET_BYTES, name)
+            .and_then(|()| chassis.bus().tap_with_history(&info.name))
+        {
             Ok(tap) => tap,
             // it went away again: if it comes back, it is new
             Err(BusError::NoChannel { .. }) => return Ok(()),

@@ -23,6 +23,7 @@ const COMPLAIN_NS: u64 = 10_000_000_000;
 /// # Errors
 /// The file cannot be used, or the channel is taken.
 pub fn serve(file: &Path, chassis: &mut Chassis) -> anyhow::Result<()> {
+    chassis.reads(file);
     let file = SensorFile::load(file)?;
     let port = file.port.replace("{domain}", &chassis.bus().domain().root().to_string_lossy());
     let mut sensor = Sensor::new(&file, now_ns()).map_err(BadInput)?;

@@ -119,7 +119,7 @@ fn samples<T: Message>(random: &mut u64) -> Vec<T> {
     let make = |cycle| {
         let mut sample = T::zeroed();
         fill(bytemuck::bytes_of_mut(&mut sample), random);
-        *sample.header_mut() = Header { cycle, seq: 0, stamp_ns: now_ns(), oldest_input_ns: cycle + 7 };
+        *sample.header_mut() = Header { cycle, oldest_input_ns: cycle + 7, ..Header::at(now_ns()) };
         sample
     };
     (1..=SAMPLES).map(make).collect()
@@ -211,7 +211,7 @@ fn a_tool_sees_every_channel_live_and_exactly_and_disturbs_nobody() {
 
     let (mut tf, tf_expected) = transform();
     let mut broken = Broken { header: Header::default(), bytes: *b"whatever" };
-    let opaque = json!({ "type": "nims_msgs/msg/Opaque40", "definition": "uint8[40] data\n", "key": null, "enough": 5,
+    let opaque = json!({ "type": "nims_msgs/msg/Opaque56", "definition": "uint8[56] data\n", "key": null, "enough": 5,
                          "samples": { "": [["data[32]", "uint8", [b'w']]] } });
     let expected = json!({
         "/motor/state": expect(&states, 150), "/motor/input": expect(&inputs, 20),

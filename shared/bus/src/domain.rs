@@ -27,9 +27,16 @@ const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
 const CLAIM_FILE: &str = "owner";
 /// Says that a folder that a person chose is a domain's: nothing is ever removed from one without it.
 const MARKER_FILE: &str = ".nims-domain";
-/// What the supervisor keeps here; a trailing `.new` is one that is being written.
-const OWN_FILES: [&str; 6] =
-    ["children.json", "children.json.new", "running.json", "running.json.new", CLOCK_FILE, "clock.txt.new"];
+/// What the supervisor keeps here, a trailing `.new` is one that is being written; and the socket of motor-io.
+const OWN_FILES: [&str; 7] = [
+    "children.json",
+    "children.json.new",
+    "running.json",
+    "running.json.new",
+    CLOCK_FILE,
+    "clock.txt.new",
+    crate::estop::SOCKET,
+];
 /// Both clocks at one instant of the run: UNIX time and CLOCK_MONOTONIC, ns.
 const CLOCK_FILE: &str = "clock.txt";
 /// What iceoryx2 keeps here, besides the files that begin with the domain's prefix.
@@ -37,7 +44,7 @@ const OWN_FOLDERS: [&str; 2] = ["nodes", "services"];
 /// Where the links to a virtual motor box's ports lead.
 const PSEUDO_TERMINALS: &str = "/dev/pts/";
 /// `f_type` of tmpfs and ramfs, statfs(2).
-const MEMORY_FILE_SYSTEMS: [u32; 2] = [0x0102_1994, 0x8584_58f6];
+pub(crate) const MEMORY_FILE_SYSTEMS: [u32; 2] = [0x0102_1994, 0x8584_58f6];
 /// Another process may remove or renew the file that is claimed in the same instant; more often than this it does not.
 const CLAIM_ATTEMPTS: usize = 10;
 

@@ -92,6 +92,19 @@ pub enum BusError {
         /// Who holds the channel.
         holders: String,
     },
+    /// Shared memory is full, or nearly.
+    #[error(
+        "shared memory has {} left, and `{what}` needs {} with the margin that is kept: remove what fills /dev/shm, or make it larger (mount -o remount,size=..)",
+        megabytes(*free), megabytes(*needed)
+    )]
+    NoMemory {
+        /// A channel or a process.
+        what: String,
+        /// Bytes, with the margin.
+        needed: u64,
+        /// Bytes.
+        free: u64,
+    },
     /// Too many things to wait for.
     #[error("a process can wait for {limit} channels and descriptors at most")]
     TooManyToWaitFor {
@@ -134,6 +147,10 @@ pub enum BusError {
         /// One clause.
         why: String,
     },
+}
+
+fn megabytes(bytes: u64) -> String {
+    format!("{:.1} MB", bytes as f64 * 1e-6)
 }
 
 /// What helps where two types meet on one channel: a changed sensor gets a new name, everything else comes from one build.

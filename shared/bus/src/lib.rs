@@ -8,6 +8,8 @@
 //! * Publish, then notify: whoever is woken finds the sample.
 //! * Ports stay in the thread that made them. After creation, receiving and waiting do not allocate; sending takes and returns one counter of
 //!   fixed size, inside iceoryx2.
+//! * What is made has its memory: no page fault ends a process later because others have filled /dev/shm ([`Memory`]).
+//! * Who only looks on leaves places to who controls ([`Party`]); an emergency stop needs no place at all ([`estop`]).
 //! * What a domain consists of is its user's alone: no other user reads it or speaks in it.
 //! * Connecting to a new peer happens inside the next `send` or `receive`; it costs about 0.1 ms there, once.
 //!
@@ -34,11 +36,16 @@ pub mod clock;
 mod definition;
 mod domain;
 mod error;
+pub mod estop;
+pub mod fair;
 mod losses;
+mod memory;
 mod node;
+mod places;
 mod port;
 mod privacy;
 mod request;
+mod requester;
 mod sweep;
 mod tap;
 mod waiter;
@@ -46,7 +53,9 @@ mod wire;
 
 pub use domain::{Claim, Domain, NodeInfo, TestDomain};
 pub use error::BusError;
+pub use memory::Memory;
 pub use node::Bus;
+pub use places::Party;
 pub use port::{Publisher, Subscriber};
 pub use privacy::make_private;
 pub use request::{Call, Client, Server, request_event};

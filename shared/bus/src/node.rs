@@ -8,19 +8,20 @@ use iceoryx2::node::Node;
 use iceoryx2::port::listener::Listener;
 use iceoryx2::port::notifier::Notifier;
 use iceoryx2::prelude::{
-    EventId, LogLevel, MessagingPattern, NodeBuilder, NodeName, NodeState, PortName, Service, ServiceName,
-    SignalHandlingMode, ipc, set_log_level,
+    CallbackProgression, EventId, LogLevel, MessagingPattern, NodeBuilder, NodeName, NodeState, PortFactory as _,
+    PortName, Service, ServiceName, SignalHandlingMode, ipc, set_log_level,
 };
 use iceoryx2::service::builder::event::EventOpenOrCreateError;
 use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeCreateError, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
 use messages::ros::Payload;
-use messages::{Quality, quality_of};
+use messages::{Quality, quality_for};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::definition::{self, Sheet};
 use crate::domain::info_of;
+use crate::places::{Party, Refused, listed};
 use crate::wire::Wire;
 use crate::{BusError, CHANNELS_EVENT, Domain};
 
@@ -34,7 +35,7 @@ const EVENT_PORTS: usize = 64;
 /// Samples a publisher loans at once: it copies into one, sends it, and has none.
 pub(crate) const LOANS: usize = 1;
 /// Samples a subscriber borrows at once: it copies out of one.
-pub(crate) const BORROWS: usize = 2;
+pub(crate) const BORROWS: usize = 1;
 /// 40 channels at 5 descriptors each, and room for files and ports.
 const DESCRIPTORS: u64 = 4096;
 
@@ -46,6 +47,7 @@ pub struct Bus {
     pub(crate) node: Node<ipc::Service>,
     domain: Domain,
     process: String,
+    pub(crate) party: Party,
     pub(crate) port_name: PortName,
     announcer: OnceCell<Notifier<ipc::Service>>,
     /// What long definitions need beside their channels, by type name, held open as long as this process is there.
@@ -53,17 +55,33 @@ pub struct Bus {
 }
 
 impl Bus {
-    /// Joins a domain under a process name, and removes what processes that were killed have left there.
+    /// Joins a domain under a process name as one of the robot's processes, and removes what processes that were killed have left there.
     ///
     /// # Errors
-    /// [`BusError::Join`] if the name is longer than 64 bytes, the folder is unusable, or the system has no room.
+    /// [`BusError::Join`] if the name is longer than 63 bytes or the folder is unusable, [`BusError::NoMemory`] if the system has no room.
     pub fn join(domain: &Domain, process: &str) -> Result<Self, BusError> {
+        Self::join_as(domain, process, Party::Member)
+    }
+
+    /// [`Bus::join`] as one that leaves places to others.
+    ///
+    /// # Errors
+    /// As [`Bus::join`].
+    pub fn join_as(domain: &Domain, process: &str, party: Party) -> Result<Self, BusError> {
         let failed =
             |why: String| BusError::Join { process: process.to_owned(), domain: domain.name().to_owned(), why };
         set_log_level(LogLevel::Fatal); // what matters comes back as an error
         raise_descriptor_limit();
-        let port_name = PortName::new(process)
-            .map_err(|_| failed("its name is longer than 64 bytes or not plain ASCII".to_owned()))?;
+        let port_name = party
+            .port_name(process)
+            .map_err(|_| failed("its name is longer than 63 bytes or not plain ASCII".to_owned()))?;
+        crate::memory::need(0, party, process)?;
+        if domain.lies_elsewhere() {
+            return Err(failed(
+                "its shared memory is in another /dev/shm: that of its service, which `nims-at NAME ..` enters"
+                    .to_owned(),
+            ));
+        }
         let node_name = NodeName::new(process).map_err(|error| failed(error.to_string()))?;
         let give_up = now_ns() + JOINING_PATIENCE_NS;
         let node = loop {
@@ -85,7 +103,7 @@ impl Bus {
         };
         domain.shut();
         let (announcer, sheets) = (OnceCell::new(), RefCell::default());
-        Ok(Self { node, domain: domain.clone(), process: process.to_owned(), port_name, announcer, sheets })
+        Ok(Self { node, domain: domain.clone(), process: process.to_owned(), party, port_name, announcer, sheets })
     }
 
     /// The domain joined.
@@ -103,7 +121,8 @@ impl Bus {
     /// Opens or makes the channel with the table's quality of service; the schema text becomes part of it.
     pub(crate) fn open_typed<T: Payload>(&self, channel: &str) -> Result<PubSub<Wire<T>>, BusError> {
         let name = service_name(channel)?;
-        let quality = quality_of(channel);
+        self.need(0, channel)?;
+        let quality = quality_for(channel, size_of::<T>());
         let attributes = definition::attributes(T::type_name(), T::schema())?;
         if !self.sheets.borrow().contains_key(T::type_name()) {
             let sheets = definition::sheets(&self.node, &self.domain, T::schema())?;
@@ -114,12 +133,7 @@ impl Bus {
                 .service_builder(&name)
                 .publish_subscribe::<Wire<T>>()
                 .enable_safe_overflow(true)
-                .subscriber_max_buffer_size(quality.buffer)
                 .subscriber_max_borrowed_samples(BORROWS)
-                .history_size(quality.history)
-                .max_publishers(quality.publishers)
-                .max_subscribers(quality.subscribers)
-                .max_nodes(quality.nodes)
         };
         let give_up = now_ns() + OPENING_PATIENCE_NS;
         let mut cleaned = false;
@@ -130,7 +144,14 @@ impl Bus {
                 Err(error) => error,
             };
             let passing = match error {
-                PublishSubscribeOpenError::DoesNotExist => match builder().create_with_attributes(&attributes) {
+                PublishSubscribeOpenError::DoesNotExist => match builder()
+                    .subscriber_max_buffer_size(quality.buffer)
+                    .history_size(quality.history)
+                    .max_publishers(quality.publishers)
+                    .max_subscribers(quality.subscribers)
+                    .max_nodes(quality.nodes)
+                    .create_with_attributes(&attributes)
+                {
                     Ok(service) => {
                         self.announce();
                         return Ok(service);
@@ -171,19 +192,6 @@ impl Bus {
             E::ExceedsMaxNumberOfNodes => {
                 BusError::Full { channel: channel_name, limit: quality.nodes, what: "processes", holders }
             }
-            E::DoesNotSupportRequestedMinBufferSize => quality_mismatch(channel_name, "its buffer is shorter", holders),
-            E::DoesNotSupportRequestedMinHistorySize => {
-                quality_mismatch(channel_name, "its history is shorter", holders)
-            }
-            E::DoesNotSupportRequestedAmountOfPublishers => {
-                quality_mismatch(channel_name, "it has fewer publishers", holders)
-            }
-            E::DoesNotSupportRequestedAmountOfSubscribers => {
-                quality_mismatch(channel_name, "it has fewer subscribers", holders)
-            }
-            E::DoesNotSupportRequestedAmountOfNodes => {
-                quality_mismatch(channel_name, "it has room for fewer processes", holders)
-            }
             E::DoesNotSupportRequestedMinSubscriberBorrowedSamples | E::IncompatibleOverflowBehavior => {
                 quality_mismatch(channel_name, "it was not made by this project's bus", holders)
             }
@@ -219,6 +227,7 @@ impl Bus {
     /// Opens or makes the event beside a channel.
     pub(crate) fn open_event(&self, channel: &str) -> Result<event::PortFactory<ipc::Service>, BusError> {
         let name = service_name(channel)?;
+        self.need(0, channel)?;
         let give_up = now_ns() + OPENING_PATIENCE_NS;
         loop {
             let made = self
@@ -244,13 +253,40 @@ impl Bus {
     pub(crate) fn notifier(&self, channel: &str) -> Result<Notifier<ipc::Service>, BusError> {
         let service = self.open_event(channel)?;
         let make = || service.notifier_builder().name(&self.port_name).default_event_id(EventId::new(0)).create();
-        make().or_else(|_| self.after_cleaning(make)).map_err(|error| failed(channel, "make its event", &error))
+        let taken = || {
+            listed(|note| {
+                service.dynamic_config().list_notifiers(|port| {
+                    note(port.notifier_name);
+                    CallbackProgression::Continue
+                });
+            })
+        };
+        self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
+            Refused::NoPlace(limit) => self.full(channel, limit, "processes that wake it"),
+            Refused::Error(error) => failed(channel, "make its event", &error),
+        })
     }
 
     pub(crate) fn listener(&self, channel: &str) -> Result<Listener<ipc::Service>, BusError> {
         let service = self.open_event(channel)?;
         let make = || service.listener_builder().name(&self.port_name).create();
-        make().or_else(|_| self.after_cleaning(make)).map_err(|error| failed(channel, "be waited for", &error))
+        let taken = || {
+            listed(|note| {
+                service.dynamic_config().list_listeners(|port| {
+                    note(port.listener_name);
+                    CallbackProgression::Continue
+                });
+            })
+        };
+        self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
+            Refused::NoPlace(limit) => self.full(channel, limit, "processes that wait for it"),
+            Refused::Error(error) => failed(channel, "be waited for", &error),
+        })
+    }
+
+    /// That a channel has all the ports of this kind that it may have.
+    pub(crate) fn full(&self, channel: &str, limit: usize, what: &'static str) -> BusError {
+        BusError::Full { channel: channel.to_owned(), limit, what, holders: self.held_by(channel).1 }
     }
 
     /// A place may be held by a process that has died since this one joined.

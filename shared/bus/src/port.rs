@@ -5,13 +5,15 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::ipc;
-use messages::quality_of;
+use iceoryx2::prelude::{CallbackProgression, PortFactory as _, PortName, ipc};
 use messages::ros::Payload;
+use messages::{Quality, quality_for};
 
 use crate::BusError;
 use crate::losses::Losses;
-use crate::node::{Bus, LOANS, PubSub, failed};
+use crate::memory::CONNECTION_BYTES;
+use crate::node::{BORROWS, Bus, LOANS, PubSub, failed};
+use crate::places::{Refused, listed};
 use crate::wire::Wire;
 
 /// Sends samples of one type on one channel.
@@ -39,12 +41,31 @@ impl Bus {
     /// # Errors
     /// [`BusError::Full`] if the channel has its publishers already, [`BusError::TypeMismatch`] if it carries another type, and others.
     pub fn publisher<T: Payload>(&self, channel: &str) -> Result<Publisher<T>, BusError> {
+        let quality = quality_for(channel, size_of::<T>());
+        let bytes = quality.samples(BORROWS, LOANS).saturating_mul(size_of::<T>());
+        self.need(bytes.saturating_add(CONNECTION_BYTES * quality.subscribers), channel)?;
         let service: PubSub<Wire<T>> = self.open_typed(channel)?;
-        let make = || service.publisher_builder().max_loaned_samples(LOANS).name(&self.port_name).create();
+        // what another build, or a tunnel, has made it with
+        let made = service.static_config();
+        let quality = Quality {
+            buffer: made.subscriber_max_buffer_size(),
+            history: made.history_size(),
+            subscribers: made.max_subscribers(),
+            ..quality
+        };
+        let samples = quality.samples(made.subscriber_max_borrowed_samples(), LOANS);
+        let make = || {
+            service
+                .publisher_builder()
+                .max_loaned_samples(LOANS)
+                .override_sample_preallocation(move |_| samples)
+                .name(&self.port_name)
+                .create()
+        };
         let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => BusError::Full {
                 channel: channel.to_owned(),
-                limit: quality_of(channel).publishers,
+                limit: quality.publishers,
                 what: "publisher(s)",
                 holders: self.held_by(channel).1,
             },
@@ -55,31 +76,68 @@ impl Bus {
         Ok(publisher)
     }
 
-    /// A subscriber with the channel's whole buffer and the history that a late one gets; makes the channel if nobody has, so it may come first.
+    /// A subscriber that can lag behind by [`Quality::SHALLOW`] samples, with the history that a late one gets; makes the channel if nobody
+    /// has, so it may come first.
     ///
     /// # Errors
     /// [`BusError::Full`] if the channel has its subscribers already, [`BusError::TypeMismatch`] if it carries another type, and others.
     pub fn subscriber<T: Payload>(&self, channel: &str) -> Result<Subscriber<T>, BusError> {
+        self.subscriber_with(channel, Quality::SHALLOW)
+    }
+
+    /// The same with the channel's whole buffer: for who has to hear every sample, of which a channel has [`Quality::DEEP_PLACES`].
+    ///
+    /// # Errors
+    /// As [`Bus::subscriber`].
+    pub fn deep_subscriber<T: Payload>(&self, channel: &str) -> Result<Subscriber<T>, BusError> {
+        self.subscriber_with(channel, usize::MAX)
+    }
+
+    fn subscriber_with<T: Payload>(&self, channel: &str, depth: usize) -> Result<Subscriber<T>, BusError> {
         let service: PubSub<Wire<T>> = self.open_typed(channel)?;
-        let quality = quality_of(channel);
-        let make = || {
-            service
-                .subscriber_builder()
-                .buffer_size(quality.buffer)
-                .history_request(quality.late)
-                .name(&self.port_name)
-                .create()
+        let late = quality_for(channel, size_of::<T>()).late;
+        let made = service.static_config();
+        let buffer = made.subscriber_max_buffer_size().min(depth);
+        let history = late.min(made.history_size()).min(buffer);
+        let make =
+            || service.subscriber_builder().buffer_size(buffer).history_request(history).name(&self.port_name).create();
+        let taken = || {
+            listed(|note| {
+                service.dynamic_config().list_subscribers(|port| {
+                    note((port.subscriber_name, port.buffer_size));
+                    CallbackProgression::Continue
+                });
+            })
         };
-        let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
-            SubscriberCreateError::ExceedsMaxSupportedSubscribers => BusError::Full {
-                channel: channel.to_owned(),
-                limit: quality.subscribers,
-                what: "subscribers",
-                holders: self.held_by(channel).1,
-            },
-            other => failed(channel, "be subscribed to", &other),
-        })?;
+        let port = self.attach(channel, buffer, made.max_subscribers(), taken, make)?;
         Ok(Subscriber { port, channel: channel.to_owned(), losses: Losses::default(), received: 0, broken: 0 })
+    }
+
+    /// Makes a subscriber where there is a place for it: one of its kind, and, with a buffer of more than [`Quality::SHALLOW`], a deep one.
+    pub(crate) fn attach<R>(
+        &self,
+        channel: &str,
+        buffer: usize,
+        limit: usize,
+        taken: impl Fn() -> Vec<(PortName, usize)>,
+        make: impl Fn() -> Result<R, SubscriberCreateError>,
+    ) -> Result<R, BusError> {
+        let is_deep = |buffer: usize| buffer > Quality::SHALLOW;
+        let all_deep = || taken().iter().filter(|(_, buffer)| is_deep(*buffer)).count() >= Quality::DEEP_PLACES;
+        if is_deep(buffer) && all_deep() {
+            self.clean();
+            if all_deep() {
+                return Err(self.full(channel, Quality::DEEP_PLACES, "subscribers that hear everything"));
+            }
+        }
+        let names = || taken().into_iter().map(|(name, _)| name).collect();
+        self.take_place(limit, names, make).map_err(|refused| match refused {
+            Refused::NoPlace(limit) => self.full(channel, limit, "subscribers of this kind"),
+            Refused::Error(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
+                self.full(channel, limit, "subscribers")
+            }
+            Refused::Error(other) => failed(channel, "be subscribed to", &other),
+        })
     }
 }
 
@@ -90,7 +148,7 @@ impl<T: Payload> Publisher<T> {
     /// [`BusError::Failed`] if shared memory has no room, which the channel's settings exclude.
     pub fn send(&mut self, sample: &mut T) -> Result<usize, BusError> {
         self.seq += 1;
-        sample.number(self.seq);
+        sample.number(self.seq, crate::clock::now_ns());
         let recipients = self.publish(*sample)?;
         // A failure here means that the time between two notifications was long, or that a listener has just died; the sample is out.
         let _ = self.notifier.notify();

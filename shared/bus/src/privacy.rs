@@ -54,7 +54,7 @@ impl Domain {
         }
     }
 
-    fn in_shared_memory(&self) -> impl Iterator<Item = PathBuf> {
+    pub(crate) fn in_shared_memory(&self) -> impl Iterator<Item = PathBuf> {
         let ours = |path: &PathBuf| {
             path.file_name().is_some_and(|name| name.as_encoded_bytes().starts_with(self.prefix().as_bytes()))
         };

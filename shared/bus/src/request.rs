@@ -4,21 +4,28 @@ use std::time::Duration;
 
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::prelude::{BackpressureStrategy, PortFactory as _, ipc};
+use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, PortFactory as _, ipc};
 use iceoryx2::service::builder::request_response::RequestResponseOpenOrCreateError;
 use iceoryx2::service::port_factory::{request_response, server::ServerCreateError};
 use messages::{OperatorRequest, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
 use crate::node::{Bus, failed, seconds};
+use crate::places::{Refused, listed};
+use crate::requester::sign;
 use crate::wire::Wire;
 use crate::{BusError, Publisher};
 
 type Request = Wire<OperatorRequest>;
 type Factory = request_response::PortFactory<ipc::Service, Request, (), Request, ()>;
 
-/// Commands of operators at once, each a process of its own.
-const CLIENTS: usize = 8;
+/// Commands of operators at once, each a process of its own; some of the places are kept for those that stop the robot.
+const CLIENTS: usize = 24;
+/// Requests of one client that a process has not answered, and responses to each.
+const PENDING: usize = 2;
+const RESPONSES: usize = 1;
+/// What a process that answers takes: an answer for each request that may be under way, and its connections.
+const MEMORY_BYTES: usize = 512 << 10;
 /// How often a client looks for the answer: far shorter than a person notices.
 const LOOK_NS: u64 = 2_000_000;
 /// Where every request and its answer are published.
@@ -64,6 +71,7 @@ impl Bus {
     fn open_requests(&self, process: &str) -> Result<Factory, BusError> {
         let channel = request_event(process);
         let name = crate::node::service_name(&channel)?;
+        self.need(MEMORY_BYTES, &channel)?;
         let give_up = now_ns() + 4 * crate::clock::SECOND_NS;
         loop {
             let made = self
@@ -73,8 +81,10 @@ impl Bus {
                 .max_servers(1)
                 .max_clients(CLIENTS)
                 .max_nodes(CLIENTS + 8)
-                .max_active_requests_per_client(2)
-                .max_response_buffer_size(2)
+                .max_active_requests_per_client(PENDING)
+                .max_response_buffer_size(RESPONSES)
+                .max_borrowed_responses_per_pending_response(RESPONSES)
+                .max_loaned_requests(1)
                 .enable_safe_overflow_for_requests(true)
                 .enable_safe_overflow_for_responses(true)
                 // a stop that was asked for while the process stood still is not forgotten with the one who asked
@@ -141,7 +151,18 @@ impl Bus {
                 .name(&self.port_name)
                 .create()
         };
-        let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| failed(&event, "be asked", &error))?;
+        let taken = || {
+            listed(|note| {
+                service.dynamic_config().list_clients(|port| {
+                    note(port.client_name);
+                    CallbackProgression::Continue
+                });
+            })
+        };
+        let port = self.take_place(CLIENTS, taken, make).map_err(|refused| match refused {
+            Refused::NoPlace(limit) => self.full(&event, limit, "commands that wait for an answer"),
+            Refused::Error(error) => failed(&event, "be asked", &error),
+        })?;
         let notifier = self.notifier(&event)?;
         Ok(Client {
             port,
@@ -171,6 +192,19 @@ impl Server {
         let mut published = request;
         let unlogged = self.log.send(&mut published).err();
         Ok(Some(Call { request, unlogged, active, log: &mut self.log }))
+    }
+
+    /// Publishes a request that has come another way, and its answer.
+    ///
+    /// # Errors
+    /// [`BusError::Failed`] if they could not be published.
+    pub fn record(&mut self, request: &OperatorRequest, accepted: u8, sentence: &str) -> Result<(), BusError> {
+        let mut published = *request;
+        self.log.send(&mut published)?;
+        (published.answered, published.accepted) = (1, accepted);
+        published.header.stamp_ns = now_ns();
+        put_sentence(&mut published.answer, sentence);
+        self.log.send(&mut published).map(|_| ())
     }
 
     /// The event that a request raises: give it to [`Bus::waiter`].
@@ -207,7 +241,7 @@ impl Call<'_> {
 impl Client {
     /// Sends a request and waits for the answer: the same request with `answered`, `accepted` and `answer` filled in.
     ///
-    /// Fills in `header`, `pid` and, if it is 0, `id`.
+    /// Fills in `header`, `pid`, `uid` and, where they are empty, `id` and `requester`.
     ///
     /// # Errors
     /// [`BusError::NoServer`] at once if nobody answers under that name, [`BusError::NoAnswer`] after `timeout` or as soon as the process dies.
@@ -231,14 +265,10 @@ impl Client {
             return Err(absent());
         }
         self.asked += 1;
-        let started = now_ns();
         let mut sent = *request;
         sent.header.seq = self.asked;
-        (sent.header.stamp_ns, sent.header.oldest_input_ns) = (started, started);
-        sent.pid = std::process::id();
-        if sent.id == 0 {
-            sent.id = started ^ (u64::from(sent.pid) << 32);
-        }
+        sign(&mut sent);
+        let started = sent.header.stamp_ns;
         let pending = self
             .port
             .send_copy(Wire(sent))

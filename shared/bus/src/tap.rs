@@ -5,15 +5,18 @@ use std::fs;
 use std::os::unix::fs::MetadataExt;
 
 use iceoryx2::port::ReceiveError;
-use iceoryx2::prelude::{CallbackProgression, MessagingPattern, NodeState, Service, ServiceDetails, ServiceName, ipc};
+use iceoryx2::prelude::{
+    CallbackProgression, MessagingPattern, NodeState, PortFactory as _, Service, ServiceDetails, ServiceName, ipc,
+};
 use iceoryx2::service::marker::{CustomHeaderMarker, CustomPayloadMarker};
 use iceoryx2::service::static_config::messaging_pattern::MessagingPattern as Pattern;
-use messages::Header;
 use messages::schema::Schema;
+use messages::{Header, Quality};
 
 use crate::domain::info_of;
 use crate::losses::Losses;
 use crate::node::{failed, service_name};
+use crate::places::listed;
 use crate::{Bus, BusError, Domain, NodeInfo, definition};
 
 /// A channel as it stands in shared memory.
@@ -29,7 +32,7 @@ pub struct ChannelInfo {
     pub schema_hash: Option<String>,
     /// Bytes of a sample.
     pub size: usize,
-    /// Samples a subscriber can lag behind.
+    /// Samples a deep subscriber can lag behind.
     pub buffer: usize,
     /// Samples a late subscriber gets.
     pub history: usize,
@@ -42,7 +45,7 @@ pub struct ChannelInfo {
 pub struct Raw<'a> {
     /// The whole sample, header included; a little-endian CDR body.
     pub bytes: &'a [u8],
-    /// Its first 32 bytes, where the type has this header ([`Tap::has_header`]); otherwise zeros.
+    /// Its header, where the type has this header ([`Tap::has_header`]); otherwise zeros.
     pub header: Header,
     /// Tells publishers apart, also those of one process.
     pub publisher: u128,
@@ -94,48 +97,62 @@ impl Bus {
     /// # Errors
     /// As [`Bus::tap`].
     pub fn ports(&self, name: &str) -> Result<(usize, usize), BusError> {
-        use iceoryx2::prelude::PortFactory;
         let (service, _) = self.open_raw(name)?;
         let dynamic = service.dynamic_config();
         Ok((dynamic.number_of_publishers(), dynamic.number_of_subscribers()))
     }
 
-    /// Listens to a channel that exists, whatever it carries, with its whole buffer, and as much of its history as any late subscriber gets.
+    /// Who publishes on a channel: the number that its samples carry ([`Raw::publisher`]) and the process id.
+    ///
+    /// # Errors
+    /// As [`Bus::tap`].
+    pub fn publishers(&self, name: &str) -> Result<Vec<(u128, u32)>, BusError> {
+        let (service, _) = self.open_raw(name)?;
+        Ok(listed(|note| {
+            service.dynamic_config().list_publishers(|port| {
+                if let Ok(pid) = port.node_id.pid::<ipc::Service>() {
+                    note((port.publisher_id.value(), pid.value().unsigned_abs()));
+                }
+                CallbackProgression::Continue
+            });
+        }))
+    }
+
+    /// Listens to a channel that exists, whatever it carries, with a buffer of [`Quality::SHALLOW`] samples, and as much of its history as any
+    /// late subscriber gets.
     ///
     /// # Errors
     /// [`BusError::NoChannel`] if nobody has opened it, [`BusError::Full`] if it has its subscribers already, and others.
     pub fn tap(&self, name: &str) -> Result<Tap, BusError> {
-        self.tap_since(name, messages::quality_of(name).late)
+        self.tap_with(name, Quality::SHALLOW, messages::quality_of(name).late)
     }
 
-    /// The same with all that the channel has kept: for whoever must not miss what was said before it came.
+    /// The same with the channel's whole buffer and all that it has kept: for whoever must not miss anything, nor what was said before it
+    /// came. A channel has [`Quality::DEEP_PLACES`] of these.
     ///
     /// # Errors
     /// As [`Bus::tap`].
     pub fn tap_with_history(&self, name: &str) -> Result<Tap, BusError> {
-        self.tap_since(name, usize::MAX)
+        self.tap_with(name, usize::MAX, usize::MAX)
     }
 
-    fn tap_since(&self, name: &str, samples: usize) -> Result<Tap, BusError> {
-        use iceoryx2::port::subscriber::SubscriberCreateError as E;
+    fn tap_with(&self, name: &str, depth: usize, samples: usize) -> Result<Tap, BusError> {
+        self.need(0, name)?;
         let (service, info) = self.open_raw(name)?;
-        let make = || {
-            service
-                .subscriber_builder()
-                .buffer_size(info.buffer)
-                .history_request(info.history.min(samples))
-                .name(&self.port_name)
-                .create()
+        let buffer = info.buffer.min(depth);
+        let history = info.history.min(samples).min(buffer);
+        let make =
+            || service.subscriber_builder().buffer_size(buffer).history_request(history).name(&self.port_name).create();
+        let taken = || {
+            listed(|note| {
+                service.dynamic_config().list_subscribers(|port| {
+                    note((port.subscriber_name, port.buffer_size));
+                    CallbackProgression::Continue
+                });
+            })
         };
-        let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
-            E::ExceedsMaxSupportedSubscribers => BusError::Full {
-                channel: name.to_owned(),
-                limit: messages::quality_of(name).subscribers,
-                what: "subscribers",
-                holders: self.held_by(name).1,
-            },
-            other => failed(name, "be subscribed to", &other),
-        })?;
+        let limit = service.static_config().max_subscribers();
+        let port = self.attach(name, buffer, limit, taken, make)?;
         let layout = info.schema.as_deref().and_then(|text| Schema::parse(text).ok());
         let has_header = layout.is_some_and(|layout| layout.has_header());
         Ok(Tap { port, info, has_header, losses: Losses::default(), received: 0 })

@@ -61,7 +61,7 @@ fn who_lags_too_far_loses_the_oldest_and_knows_how_many() {
     let bus = Bus::join(&domain, "test").unwrap();
     let buffer = messages::quality_of("system/heartbeat/x").buffer as u64;
     let mut publisher = bus.publisher::<Heartbeat>("system/heartbeat/x").unwrap();
-    let mut subscriber = bus.subscriber::<Heartbeat>("system/heartbeat/x").unwrap();
+    let mut subscriber = bus.deep_subscriber::<Heartbeat>("system/heartbeat/x").unwrap();
     let mut send = |count: u64| (0..count).for_each(|_| assert!(publisher.send(&mut Heartbeat::default()).is_ok()));
     send(3);
     assert_eq!(subscriber.latest().unwrap().unwrap().header.seq, 3);
@@ -281,6 +281,9 @@ fn requests_are_answered_and_published() {
     assert_eq!(asking.join().unwrap(), "cable 2 is at its end: jog the other way");
     let (asked, answered) = (log.receive().unwrap().unwrap(), log.receive().unwrap().unwrap());
     assert_eq!((asked.answered, answered.answered, asked.id), (0, 1, answered.id));
+    assert_eq!((asked.pid, asked.uid), (std::process::id(), rustix::process::geteuid().as_raw()));
+    assert_eq!(text_of(&asked.requester), text_of(&answered.requester));
+    assert!(!text_of(&asked.requester).is_empty());
 }
 
 #[test]
@@ -362,8 +365,9 @@ impl Message for Long {
         static TEXT: std::sync::OnceLock<String> = std::sync::OnceLock::new();
         TEXT.get_or_init(|| {
             let fields: String = (0..300).map(|at| format!("float32 concentration_{at:03}\n")).collect();
-            let head: String =
-                ["cycle", "seq", "stamp_ns", "oldest_input_ns"].map(|name| format!("uint64 {name}\n")).concat();
+            let head: String = ["life", "cycle", "seq", "stamp_ns", "published_ns", "oldest_input_ns"]
+                .map(|name| format!("uint64 {name}\n"))
+                .concat();
             format!("nims_msgs/Header header\n{fields}{}\nMSG: nims_msgs/Header\n{head}", "=".repeat(80))
         })
     }

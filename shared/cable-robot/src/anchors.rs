@@ -5,6 +5,7 @@ use std::ops::Deref;
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
+use crate::kinematics::COLLINEAR_TOLERANCE;
 use crate::robot::{FARTHEST_M, RobotError, refuse};
 
 /// The key of the robot file.
@@ -86,10 +87,32 @@ impl Anchors {
         if self.planar { 2 } else { 3 }
     }
 
+    /// True if all of them lie on one straight line, so that the node can swing around it whatever the lines do. In a plane it cannot.
+    ///
+    /// ```
+    /// # use cable_robot::Anchors;
+    /// let in_a_row = [[0.0, 0.0, 3.0], [4.0, 0.0, 3.0], [8.0, 0.0, 3.0]];
+    /// assert!(Anchors::new(&in_a_row)?.are_on_a_line());
+    /// assert!(!Anchors::in_plane(&in_a_row)?.are_on_a_line());
+    /// # Ok::<(), cable_robot::RobotError>(())
+    /// ```
+    pub fn are_on_a_line(&self) -> bool {
+        !self.planar && on_a_line(self)
+    }
+
     /// True if the node moves in the plane y = 0 only.
     pub fn is_planar(&self) -> bool {
         self.planar
     }
+}
+
+/// True if these points of space lie on one straight line.
+pub fn on_a_line(points: &[Vector3<f64>]) -> bool {
+    let [first, rest @ ..] = points else { return true };
+    let farthest = rest.iter().map(|p| p - first).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()));
+    let Some(along) = farthest else { return true };
+    // The area that two sides span, beside the square of the longer one.
+    rest.iter().all(|p| along.cross(&(p - first)).norm() <= COLLINEAR_TOLERANCE * along.norm_squared())
 }
 
 impl Deref for Anchors {
@@ -102,6 +125,19 @@ impl Deref for Anchors {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_row_of_anchors_is_told_from_a_slender_triangle() {
+        let row = |beside: f64| Anchors::new(&[[0.0, 0.0, 3.0], [4.0, beside, 3.0], [8.0, 0.0, 3.0]]).unwrap();
+        assert!(row(0.0).are_on_a_line() && row(1e-12).are_on_a_line());
+        assert!(!row(0.01).are_on_a_line());
+        // not level, and seen from another of its points
+        let slanting = [[1.0, 2.0, 3.0], [0.0, 0.0, 1.0], [2.0, 4.0, 5.0], [3.0, 6.0, 7.0]];
+        assert!(Anchors::new(&slanting).unwrap().are_on_a_line());
+        let mut bent = slanting;
+        bent[2][2] += 0.1;
+        assert!(!Anchors::new(&bent).unwrap().are_on_a_line());
+    }
 
     #[test]
     fn a_plane_takes_points_of_its_own_only() {

@@ -19,7 +19,7 @@ use crate::{Anchors, CableVec, linalg, planar};
 const TOUCH_TOLERANCE: f64 = 1e-9;
 
 /// Anchors whose triangle has less than this share of its squared longest side as area count as collinear.
-const COLLINEAR_TOLERANCE: f64 = 1e-9;
+pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
 /// Longest length that is one, m; beyond, squares and their differences would lose the millimetres.
 pub const LONGEST_M: f64 = 1e5;

@@ -106,6 +106,11 @@ impl LengthFilter {
         Self { p: [sigma * sigma, 0.0, 1e-6], ..Self::new(settings, reading_m) }
     }
 
+    /// Goes on from the present state with other settings.
+    pub fn retune(&mut self, settings: FilterSettings) {
+        self.settings = settings;
+    }
+
     /// Passes `seconds` on, in which the drive was commanded `command_m_s`. Times below 0 (to an instant just before the
     /// reading) move the length back along the present velocity.
     pub fn predict(&mut self, command_m_s: f64, seconds: f64) {

@@ -191,6 +191,26 @@ impl PhiModel {
         }
     }
 
+    /// Goes on with another window, ridge and prior: φ stays until it is learnt anew, and of the rows the newest that the window holds.
+    pub fn retune(&mut self, eta: usize, ridge: f64, prior: [f64; 2]) {
+        let fresh = Self::new(eta, ridge, prior);
+        let kept = self.count.min(fresh.capacity);
+        let oldest = self.next + self.capacity - kept;
+        let mut rows = fresh.rows;
+        for (i, row) in rows[..kept].iter_mut().enumerate() {
+            *row = self.rows[(oldest + i) % self.capacity];
+        }
+        *self = Self {
+            rows,
+            count: kept,
+            next: kept % fresh.capacity,
+            phi: self.phi,
+            last_actual: self.last_actual,
+            learnt: self.learnt,
+            ..fresh
+        };
+    }
+
     /// Takes the speed that was commanded for a cycle and the speed that was measured in it, m/s, and learns. What is
     /// not finite breaks the record: the window starts anew and φ is held.
     pub fn update(&mut self, commanded_m_s: f64, actual_m_s: f64) {
@@ -260,6 +280,34 @@ impl PhiModel {
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    proptest! {
+        /// With another window the model learns what one learns that had it from the beginning.
+        #[test]
+        fn another_window_keeps_the_newest_rows_and_what_was_learnt(
+            // A window at rest teaches nothing, and what was learnt before stays.
+            speeds in proptest::collection::vec((0.05..0.3f64, -0.3..0.3f64), 40..200),
+            windows in (2..60usize, 2..60usize),
+        ) {
+            let (mut changed, mut other) = (PhiModel::new(windows.0, RIDGE, PRIOR), PhiModel::new(windows.1, 0.01, START));
+            for (command, actual) in &speeds {
+                changed.update(*command, *actual);
+                other.update(*command, *actual);
+            }
+            let before = changed.phi();
+            changed.retune(windows.1, 0.01, START);
+            prop_assert_eq!(changed.phi(), before);
+            for (command, actual) in speeds.iter().take(windows.1 + 1) {
+                changed.update(*command, *actual);
+                other.update(*command, *actual);
+            }
+            // The rows stand in another order, which is another rounding.
+            for (is, wanted) in changed.phi().iter().zip(other.phi()) {
+                prop_assert!((is - wanted).abs() < 1e-9, "{is} {wanted}");
+            }
+            prop_assert!((changed.predict(0.1) - other.predict(0.1)).abs() < 1e-9);
+        }
+    }
 
     /// A winch with first-order lag, exactly (18), read through encoder steps.
     fn run(

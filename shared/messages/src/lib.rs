@@ -17,8 +17,9 @@
 // the macros name this crate as whoever uses them does
 extern crate self as messages;
 
-mod blend;
 mod channels;
+mod config;
+mod live;
 mod message;
 mod motion;
 mod motor;
@@ -28,8 +29,9 @@ pub mod schema;
 mod system;
 mod text;
 
-pub use blend::blended_estimate;
-pub use channels::{CHANNELS, Channel, Quality, channel_of, quality_of};
+pub use channels::{CHANNELS, Channel, Quality, channel_of, quality_for, quality_of};
+pub use config::SystemConfig;
+pub use live::{AUTHORITY_LAG, Rule, Standing, blended_estimate, newer, same_life, standing};
 #[doc(hidden)]
 pub use message::expanded;
 pub use message::{Field, Header, Message, hash_of, schema_name};
@@ -37,7 +39,7 @@ pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
 pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};
 pub use system::{Heartbeat, LogEvent, OperatorRequest, ProcessState, RecorderGap, RecorderStatus};
-pub use text::{MORE, put_sentence, put_text, text_of, words_within};
+pub use text::{MORE, parted, put_sentence, put_text, text_of, words_within};
 
 /// Cables of one robot at most; every per-cable array has this length.
 pub const CABLES: usize = 8;

@@ -181,12 +181,17 @@ macro_rules! message {
 layout! {
     /// Begins every sample.
     pub struct Header {
+        /// The motor-io that the sample belongs to: when it began, CLOCK_MONOTONIC, ns; 0 outside the control chain. A later life is a
+        /// larger number. Cycles are compared only within a life.
+        life: u64,
         /// The control cycle the sample belongs to; 0 outside the cycle.
         cycle: u64,
         /// Counts up by one with every sample of one publisher; a step of more than one is a loss.
         seq: u64,
         /// When the content was true, CLOCK_MONOTONIC, ns.
         stamp_ns: u64,
+        /// When it was published, CLOCK_MONOTONIC, ns; publishing fills it in.
+        published_ns: u64,
         /// The oldest measurement that the content rests on, CLOCK_MONOTONIC, ns.
         oldest_input_ns: u64,
     }
@@ -197,5 +202,10 @@ impl Header {
     #[must_use]
     pub fn at(stamp_ns: u64) -> Self {
         Self { stamp_ns, oldest_input_ns: stamp_ns, ..Self::default() }
+    }
+
+    /// What publishing gives a sample and no step decides: its number and its time of publication.
+    pub fn take_over_publication(&mut self, other: &Self) {
+        (self.seq, self.published_ns) = (other.seq, other.published_ns);
     }
 }

@@ -41,6 +41,9 @@ message! {
         motion: u32,
         /// Epoch of motor/authority for which it was made.
         epoch: u32,
+        /// The mission it belongs to, non-zero from a mission's acceptance to its end; 0: none.
+        mission: u32,
+        pad0: [u8; 4],
         /// Beat of the planner: increases with every sample.
         beat: u64,
     }
@@ -61,6 +64,9 @@ message! {
         state: u8 { STATE_IDLE = 0, STATE_READY = 1, STATE_RUNNING = 2, STATE_PAUSED = 3, STATE_DONE = 4, STATE_ABORTED = 5, STATE_REFUSED = 6 },
         pad0: [u8; 3],
         mission: [u8; 64],
+        /// As in plan/motion.
+        mission_number: u32,
+        pad2: [u8; 4],
         /// One sentence: where, which cable, how much.
         reason: [u8; 256],
         pad1: [u8; CABLES],

@@ -23,6 +23,13 @@ message! {
         command_m_s: [f64; CABLES],
         /// Supply voltage per unit, V.
         supply_v: [f64; UNITS],
+        /// Where motor-io believes the node is, from its own lengths, m, and how fast the command of this cycle moves it, m/s; NaN: unknown.
+        node_m: [f64; 3],
+        node_command_m_s: [f64; 3],
+        /// Bound on the node's speed in this cycle, m/s; infinite: only the cables' limits apply.
+        node_bound_m_s: f64,
+        /// Distance of the node from the set point, m; NaN: there is none.
+        setpoint_distance_m: f64,
         /// Status bits per unit, as the drive gave them; a stop button on the unit's port shows as the unit's own.
         status: [u32; UNITS],
         /// 1: this cable's reading is from this cycle.
@@ -55,7 +62,9 @@ message! {
         ttl_cycles: u32,
         /// 1: the row is a valid answer.
         valid: [u8; SLOTS],
-        pad0: [u8; 6],
+        pad0: [u8; 2],
+        /// Kernel's number of the thread that answers, so that motor-io can ask how long it waited for a processor; 0: unknown.
+        thread: u32,
     }
 }
 
@@ -72,12 +81,19 @@ message! {
         period_s: f64,
         /// Factor by which the commanded velocities were scaled to keep the limits; 1: not at all.
         scale: f64,
-        /// Following, and no valid command for the cycle when it had to be sent, though estimator and controller had had their time.
-        missed: u64,
-        /// Ticks more than half a period late, and cycles before which estimator and controller had no time: the machine stood still.
-        late: u64,
-        /// Cycles lost to bus resynchronisation.
-        skipped: u64,
+        /// Periods of wall-clock time since this life began in which a mission was on, those that never ran included. They are the
+        /// sum of `steered`, `paused` and the four `lost_..`.
+        periods: u64,
+        /// Periods in which a fresh command, the answer to the cycle before, went to every drive.
+        steered: u64,
+        /// Periods of operators' pauses, at rest.
+        paused: u64,
+        /// Periods without a fresh command, by cause. Computer: this program or its peers did not get the processor, by evidence from the
+        /// kernel. Drive: a unit did not answer in time. Resync: a serial port was being brought back into step. Answer: all that is left.
+        lost_computer: u64,
+        lost_drive: u64,
+        lost_resync: u64,
+        lost_answer: u64,
         /// Time the bus exchange took, ns.
         bus_ns: u64,
         /// Tick to wake-up, ns.
@@ -93,6 +109,12 @@ message! {
             FAULT_COMMAND_LOST = 512, FAULT_LENGTH_LIMIT = 1024, FAULT_ESTIMATE_LOST = 2048, FAULT_SUPPLY = 4096,
             FAULT_LONG_GAP = 8192, FAULT_EMERGENCY_INPUT = 16384, FAULT_SUPERVISOR_LOST = 32768, FAULT_PLANNER_LOST = 65536,
             FAULT_COMMAND_REFUSED = 131072,
+            /// Commands moved the node away from its set point.
+            FAULT_DIVERGING = 262144,
+            /// The computer did not give this program, estimator or controller the processor.
+            FAULT_COMPUTER = 524288,
+            /// The motion that is offered does not begin where the node is.
+            FAULT_OFF_START = 1048576,
         },
         /// Bumped on arm, stop, fault, reset and zero; older commands are refused.
         epoch: u32,
@@ -111,6 +133,8 @@ message! {
             VERDICT_NONE = 0, VERDICT_ACCEPTED = 1, VERDICT_STALE = 2, VERDICT_EPOCH = 3, VERDICT_INCARNATION = 4, VERDICT_NOT_FINITE = 5,
             VERDICT_OUT_OF_LIMITS = 6, VERDICT_NO_ESTIMATE = 7, VERDICT_ABSENT = 8,
             VERDICT_SEGMENT = 9,
+            /// It belongs to another life of motor-io.
+            VERDICT_LIFE = 10,
         },
         /// As in motor/state.
         position_known: u8,
@@ -119,7 +143,14 @@ message! {
         /// 1 for each unit that a fault names.
         fault_unit: [u8; UNITS],
         cable_count: u8,
-        pad0: [u8; 7],
+        /// What the present period counts as.
+        period: u8 {
+            PERIOD_NO_MISSION = 0, PERIOD_STEERED = 1, PERIOD_PAUSED = 2, PERIOD_LOST_COMPUTER = 3, PERIOD_LOST_DRIVE = 4,
+            PERIOD_LOST_RESYNC = 5, PERIOD_LOST_ANSWER = 6,
+        },
+        pad0: [u8; 2],
+        /// Mission that is on, as in plan/motion; 0: none.
+        mission: u32,
     }
 }
 
@@ -164,6 +195,21 @@ message! {
         begin_ns: u64,
         /// When the bus exchange ended, ns.
         end_ns: u64,
+        /// Evidence of the computer, all cumulative: time for which this thread was ready to run and had no processor, ns; the same of
+        /// controllers a, b and estimators a, b (0: unknown); time for which any task of the machine waited for a processor, us
+        /// (0: unknown); time that the virtual motor box left out, ns.
+        run_delay_ns: u64,
+        chain_delay_ns: [u64; SEATS],
+        pressure_us: u64,
+        box_left_out_ns: u64,
+        /// The set point by which motor-io judges, at the plan time of this cycle: position, m, and velocity at rate 1, m/s.
+        setpoint_m: [f64; 3],
+        setpoint_velocity_m_s: [f64; 3],
+        /// Where the offered motion starts, m.
+        motion_start_m: [f64; 3],
+        /// Life for which plan/motion was made, and lives of the last estimates.
+        motion_life: u64,
+        estimate_life: [u64; SLOTS],
         /// Last beat seen of the supervisor and of the planner.
         supervisor_beat: u64,
         planner_beat: u64,
@@ -205,7 +251,11 @@ message! {
         command_arrived: [u8; SLOTS],
         request_verb: [u8; 4],
         /// Per unit, what the exchange gave.
-        unit: [u8; UNITS] { UNIT_ABSENT = 0, UNIT_OK = 1, UNIT_RESYNC = 2, UNIT_LOST = 3, UNIT_REBOOTED = 4, UNIT_LATE = 5 },
+        unit: [u8; UNITS] {
+            UNIT_ABSENT = 0, UNIT_OK = 1, UNIT_RESYNC = 2, UNIT_LOST = 3, UNIT_REBOOTED = 4, UNIT_LATE = 5,
+            /// It was asked, and not one byte came back in time.
+            UNIT_SILENT = 6,
+        },
         /// Per unit, which of the slowly read values are new in this cycle.
         slow_fresh: [u8; UNITS] { SLOW_SUPPLY = 1, SLOW_STATUS = 2, SLOW_CURRENT = 4, SLOW_DUTY = 8, SLOW_ALL = 15 },
         /// 1: the unit was running already when this process first spoke to it, so its encoders have counted on.
@@ -213,7 +263,14 @@ message! {
         cable_count: u8,
         unit_count: u8,
         restored: u8,
-        pad0: [u8; 5],
+        /// 1: `setpoint_m` and `setpoint_velocity_m_s` hold; 1: `motion_start_m` holds.
+        setpoint_known: u8,
+        motion_start_known: u8,
+        pad0: [u8; 3],
+        /// Mission of plan/motion; 0: none.
+        mission: u32,
+        /// Emergency stops that arrived in this cycle on their own way, beside the requests.
+        estops: u32,
     }
 }
 
@@ -227,5 +284,19 @@ message! {
         loss_j: [f64; CABLES],
         cable_count: u8,
         pad0: [u8; 7],
+    }
+}
+
+impl MotorAuthority {
+    /// Periods of missions in which the node was not steered by a fresh command: all of them, less operators' pauses.
+    #[must_use]
+    pub fn unsteered(&self) -> u64 {
+        self.periods.saturating_sub(self.steered).saturating_sub(self.paused)
+    }
+
+    /// Those that the drives cost: a unit did not answer in time, or its port was being brought back into step.
+    #[must_use]
+    pub fn lost_on_ports(&self) -> u64 {
+        self.lost_drive.saturating_add(self.lost_resync)
     }
 }

@@ -29,7 +29,9 @@ message! {
         valid: u8,
         cable_count: u8,
         method: u8 { METHOD_PHI = 1, METHOD_KALMAN = 2 },
-        pad0: [u8; 5],
+        pad0: [u8; 1],
+        /// Kernel's number of the thread that answers; 0: unknown.
+        thread: u32,
     }
 }
 

@@ -16,8 +16,8 @@ pub trait Payload: Pod + Send + Sync {
     fn schema() -> &'static str;
     /// `package/NAME/hash`: what peers compare before they connect.
     fn type_name() -> &'static str;
-    /// Gives it its number, if it has a place for one.
-    fn number(&mut self, _seq: u64) {}
+    /// Gives it its number and the time of its publication, if it has places for them.
+    fn number(&mut self, _seq: u64, _published_ns: u64) {}
     /// Its number; 0 if it has no place for one.
     fn seq(&self) -> u64 {
         0
@@ -32,8 +32,9 @@ impl<T: crate::Message> Payload for T {
     fn type_name() -> &'static str {
         <T as crate::Message>::type_name()
     }
-    fn number(&mut self, seq: u64) {
-        self.header_mut().seq = seq;
+    fn number(&mut self, seq: u64, published_ns: u64) {
+        let header = self.header_mut();
+        (header.seq, header.published_ns) = (seq, published_ns);
     }
     fn seq(&self) -> u64 {
         self.header().seq

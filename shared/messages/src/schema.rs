@@ -11,7 +11,7 @@
 //! use messages::{Message, TruthNode};
 //! let schema = messages::schema::Schema::parse(TruthNode::schema())?;
 //! assert_eq!(schema.size(), size_of::<TruthNode>());
-//! assert_eq!(schema.field("position_m").map(|field| field.offset), Some(32));
+//! assert_eq!(schema.field("position_m").map(|field| field.offset), Some(48));
 //! # Ok::<(), messages::schema::SchemaError>(())
 //! ```
 
@@ -192,13 +192,14 @@ impl Schema {
     /// Whether a sample begins with [`crate::Header`], so that its number and its time can be read.
     #[must_use]
     pub fn has_header(&self) -> bool {
-        ["header.cycle", "header.seq", "header.stamp_ns", "header.oldest_input_ns"].iter().enumerate().all(
-            |(at, path)| {
-                self.fields.get(at).is_some_and(|field| {
-                    field.path == *path && field.primitive == Primitive::Uint64 && field.count.is_none()
-                })
-            },
-        )
+        const NAMES: [&str; 6] = ["life", "cycle", "seq", "stamp_ns", "published_ns", "oldest_input_ns"];
+        NAMES.iter().enumerate().all(|(at, name)| {
+            self.fields.get(at).is_some_and(|field| {
+                field.path.strip_prefix("header.") == Some(name)
+                    && field.primitive == Primitive::Uint64
+                    && field.count.is_none()
+            })
+        })
     }
 
     /// Every field with its value, in the order of the bytes; bytes that are missing at the end leave their fields out.

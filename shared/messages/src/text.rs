@@ -20,14 +20,30 @@ pub fn words_within(text: &str, room: usize) -> usize {
     space.or_else(|| (0..=room).rev().find(|end| text.is_char_boundary(*end))).unwrap_or(0)
 }
 
-/// Writes a sentence for people: whole if it fits, otherwise as many of its words as fit and [`MORE`].
+/// Where a sentence of more than `room` bytes is parted: what stands before the first number and behind the second one stays, with
+/// [`MORE`] between them.
+///
+/// A sentence ends with its cure, behind the last `; ` or `: `. Its end therefore stays as far as it fits into two thirds of the room,
+/// and what is left out stands in the middle. Of a sentence without such a mark the beginning stays.
+#[must_use]
+pub fn parted(text: &str, room: usize) -> (usize, usize) {
+    let most = (room * 2 / 3).min(room.saturating_sub(MORE.len()));
+    let tail = |mark: &str| text.match_indices(mark).map(|(at, _)| at).find(|at| text.len() - at <= most);
+    let from = tail("; ").or_else(|| tail(": ")).unwrap_or(text.len());
+    let end = words_within(text, room.saturating_sub(MORE.len() + text.len() - from));
+    (end, from)
+}
+
+/// Writes a sentence for people: whole if it fits, otherwise its beginning, [`MORE`], and its end with the cure: see [`parted`].
 pub fn put_sentence(into: &mut [u8], text: &str) {
     if text.len() <= into.len() || into.len() < MORE.len() {
         return put_text(into, text);
     }
-    let end = words_within(text, into.len() - MORE.len());
+    let (end, from) = parted(text, into.len());
     put_text(into, &text[..end]);
+    let rest = &text.as_bytes()[from..];
     into[end..end + MORE.len()].copy_from_slice(MORE.as_bytes());
+    into[end + MORE.len()..end + MORE.len() + rest.len()].copy_from_slice(rest);
 }
 
 /// The text up to the first zero; damaged UTF-8 is replaced, never refused.
@@ -53,6 +69,35 @@ mod tests {
             let mut field = vec![b'x'; room];
             put_sentence(&mut field, text);
             assert_eq!(text_of(&field), is, "{text} in {room}");
+        }
+    }
+
+    #[test]
+    fn a_sentence_is_never_cut_before_its_cure() {
+        for (text, room, is) in [
+            ("the file of the run cannot be written at all; make room", 36, "the file of the run ...; make room"),
+            (
+                "the disk is full: make room, and it goes on by itself; ask again",
+                40,
+                "the disk is full: make ...; ask again",
+            ),
+            ("ab cd ef gh ij kl mn: do this", 22, "ab cd ef ...: do this"),
+            // A cure that takes more than its share is as any other words.
+            ("short; a cure that is longer than all of the room here", 20, "short; a cure ..."),
+        ] {
+            let mut field = vec![b'x'; room];
+            put_sentence(&mut field, text);
+            assert_eq!(text_of(&field), is, "{text} in {room}");
+        }
+    }
+
+    #[test]
+    fn no_sentence_is_longer_than_its_field() {
+        let text = "Süß: ein; zwei drei; ".repeat(20);
+        for room in 4..text.len() {
+            let mut field = vec![b'x'; room];
+            put_sentence(&mut field, &text);
+            assert!(!text_of(&field).contains('\u{fffd}'), "{room}");
         }
     }
 }

@@ -54,6 +54,21 @@ pub enum Error {
         "{port}, unit {address:#04x}: silent; it is asked again twice a second; check its power, its wiring and its address"
     )]
     Silent { port: Arc<str>, address: u8 },
+    /// What was sent comes back, and nothing else: a loopback, an adapter with local echo, or a line without a unit at its end.
+    #[error(
+        "{port}, unit {address:#04x}: nothing comes back but what was sent; connect the unit, and take away the loopback or the adapter's echo"
+    )]
+    Echo { port: Arc<str>, address: u8 },
+    /// Something answers, but not this unit.
+    #[error(
+        "{port}, unit {address:#04x}: what comes back is no answer of this unit; check that it is the drives' port, its baud and the address"
+    )]
+    Gibberish { port: Arc<str>, address: u8 },
+    /// The line is never quiet, so nothing can be asked.
+    #[error(
+        "{port}: bytes come without end though nothing was asked; check that it is the drives' port, and its baud and wiring"
+    )]
+    Babble { port: Arc<str> },
     /// The unit answers and is being set up; nothing was commanded yet.
     #[error("{port}, unit {address:#04x}: being set up; it takes commands in a moment")]
     Preparing { port: Arc<str>, address: u8 },
@@ -77,6 +92,9 @@ pub enum Error {
     /// The time for this cycle was over before anything could be sent.
     #[error("{port}: the cycle's time was over before its command could be sent")]
     TooLate { port: Arc<str> },
+    /// The port still waits for an answer at the end of this cycle.
+    #[error("{port}: no answer by the end of the cycle; check power, wiring, address and baud")]
+    Unanswered { port: Arc<str> },
     /// The port has not finished this cycle.
     #[error("{port}: still busy at the end of the cycle")]
     Busy { port: Arc<str> },
@@ -93,6 +111,12 @@ impl Error {
     #[must_use]
     pub fn is_lost(&self) -> bool {
         matches!(self, Error::Line(error) if error.is_lost())
+    }
+
+    /// True where the unit has not answered for several attempts, for whatever reason.
+    #[must_use]
+    pub fn is_silence(&self) -> bool {
+        matches!(self, Error::Silent { .. } | Error::Echo { .. } | Error::Gibberish { .. } | Error::Babble { .. })
     }
 
     /// True where one exchange went wrong on the line, so that asking again may help once the line is back in step.

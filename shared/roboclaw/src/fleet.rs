@@ -7,7 +7,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use serial::{Line, Transport, monotonic_ns};
+use serial::{Line, LineClock, Transport, monotonic_ns};
 
 use crate::driver::{Bus, BusConfig, Counters, Drive, MAX_UNITS, StopInput, UnitAnswer, UnitIdentity};
 use crate::error::Error;
@@ -19,6 +19,10 @@ pub const MAX_FLEET: usize = 8;
 const STOOD_STILL_NS: u64 = 5_000_000;
 /// which are then waited for so much longer.
 const GRACE_NS: u64 = 10_000_000;
+/// Simulated units that wait for a processor are waited for in steps of this, ns,
+const SIMULATED_STEP_NS: u64 = 2_000_000;
+/// and for no longer than this in all, ns: a program that is to stop has to hear of it.
+const SIMULATED_PATIENCE_NS: u64 = 1_000_000_000;
 
 /// How long a thread sleeps that has nothing to do; only commands wake it earlier.
 const IDLE: Duration = Duration::from_millis(500);
@@ -79,6 +83,8 @@ pub struct Fleet {
     names: Vec<Arc<str>>,
     /// Each unit's port, in the order of the units.
     port_of_unit: Vec<usize>,
+    /// What simulated lines leave out of their time; of each port, where its line has such a clock.
+    clocks: Vec<Option<Arc<LineClock>>>,
     turn: u64,
     reply: FleetReply,
 }
@@ -108,6 +114,8 @@ struct Slot {
 struct Order {
     turn: u64,
     deadline_ns: u64,
+    /// From the order to the deadline.
+    span_ns: u64,
     drives: [[Drive; 2]; MAX_UNITS],
 }
 
@@ -163,6 +171,7 @@ impl Fleet {
             report: PortReport::default(),
             settling: true,
         };
+        let clocks = buses.iter().map(|bus| bus.line().clock()).collect();
         let board = Arc::new(Board {
             slots: Mutex::new(buses.iter().map(slot).collect()),
             posted: Condvar::new(),
@@ -173,7 +182,7 @@ impl Fleet {
             units: buses.iter().flat_map(Bus::blank_answers).collect(),
             ports: vec![PortReport::default(); buses.len()],
         };
-        let mut fleet = Fleet { board, threads: Vec::new(), names, port_of_unit, turn: 0, reply };
+        let mut fleet = Fleet { board, threads: Vec::new(), names, port_of_unit, clocks, turn: 0, reply };
         for (index, bus) in buses.into_iter().enumerate() {
             let board = Arc::clone(&fleet.board);
             let spawned =
@@ -215,6 +224,12 @@ impl Fleet {
         self.board.slots().iter().flat_map(|slot| slot.identities.clone()).collect()
     }
 
+    /// Time that simulated lines have left out so far, ns; 0 for real ones.
+    #[must_use]
+    pub fn left_out_ns(&self) -> u64 {
+        most_left_out_ns(&self.clocks)
+    }
+
     /// Let all lines do their part of the cycle at the same time, and wait for all of them, but not beyond `deadline_ns` of the
     /// monotonic clock. A line that is not done by then is [`Error::Busy`], or
     /// [`Error::Resynchronising`] where it is at that; what it finds out is in the next cycle's report.
@@ -222,49 +237,92 @@ impl Fleet {
     /// Returns as soon as every unit has its command and its encoders are read. The lines use the rest of the time until the deadline
     /// for currents and slow values, which are in the next cycle's reports with the time at which they were asked for.
     ///
+    /// What simulated lines leave out meanwhile does not count: the deadline is so much later, by a second at most.
+    ///
     /// Does not allocate.
     pub fn exchange(&mut self, command: &FleetCommand, deadline_ns: u64) -> &FleetReply {
         self.turn += 1;
+        let (posted_ns, left_out_ns) = (monotonic_ns(), self.left_out_ns());
         let mut slots = self.board.slots();
         let mut drives = command.drives.iter();
         for slot in slots.iter_mut() {
-            let mut order = Order { turn: self.turn, deadline_ns, drives: Default::default() };
+            let span_ns = deadline_ns.saturating_sub(posted_ns);
+            let mut order = Order { turn: self.turn, deadline_ns, span_ns, drives: Default::default() };
             for (place, drive) in order.drives.iter_mut().zip(drives.by_ref().take(slot.answers.len())) {
                 *place = *drive;
             }
             slot.order = Some(order);
         }
         self.board.posted.notify_all();
+        let mut patience = Patience::new(deadline_ns, left_out_ns);
         let mut until_ns = deadline_ns;
         while slots.iter().any(|slot| slot.answered_turn != self.turn) {
             let now_ns = monotonic_ns();
             if now_ns >= until_ns {
-                if until_ns == deadline_ns && now_ns > deadline_ns + STOOD_STILL_NS {
-                    until_ns = now_ns + GRACE_NS;
-                } else {
-                    break;
-                }
+                let Some(later_ns) = patience.later_ns(now_ns, &self.clocks) else { break };
+                until_ns = later_ns;
             }
-            let left = Duration::from_nanos(until_ns - now_ns);
+            let left = Duration::from_nanos(until_ns.saturating_sub(now_ns));
             slots = self.board.answered.wait_timeout(slots, left).unwrap_or_else(PoisonError::into_inner).0;
         }
         self.reply.cycle = command.cycle;
         let mut units = self.reply.units.iter_mut();
-        for ((slot, report), name) in slots.iter().zip(&mut self.reply.ports).zip(&self.names) {
+        let lines = self.names.iter().zip(&self.clocks);
+        for ((slot, report), (name, clock)) in slots.iter().zip(&mut self.reply.ports).zip(lines) {
             report.clone_from(&slot.report);
             let in_time = slot.answered_turn == self.turn;
+            let unanswered = !in_time && clock.as_ref().is_some_and(|clock| clock.line_waits_for_the_device());
             for answer in &slot.answers {
                 let Some(unit) = units.next() else { break };
                 unit.clone_from(answer);
                 if !in_time {
                     let port = Arc::clone(name);
-                    unit.outcome =
-                        Err(if slot.settling { Error::Resynchronising { port } } else { Error::Busy { port } });
+                    unit.outcome = Err(match (slot.settling, unanswered) {
+                        (true, _) => Error::Resynchronising { port },
+                        (false, true) => Error::Unanswered { port },
+                        (false, false) => Error::Busy { port },
+                    });
                 }
             }
         }
         &self.reply
     }
+}
+
+/// How long an exchange is waited for beyond its deadline.
+#[derive(Debug)]
+struct Patience {
+    deadline_ns: u64,
+    /// What simulated lines had left out when the exchange began.
+    left_out_ns: u64,
+    waited: bool,
+    graced: bool,
+}
+
+impl Patience {
+    fn new(deadline_ns: u64, left_out_ns: u64) -> Self {
+        Self { deadline_ns, left_out_ns, waited: false, graced: false }
+    }
+
+    /// The time is over: until when it goes on, if it does.
+    fn later_ns(&mut self, now_ns: u64, clocks: &[Option<Arc<LineClock>>]) -> Option<u64> {
+        let left_out_ns = most_left_out_ns(clocks).saturating_sub(self.left_out_ns).min(SIMULATED_PATIENCE_NS);
+        let deadline_ns = self.deadline_ns + left_out_ns;
+        if now_ns < deadline_ns {
+            return Some(deadline_ns);
+        }
+        let patient = now_ns < self.deadline_ns + SIMULATED_PATIENCE_NS;
+        if patient && clocks.iter().flatten().any(|clock| clock.either_wants_to_run()) {
+            self.waited = true;
+            return Some(now_ns + SIMULATED_STEP_NS);
+        }
+        let stood_still = self.waited || now_ns > deadline_ns + STOOD_STILL_NS;
+        (stood_still && !std::mem::replace(&mut self.graced, true)).then_some(now_ns + GRACE_NS)
+    }
+}
+
+fn most_left_out_ns(clocks: &[Option<Arc<LineClock>>]) -> u64 {
+    clocks.iter().flatten().map(|clock| clock.left_out_ns()).max().unwrap_or(0)
 }
 
 impl Drop for Fleet {
@@ -288,7 +346,9 @@ fn work<T: Transport>(mut bus: Bus<T>, board: &Board, index: usize) {
         let mut lost = None;
         if let Some(order) = order {
             let began_ns = monotonic_ns();
-            let left_ns = order.deadline_ns.saturating_sub(began_ns);
+            // Simulated units stood still while this thread waited for a processor.
+            let least_ns = if bus.line().clock().is_some_and(|clock| clock.is_simulated()) { order.span_ns } else { 0 };
+            let left_ns = order.deadline_ns.saturating_sub(began_ns).max(least_ns);
             let deadline_ns = bus.line().now_ns() + left_ns;
             bus.drive(&order.drives, deadline_ns, &mut answers);
             lost = answers.iter().find_map(|answer| answer.outcome.clone().err().filter(Error::is_lost));

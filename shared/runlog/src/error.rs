@@ -24,6 +24,12 @@ pub enum RunError {
         /// The writer's own words.
         why: String,
     },
+    /// The file was removed while it was written.
+    #[error("{} was removed while it was written, and what was in it is gone; a new file is begun", path.display())]
+    Removed {
+        /// The file.
+        path: PathBuf,
+    },
     /// Not a run file, or not a run folder.
     #[error("{}: {what}", path.display())]
     NotARun {

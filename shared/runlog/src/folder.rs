@@ -4,6 +4,8 @@ use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use rustix::fs::{FlockOperation, Mode, OFlags, flock};
+
 use crate::RunError;
 
 /// Ending of a finished file.
@@ -13,12 +15,21 @@ pub const PART_ENDING: &str = ".mcap.part";
 /// Ending of the name, before `.mcap`, of a file that was recovered beside a damaged one.
 pub(crate) const RECOVERED_ENDING: &str = "-recovered";
 
-/// Bytes that an unprivileged process can still write where `path` is.
+/// Whether a recorder, or a recovery, holds the file at present.
+pub(crate) fn is_held(path: &Path) -> bool {
+    let Ok(file) = fs::File::open(path) else { return false };
+    matches!(flock(&file, FlockOperation::NonBlockingLockShared), Err(rustix::io::Errno::WOULDBLOCK))
+}
+
+/// Bytes that an unprivileged process can still write where `path` is, or will be: where there is no such folder, the nearest one above
+/// it counts.
 ///
 /// # Errors
 /// The file system did not answer.
 pub fn free_bytes(path: &Path) -> Result<u64, RunError> {
-    let state = rustix::fs::statvfs(path).map_err(|error| RunError::io(path, "ask for free space")(error.into()))?;
+    let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
+    let there = whole.ancestors().find(|folder| folder.exists()).unwrap_or(path);
+    let state = rustix::fs::statvfs(there).map_err(|error| RunError::io(path, "ask for free space")(error.into()))?;
     Ok(state.f_bavail.saturating_mul(state.f_frsize))
 }
 
@@ -57,6 +68,15 @@ pub fn next_file(folder: &Path) -> PathBuf {
     folder.join(format!("{stem}{FILE_ENDING}"))
 }
 
+/// Opens a run file for reading. A pipe or a device is refused, and not waited for.
+pub(crate) fn open_file(path: &Path) -> Result<fs::File, RunError> {
+    let opened =
+        rustix::fs::open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty());
+    let file = fs::File::from(opened.map_err(|error| RunError::io(path, "open the run file")(error.into()))?);
+    let kind = file.metadata().map_err(RunError::io(path, "read the run file"))?.file_type();
+    if kind.is_file() { Ok(file) } else { Err(RunError::not_a_run(path, "it is no regular file")) }
+}
+
 /// `NAME` of `NAME.mcap` or `NAME.mcap.part`.
 pub(crate) fn stem(name: &OsStr) -> Option<String> {
     let name = name.to_str()?;
@@ -80,6 +100,7 @@ pub(crate) fn sync_folder(file: &Path) -> Result<(), RunError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use rustix::fs::FileType;
 
     #[test]
     fn files_come_in_the_order_of_writing_and_names_are_not_used_twice() {
@@ -100,7 +121,12 @@ mod tests {
         let names: Vec<_> =
             segments(folder.path()).unwrap().iter().map(|path| path.file_name().unwrap().to_owned()).collect();
         assert_eq!(names, ["run-recovered.mcap", "run-0002.mcap.part", "run-0003-recovered.mcap"]);
+        rustix::fs::mknodat(rustix::fs::CWD, folder.path().join("pipe.mcap"), FileType::Fifo, Mode::RWXU, 0).unwrap();
+        for path in [folder.path().join("pipe.mcap"), folder.path().to_path_buf(), "/dev/zero".into()] {
+            assert!(matches!(open_file(&path), Err(RunError::NotARun { .. })), "{}", path.display());
+        }
         assert!(free_bytes(folder.path()).unwrap() > 0);
-        assert!(free_bytes(Path::new("/no/such/folder")).unwrap_err().to_string().contains("/no/such/folder"));
+        let removed = folder.path().join("removed/by/hand");
+        assert!(free_bytes(&removed).unwrap() > 0, "a folder that is gone is no full disk");
     }
 }

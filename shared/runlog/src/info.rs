@@ -9,6 +9,7 @@ use messages::schema::Schema;
 use messages::{RecorderGap, text_of};
 use serde::Serialize;
 
+use crate::folder::is_held;
 use crate::read::{Recorded, RecordedChannel, RunReader};
 use crate::{Damage, RunError, Sequence, utc};
 
@@ -19,8 +20,12 @@ pub struct FileReport {
     pub path: PathBuf,
     /// Its size.
     pub bytes: u64,
-    /// It was closed properly.
+    /// It was closed properly, by its recorder or by a recovery.
     pub finished: bool,
+    /// A recorder writes it at present.
+    pub recording: bool,
+    /// A recovery made it, of a file that was not closed or is damaged.
+    pub recovered: bool,
     /// What could not be read.
     pub damage: Vec<Damage>,
 }
@@ -48,6 +53,8 @@ pub struct ChannelReport {
     pub lost: u64,
     /// Times that samples were missing.
     pub gaps: u64,
+    /// Time in which samples are missing: from the one before to the one behind, s.
+    pub unrecorded_s: f64,
     /// Why it was recorded as plain bytes, if it was.
     pub refused: Option<String>,
 }
@@ -80,6 +87,10 @@ pub struct RunReport {
     pub started_unix_ns: Option<u64>,
     /// From the first to the last sample.
     pub duration_s: f64,
+    /// Time in which samples of a fast channel are missing, of the one that lacks most, s.
+    pub unrecorded_s: f64,
+    /// A recorder writes it at present.
+    pub recording: bool,
     /// Samples.
     pub messages: u64,
     /// Bytes of all samples.
@@ -103,6 +114,12 @@ const TELL: u64 = 1 << 16;
 /// Gaps that are shown one by one.
 const SHOWN: usize = 10;
 
+/// The time in which nothing was recorded is told by channels of this rate or more, Hz: a slow one does not know it to the second.
+const FAST_HZ: f64 = 20.0;
+
+/// Less than this is no time that is worth a sentence, s.
+const LEAST_S: f64 = 0.005;
+
 /// More gaps than anyone reads one by one.
 pub const GAPS: usize = 1000;
 
@@ -113,6 +130,7 @@ struct Count {
     first_ns: u64,
     last_ns: u64,
     silence_ns: u64,
+    unrecorded_ns: u64,
     sequence: Sequence,
     seq_at: Option<usize>,
 }
@@ -129,20 +147,21 @@ impl Inspection {
     /// Takes note of the next sample.
     pub fn note(&mut self, recorded: &Recorded<'_>) {
         let (_, count) = self.counts.entry(Arc::as_ptr(recorded.channel)).or_insert_with(|| {
-            let seq_at = Schema::parse(&recorded.channel.schema).ok().filter(Schema::has_header).map(|_| 8);
+            let schema = Schema::parse(&recorded.channel.schema).ok();
+            let seq_at = schema.and_then(|schema| Some(schema.field("header.seq")?.offset));
             (Arc::clone(recorded.channel), Count { seq_at, first_ns: recorded.log_time_ns, ..Count::default() })
         });
         let now = recorded.log_time_ns;
-        if count.messages > 0 {
-            count.silence_ns = count.silence_ns.max(now.saturating_sub(count.last_ns));
-        }
+        let silence_ns = if count.messages > 0 { now.saturating_sub(count.last_ns) } else { 0 };
+        count.silence_ns = count.silence_ns.max(silence_ns);
         count.messages += 1;
         count.bytes += recorded.sample.len() as u64;
         count.first_ns = count.first_ns.min(now);
         count.last_ns = count.last_ns.max(now);
         let seq = count.seq_at.and_then(|at| recorded.sample.get(at..at + 8)?.try_into().ok());
         if let Some(seq) = seq {
-            count.sequence.note(u64::from_le_bytes(seq));
+            let missing = count.sequence.note(u64::from_le_bytes(seq));
+            count.unrecorded_ns += if missing > 0 { silence_ns } else { 0 };
         }
         self.bounds = Some(self.bounds.map_or((now, now), |(first, last)| (first.min(now), last.max(now))));
         if let Some(gap) = recorded.to::<RecorderGap>().filter(|_| self.gaps.len() < GAPS) {
@@ -223,6 +242,7 @@ fn report(
                 longest_silence_s: seconds(count.silence_ns),
                 lost: count.sequence.lost,
                 gaps: count.sequence.gaps,
+                unrecorded_s: seconds(count.unrecorded_ns),
                 refused: channel.refused.clone(),
             }
         })
@@ -233,16 +253,22 @@ fn report(
         .iter()
         .map(|(path, finished, bytes)| {
             let damage = reader.damage().iter().filter(|(file, _)| file == path).map(|(_, one)| one.clone()).collect();
-            FileReport { path: path.clone(), bytes: *bytes, finished: *finished, damage }
+            let recovered = reader.recovered().iter().any(|(file, _)| file == path);
+            let recording = !finished && is_held(path);
+            FileReport { path: path.clone(), bytes: *bytes, finished: *finished, recording, recovered, damage }
         })
         .collect();
-    let verdict = verdict(&files, &channels, reader.orphaned());
+    let fast = channels.iter().filter(|channel| channel.rate_hz.is_some_and(|rate_hz| rate_hz >= FAST_HZ));
+    let unrecorded_s = fast.map(|channel| channel.unrecorded_s).fold(0.0, f64::max);
+    let verdict = verdict(&files, &channels, unrecorded_s, reader.orphaned());
     RunReport {
         healthy: verdict.is_empty(),
         verdict: if verdict.is_empty() { vec!["complete, nothing missing".into()] } else { verdict },
         started: bounds.map(|(first, _)| utc(first)),
         started_unix_ns: bounds.map(|(first, _)| first),
         duration_s: bounds.map_or(0.0, |(first, last)| seconds(last - first)),
+        unrecorded_s,
+        recording: files.iter().any(|file| file.recording),
         messages: channels.iter().map(|channel| channel.messages).sum(),
         sample_bytes: channels.iter().map(|channel| channel.bytes).sum(),
         files,
@@ -254,15 +280,25 @@ fn report(
     }
 }
 
-fn verdict(files: &[FileReport], channels: &[ChannelReport], orphaned: u64) -> Vec<String> {
+fn verdict(files: &[FileReport], channels: &[ChannelReport], unrecorded_s: f64, orphaned: u64) -> Vec<String> {
     let mut found = Vec::new();
     for file in files {
         let holes = file.damage.iter().filter(|damage| !damage.torn_end).count();
-        if holes > 0 {
-            found.push(format!("{}: {holes} damaged places; run `nims recover`", file.path.display()));
+        let path = file.path.display();
+        if file.recording {
+            found.push(format!("{path}: is being recorded, and read up to what is on the disk"));
+        } else if holes > 0 {
+            found.push(format!("{path}: {holes} damaged places; run `nims recover`"));
         } else if !file.finished {
-            found.push(format!("{}: not closed properly; run `nims recover`", file.path.display()));
+            found.push(format!("{path}: not closed properly; run `nims recover`"));
+        } else if file.recovered {
+            found.push(format!(
+                "{path}: recovered; what its recorder had not yet given to the disk when it ended, about the last second, is missing"
+            ));
         }
+    }
+    if unrecorded_s >= LEAST_S {
+        found.push(format!("{unrecorded_s:.2} s were not recorded"));
     }
     for channel in channels.iter().filter(|channel| channel.lost > 0) {
         found.push(format!("{}: {} samples missing in {} gaps", channel.name, channel.lost, channel.gaps));
@@ -285,7 +321,12 @@ impl fmt::Display for RunReport {
             writeln!(f, "ended     {ended}")?;
         }
         for file in &self.files {
-            let state = if file.finished { "" } else { ", not finished" };
+            let state = match file {
+                FileReport { recording: true, .. } => ", being recorded",
+                FileReport { finished: false, .. } => ", not finished",
+                FileReport { recovered: true, .. } => ", recovered",
+                _ => "",
+            };
             writeln!(f, "file      {} ({:.2} MB{state})", file.path.display(), megabytes(file.bytes))?;
         }
         writeln!(f, "samples   {} ({:.2} MB)", self.messages, megabytes(self.sample_bytes))?;

@@ -38,6 +38,7 @@
 #![forbid(unsafe_code)]
 
 mod clock;
+mod conversion;
 mod definition;
 mod error;
 pub mod export;
@@ -53,6 +54,7 @@ mod sync;
 mod write;
 
 pub use clock::{RunClock, published_ns, utc};
+pub use conversion::Conversion;
 pub use definition::{ChannelSpec, Definition, Definitions};
 pub use error::RunError;
 pub use folder::{FILE_ENDING, PART_ENDING, free_bytes, next_file, segments};

@@ -2,18 +2,19 @@
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 use mcap::records::Record;
 use messages::Message;
 
+use crate::recover::RECOVERED;
 use crate::repeats::Repeats;
 use crate::scan::{Item, Scanner};
 use crate::write::{CDR_HEADER, CHANNELS_BEGINNING, RUN, RUN_END, Repeated};
-use crate::{Attachment, Damage, RunClock, RunError, segments};
+use crate::{Attachment, Conversion, Damage, RunClock, RunError, segments};
 
 /// A channel as the file describes it.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone)]
 pub struct RecordedChannel {
     /// e.g. `motor/state`.
     pub name: String,
@@ -25,6 +26,18 @@ pub struct RecordedChannel {
     pub type_name: String,
     /// Why it was recorded as plain bytes, if it was.
     pub refused: Option<String>,
+    /// To the type of this build of the same name, once it was asked for.
+    conversion: OnceLock<Option<Conversion>>,
+}
+
+impl PartialEq for RecordedChannel {
+    fn eq(&self, other: &Self) -> bool {
+        let all = |one: &Self| {
+            let Self { name, schema_name, schema, type_name, refused, conversion: _ } = one.clone();
+            (name, schema_name, schema, type_name, refused)
+        };
+        all(self) == all(other)
+    }
 }
 
 /// One sample.
@@ -44,12 +57,24 @@ pub struct Recorded<'a> {
     pub sample: &'a [u8],
 }
 
+impl RecordedChannel {
+    /// How its samples become those of this build's type; `None` if it is of another type.
+    #[must_use]
+    pub fn conversion<T: Message>(&self) -> Option<&Conversion> {
+        // Only the type of the same name can be meant, so that one place is enough for all types.
+        if self.schema_name.rsplit('/').next() != Some(T::NAME) {
+            return None;
+        }
+        self.conversion.get_or_init(|| Conversion::of::<T>(&self.type_name, &self.schema)).as_ref()
+    }
+}
+
 impl Recorded<'_> {
-    /// The sample as a type of this build; `None` if it is of another type.
+    /// The sample as a type of this build; `None` if it is of another type. One that another build recorded is read by the names of its
+    /// fields, and what is new is zero.
     #[must_use]
     pub fn to<T: Message>(&self) -> Option<T> {
-        let same = self.sample.len() == size_of::<T>() && self.channel.schema == T::schema();
-        same.then(|| bytemuck::pod_read_unaligned(self.sample))
+        self.channel.conversion::<T>()?.take(self.sample)
     }
 }
 
@@ -75,6 +100,7 @@ pub struct RunReader {
     attachments: Vec<Attachment>,
     damage: Vec<(PathBuf, Damage)>,
     finished: Vec<(PathBuf, bool, u64)>,
+    recovered: Vec<(PathBuf, BTreeMap<String, String>)>,
     orphaned: u64,
 }
 
@@ -101,6 +127,7 @@ impl RunReader {
             attachments: Vec::new(),
             damage: Vec::new(),
             finished: Vec::new(),
+            recovered: Vec::new(),
             orphaned: 0,
         };
         reader.open_next()?;
@@ -183,6 +210,9 @@ impl RunReader {
                 self.about = metadata.metadata;
             }
             Record::Metadata(metadata) if metadata.name == RUN_END => self.end.push(metadata.metadata),
+            Record::Metadata(metadata) if metadata.name == RECOVERED => {
+                self.recovered.push((self.path.clone(), metadata.metadata));
+            }
             Record::Attachment { header, data, .. } if header.name.starts_with(CHANNELS_BEGINNING) => {
                 for one in serde_json::from_slice::<Vec<Repeated>>(&data).unwrap_or_default() {
                     self.define(one);
@@ -209,6 +239,7 @@ impl RunReader {
             schema: one.schema,
             type_name: one.metadata.get("type").cloned().unwrap_or_default(),
             refused: one.metadata.get("refused").cloned(),
+            conversion: OnceLock::new(),
         };
         let index = self.all.iter().position(|known| **known == channel).unwrap_or_else(|| {
             self.all.push(Arc::new(channel));
@@ -269,6 +300,12 @@ impl RunReader {
     #[must_use]
     pub fn files(&self) -> &[(PathBuf, bool, u64)] {
         &self.finished
+    }
+
+    /// The files met so far that were made by a recovery, with what it says about itself.
+    #[must_use]
+    pub fn recovered(&self) -> &[(PathBuf, BTreeMap<String, String>)] {
+        &self.recovered
     }
 
     /// Bytes of all files of the run.

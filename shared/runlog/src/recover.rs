@@ -12,13 +12,13 @@ use mcap::records::{MessageHeader, Metadata, Record};
 use rustix::fs::{FlockOperation, flock};
 use serde::Serialize;
 
-use crate::folder::{FILE_ENDING, PART_ENDING, RECOVERED_ENDING, stem, sync_folder};
+use crate::folder::{FILE_ENDING, PART_ENDING, RECOVERED_ENDING, open_file, stem, sync_folder};
 use crate::scan::{Item, Scanner};
 use crate::write::{Attachment, CHANNELS_BEGINNING, Counted, Repeated, attach, options};
 use crate::{Damage, RunError};
 
 /// Name of the metadata record that says what was recovered.
-const RECOVERED: &str = "recovered";
+pub(crate) const RECOVERED: &str = "recovered";
 
 /// What a recovery found, and where the result is.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -65,7 +65,7 @@ impl std::fmt::Display for Recovery {
 /// # Errors
 /// The file is being recorded, is not a run file, or the result cannot be written.
 pub fn recover(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Recovery, RunError> {
-    let lock = File::open(path).map_err(RunError::io(path, "open the run file"))?;
+    let lock = open_file(path)?;
     if flock(&lock, FlockOperation::NonBlockingLockExclusive).is_err() {
         return Err(RunError::Busy { path: path.to_owned() });
     }

@@ -15,6 +15,7 @@ use serde::Serialize;
 
 use crate::RunError;
 use crate::error::words;
+use crate::folder::open_file;
 
 /// Bytes of one chunk or record at most. Chunks have about one MiB; this bounds what a damaged length can make the reader allocate.
 const RECORD_BYTES: u64 = 256 << 20;
@@ -93,11 +94,8 @@ fn chunk_reader() -> LinearReader {
 
 impl Scanner {
     pub(crate) fn open(path: &Path) -> Result<Self, RunError> {
-        let file = File::open(path).map_err(RunError::io(path, "open the run file"))?;
+        let file = open_file(path)?;
         let meta = file.metadata().map_err(RunError::io(path, "read the run file"))?;
-        if !meta.is_file() {
-            return Err(RunError::not_a_run(path, "not a file"));
-        }
         let mut scanner = Self {
             path: path.to_owned(),
             file,

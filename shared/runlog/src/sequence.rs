@@ -11,7 +11,10 @@ const STREAMS: usize = 8;
 #[derive(Debug, Clone, Default)]
 pub struct Sequence {
     last: [u64; STREAMS],
+    /// When each was last heard, in samples of the channel.
+    heard: [u64; STREAMS],
     known: usize,
+    samples: u64,
     /// Samples missing.
     pub lost: u64,
     /// Times that samples were missing.
@@ -21,25 +24,25 @@ pub struct Sequence {
 impl Sequence {
     /// Takes the next number and returns how many are missing before it.
     pub fn note(&mut self, seq: u64) -> u64 {
-        let known = &mut self.last[..self.known];
-        let missing = match known.iter_mut().filter(|last| **last < seq).max_by_key(|last| **last) {
-            Some(last) => {
-                let missing = seq - *last - 1;
-                *last = seq;
-                missing
-            }
-            None => {
-                let slot = self.known % STREAMS;
-                self.known = (self.known + 1).min(STREAMS);
-                self.last[slot] = seq;
-                0
-            }
-        };
+        self.samples += 1;
+        let continued = (0..self.known).filter(|slot| self.last[*slot] < seq).max_by_key(|slot| self.last[*slot]);
+        let slot = continued.unwrap_or_else(|| self.room());
+        let missing = continued.map_or(0, |slot| seq - self.last[slot] - 1);
+        (self.last[slot], self.heard[slot]) = (seq, self.samples);
         if missing > 0 {
             self.lost += missing;
             self.gaps += 1;
         }
         missing
+    }
+
+    /// The place of a new publisher: a free one, or that of the one longest unheard, which has most likely ended.
+    fn room(&mut self) -> usize {
+        if self.known < STREAMS {
+            self.known += 1;
+            return self.known - 1;
+        }
+        (0..STREAMS).min_by_key(|slot| self.heard[*slot]).unwrap_or(0)
     }
 }
 
@@ -63,5 +66,13 @@ mod tests {
         assert_eq!(count(&[5, 6, 1, 7, 2, 8, 3]), (0, 0), "two publishers take turns");
         assert_eq!(count(&[100, 101, 1, 102, 2, 105]), (2, 1));
         assert!(count(&[9, 8, 7, 6, 5, 4, 3, 2, 1, 10]).0 <= 1, "more publishers than slots: the oldest is forgotten");
+    }
+
+    /// `operator/request`: each process that answers numbers what it publishes, and one that was started again begins at 1.
+    #[test]
+    fn a_process_that_answers_is_not_forgotten_for_others_that_are_started_again() {
+        let lives = (0..50).flat_map(|life| [1, 2, 2 * life + 101, 2 * life + 102]);
+        let numbers: Vec<u64> = (1..=100).chain(lives).collect();
+        assert_eq!(count(&numbers), (0, 0));
     }
 }

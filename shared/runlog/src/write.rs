@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
 use std::io::{self, BufWriter, Read, Seek, SeekFrom, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -76,6 +77,8 @@ pub struct RunWriter {
     syncer: Syncer,
     part: PathBuf,
     path: PathBuf,
+    /// Device and number of the file, by which it is known.
+    identity: (u64, u64),
     clock: RunClock,
     definitions: Definitions,
     channels: Vec<Row>,
@@ -125,6 +128,8 @@ impl RunWriter {
         flock(&file, FlockOperation::NonBlockingLockExclusive)
             .map_err(|error| RunError::io(&part, "lock the run file")(error.into()))?;
         let theirs = file.try_clone().map_err(RunError::io(&part, "open the run file twice"))?;
+        let meta = file.metadata().map_err(RunError::io(&part, "look at the run file"))?;
+        let identity = (meta.dev(), meta.ino());
         let syncer = Syncer::start(theirs).map_err(RunError::io(&part, "start the thread that synchronises"))?;
         let written = Arc::new(AtomicU64::new(0));
         // chunks are closed here, so that it is known what is in a closed one
@@ -153,6 +158,7 @@ impl RunWriter {
             syncer,
             part,
             path: path.to_owned(),
+            identity,
             clock,
             definitions: Definitions::default(),
             channels: Vec::new(),
@@ -296,6 +302,12 @@ impl RunWriter {
     #[must_use]
     pub fn bytes(&self) -> u64 {
         self.written.load(Ordering::Relaxed)
+    }
+
+    /// Whether the file still stands where it was made. One that was removed takes everything that is written to it, and keeps nothing.
+    #[must_use]
+    pub fn is_there(&self) -> bool {
+        fs::metadata(&self.part).is_ok_and(|meta| (meta.dev(), meta.ino()) == self.identity)
     }
 
     /// The name the file will have when it is finished.

@@ -8,10 +8,11 @@
 //! * [`Pipe`]: the same in memory, with a simulated device at the far end, a virtual clock, bytes paced like on a wire and faults
 //!   on request. Nothing in it depends on the machine's speed, so a test that passes once passes always.
 //!
-//! [`Pty`] and [`Jack`] are the other side of the first two: a pseudo-terminal that a simulated device offers to programs.
+//! [`Pty`] and [`Jack`] are the other side of the first two: a pseudo-terminal that a simulated device offers to programs. Where such a
+//! device keeps a [`LeftOut`] beside its port, a [`Line`] goes by the device's time: it leaves out what the device left out.
 //!
 //! Architecture invariants: this is the only crate that names `serialport`; nothing here knows a protocol; no call waits longer
-//! than the deadline it was given.
+//! than the deadline it was given, on the line's clock.
 //!
 //! ```
 //! use serial::{Device, Paced, Pipe, Transport};
@@ -34,6 +35,7 @@
 #![forbid(unsafe_code)]
 
 mod error;
+mod left_out;
 mod line;
 mod pace;
 mod pipe;
@@ -43,6 +45,7 @@ mod random;
 mod transport;
 
 pub use error::Error;
+pub use left_out::{LeftOut, LineClock, Program};
 pub use line::{Line, LineState, REOPEN_EVERY_NS};
 pub use pace::{Paced, byte_time_ns};
 pub use pipe::{Device, Faults, Pipe, PipeCounts};

@@ -1,13 +1,21 @@
 //! A port that heals itself.
 
+use std::cell::Cell;
 use std::sync::Arc;
 
 use crate::transport::{StatusPin, Transport, monotonic_ns, sleep_until};
-use crate::{Error, Latency, Port};
+use crate::{Error, Latency, LineClock, Port};
 
 /// Pause between two attempts to open a lost device: short beside the second or so that USB needs to enumerate a device that was
 /// plugged in, long beside the cost of asking.
 pub const REOPEN_EVERY_NS: u64 = 200_000_000;
+
+/// A simulated device that waits for a processor is waited for in steps of this, ns,
+const DEVICE_STEP_NS: u64 = 1_000_000;
+/// and so much longer once it has run, ns: its answer takes its time on the wire,
+const DEVICE_ANSWER_NS: u64 = 8_000_000;
+/// but not for longer than this in all, ns: a computer that is worse than that flies nothing.
+const DEVICE_PATIENCE_NS: u64 = 5_000_000_000;
 
 /// Whether a [`Line`] has its device.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -30,6 +38,9 @@ pub struct Line {
     lost: Error,
     next_try_ns: u64,
     connections: u32,
+    clock: Arc<LineClock>,
+    /// What the line's clock last showed: a device tells of a pause when it is over, and a clock does not go back.
+    shown_ns: Cell<u64>,
 }
 
 impl Line {
@@ -39,6 +50,8 @@ impl Line {
         let name: Arc<str> = name.into();
         Line {
             lost: Error::Missing { port: Arc::clone(&name) },
+            clock: Arc::new(LineClock::new(&name)),
+            shown_ns: Cell::new(0),
             name,
             baud,
             port: None,
@@ -76,9 +89,45 @@ impl Line {
         {
             self.lost = error.clone();
             self.port = None;
+            self.clock.closed();
             self.next_try_ns = monotonic_ns() + REOPEN_EVERY_NS;
         }
         result
+    }
+
+    /// The deadline is over on the machine's clock: reads on while the device has left out some of the time, or waits for a processor.
+    fn read_on(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
+        let give_up_ns = monotonic_ns().saturating_add(DEVICE_PATIENCE_NS);
+        let mut waited = false;
+        loop {
+            let now_ns = monotonic_ns();
+            let wants_to_run = now_ns < give_up_ns && self.clock.device_wants_to_run();
+            let until_ns = if self.now_ns() < deadline_ns {
+                self.on_the_machine_ns(deadline_ns)
+            } else if wants_to_run {
+                waited = true;
+                now_ns + DEVICE_STEP_NS
+            } else if std::mem::take(&mut waited) {
+                now_ns + DEVICE_ANSWER_NS
+            } else {
+                return Ok(0);
+            };
+            match self.with_port(|port| port.read(buffer, until_ns))? {
+                0 if now_ns < give_up_ns => {}
+                got => return Ok(got),
+            }
+        }
+    }
+
+    /// An instant of the line's clock on the machine's, as far as it is known.
+    fn on_the_machine_ns(&self, line_ns: u64) -> u64 {
+        line_ns.saturating_add(self.clock.left_out_ns())
+    }
+}
+
+impl Drop for Line {
+    fn drop(&mut self) {
+        self.clock.closed();
     }
 }
 
@@ -88,11 +137,23 @@ impl Transport for Line {
     }
 
     fn now_ns(&self) -> u64 {
+        let now_ns = monotonic_ns().saturating_sub(self.clock.left_out_ns()).max(self.shown_ns.get());
+        self.shown_ns.set(now_ns);
+        now_ns
+    }
+
+    fn stamp_ns(&self) -> u64 {
         monotonic_ns()
     }
 
+    fn clock(&self) -> Option<Arc<LineClock>> {
+        Some(Arc::clone(&self.clock))
+    }
+
     fn wait_until(&mut self, until_ns: u64) {
-        sleep_until(until_ns);
+        while self.now_ns() < until_ns {
+            sleep_until(self.on_the_machine_ns(until_ns));
+        }
     }
 
     fn connection(&mut self) -> Result<u32, Error> {
@@ -104,6 +165,7 @@ impl Transport for Line {
             match Port::open(&self.name, self.baud) {
                 Ok(port) => {
                     self.port = Some(port);
+                    self.clock.connected();
                     self.connections += 1;
                 }
                 Err(error) => {
@@ -117,11 +179,15 @@ impl Transport for Line {
     }
 
     fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), Error> {
+        let deadline_ns = self.on_the_machine_ns(deadline_ns);
         self.with_port(|port| port.write_all(bytes, deadline_ns))
     }
 
     fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
-        self.with_port(|port| port.read(buffer, deadline_ns))
+        let until_ns = self.on_the_machine_ns(deadline_ns);
+        let late = self.now_ns() >= deadline_ns;
+        let got = self.with_port(|port| port.read(buffer, until_ns))?;
+        if got > 0 || late { Ok(got) } else { self.read_on(buffer, deadline_ns) }
     }
 
     fn pending(&mut self) -> Result<usize, Error> {

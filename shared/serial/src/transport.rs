@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
 
-use crate::Error;
+use crate::{Error, LineClock};
 
 const NS_PER_S: u64 = 1_000_000_000;
 
@@ -52,8 +52,18 @@ pub trait Transport: Send {
     /// The name the operator knows it by.
     fn name(&self) -> &Arc<str>;
 
-    /// This transport's clock, ns. For devices of this machine it is [`monotonic_ns`].
+    /// This transport's clock, ns. For devices of this machine it is [`monotonic_ns`], less what a simulated one left out.
     fn now_ns(&self) -> u64;
+
+    /// The present instant as others stamp it, ns: for devices of this machine [`monotonic_ns`].
+    fn stamp_ns(&self) -> u64 {
+        self.now_ns()
+    }
+
+    /// What a simulated device of this machine leaves out of its time, for others than the line's own thread.
+    fn clock(&self) -> Option<Arc<LineClock>> {
+        None
+    }
 
     /// Let time pass until this transport's clock shows `until_ns`.
     fn wait_until(&mut self, until_ns: u64);
@@ -96,6 +106,12 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
     }
     fn now_ns(&self) -> u64 {
         (**self).now_ns()
+    }
+    fn stamp_ns(&self) -> u64 {
+        (**self).stamp_ns()
+    }
+    fn clock(&self) -> Option<Arc<LineClock>> {
+        (**self).clock()
     }
     fn wait_until(&mut self, until_ns: u64) {
         (**self).wait_until(until_ns);

@@ -2,6 +2,7 @@
 
 use std::fmt::Debug;
 use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -14,25 +15,28 @@ use tracing::{error, info, warn};
 
 use crate::args::{CommonArgs, Slot};
 use crate::build;
-use crate::config::{BoxFile, RealtimeSection};
+use crate::config::{BoxFile, RealtimeSection, RobotFile};
+use crate::declared::{Declared, Since};
+use crate::lease;
 use crate::logging::{self, Log};
 use crate::output::{Output, Spoiler};
-use crate::realtime::{self, Reached};
+use crate::realtime;
 use crate::timing::Timing;
 use crate::toml_file::ConfigError;
+use crate::tuning::{TUNED_CHANNEL, Tuning};
 
 /// Five beats a second: the supervisor notices a silent process within half a second.
 const BEAT_NS: u64 = 200_000_000;
-
-/// What a dead process has left is removed within milliseconds; whoever does it may stand still meanwhile, ns.
-const LEAVING_NS: u64 = 2_000_000_000;
-/// Between two attempts to take the place of a dead process, ns.
-const RETRY_NS: u64 = 20_000_000;
 
 /// The supervisor tells whatever it starts, also a program without these arguments, in which domain it is and what it is called.
 pub const DOMAIN_VARIABLE: &str = "NIMS_DOMAIN";
 /// The same: its name.
 pub const NAME_VARIABLE: &str = "NIMS_NAME";
+/// The same: that another process of its name runs until this one has said something, so that what belongs to the name is free only then.
+pub const SUCCESSOR_VARIABLE: &str = "NIMS_SUCCESSOR";
+
+/// The same: how many changes of `nims set` are in the box file that it gets.
+pub const CHANGES_VARIABLE: &str = "NIMS_CHANGES";
 
 fn from_the_supervisor(variable: &str) -> Option<String> {
     std::env::var(variable).ok().filter(|value| !value.is_empty())
@@ -62,7 +66,9 @@ pub struct Chassis {
     stop: Arc<AtomicBool>,
     stop_pipe: OwnedFd,
     log: Log,
-    heartbeat: Publisher<Heartbeat>,
+    declared: Declared,
+    /// `None` while a predecessor of the same name has it.
+    heartbeat: Option<Publisher<Heartbeat>>,
     beat: Heartbeat,
     next_beat_ns: u64,
     timing: Timing,
@@ -103,15 +109,26 @@ impl Chassis {
         // first, so that a signal during start-up is an orderly stop too
         let (stop, stop_pipe) = stop_on_signals()?;
         let bus = Bus::join(&domain, &name)?;
-        let heartbeat = take_name(&bus, &name)?;
+        let beat = first_beat(&name);
+        let ports = from_the_supervisor(SUCCESSOR_VARIABLE).is_none().then(|| lease::take(&bus)).transpose()?;
+        let (heartbeat, port) = ports.unzip();
+        let file = args.box_file.as_deref().zip(box_file.as_ref());
+        let declared = Declared::new(port, &name, beat.incarnation, role, file);
         let log = logging::start(&bus, args.verbose)?;
         let nothing = RealtimeSection::default();
         let (reached, warning) = realtime::apply(box_file.as_ref().map_or(&nothing, |file| &file.realtime), role);
         if let Some(warning) = warning {
             warn!("{warning}");
         }
+        let beat = Heartbeat {
+            realtime: u8::from(reached.fifo),
+            locked: u8::from(reached.locked),
+            pinned: u8::from(reached.pinned),
+            ..beat
+        };
         let mut chassis = Self {
-            beat: first_beat(&name, reached),
+            beat,
+            declared,
             bus,
             box_file,
             slot: args.slot,
@@ -165,8 +182,50 @@ impl Chassis {
     /// # Errors
     /// Those of publishing.
     pub fn ready(&mut self) -> Result<(), BusError> {
+        self.declared.ready(now_ns())?;
         self.life = Life::Ready;
         self.send_beat(now_ns())
+    }
+
+    /// What this process works with, in place of what the box file says for its role: its law, and its parameters as TOML. It goes to
+    /// `system/config/NAME` when the process is ready.
+    pub fn uses(&mut self, law: &str, parameters: &str) {
+        self.declared.uses(law, parameters);
+    }
+
+    /// The same from an answer of the control chain on: said at once if the process is ready.
+    ///
+    /// # Errors
+    /// Those of publishing.
+    pub fn uses_since(&mut self, law: &str, parameters: &str, since: Since) -> Result<(), BusError> {
+        self.declared.uses(law, parameters);
+        self.declared.since(since, now_ns())
+    }
+
+    /// The process goes by a file of its own, of which its parameters are the keys.
+    pub fn reads(&mut self, file: &Path) {
+        self.declared.read(file, &[PathBuf::from(file)]);
+        let keys = std::fs::read_to_string(file).ok().and_then(|text| text.parse::<toml::Table>().ok());
+        self.declared.uses("", &keys.and_then(|keys| toml::to_string(&keys).ok()).unwrap_or_default());
+    }
+
+    /// What is set while the robot runs, for a process that can take it up: `make` turns the changed box into what the process needs.
+    ///
+    /// # Errors
+    /// [`BadInput`] without a box file; those of opening a channel.
+    pub fn tuning<T>(
+        &self,
+        make: impl FnMut(&BoxFile, &RobotFile) -> anyhow::Result<T> + 'static,
+    ) -> anyhow::Result<Tuning<T>> {
+        let file = self.box_file()?.clone();
+        let robot = file.robot_file()?;
+        Ok(Tuning::new(self.bus.subscriber(TUNED_CHANNEL)?, file, robot, Box::new(make), self.changes()))
+    }
+
+    /// Changes of `nims set` that are in the box file.
+    #[must_use]
+    pub fn changes(&self) -> u32 {
+        from_the_supervisor(CHANGES_VARIABLE).and_then(|number| number.parse().ok()).unwrap_or(0)
     }
 
     /// False once a signal, or [`Chassis::stop`], asked the process to end.
@@ -257,7 +316,14 @@ impl Chassis {
     }
 
     fn send_beat(&mut self, now: u64) -> Result<(), BusError> {
+        if self.heartbeat.is_none()
+            && let Some((heartbeat, port)) = lease::take_over(&self.bus)?
+        {
+            self.heartbeat = Some(heartbeat);
+            self.declared.take(port, now)?;
+        }
         self.log.serve_late_listeners();
+        self.declared.serve_late_listeners();
         let beat = &mut self.beat;
         (beat.header.stamp_ns, beat.header.oldest_input_ns) = (now, now);
         beat.beat += 1;
@@ -271,7 +337,7 @@ impl Chassis {
             Life::Stopping => Heartbeat::STATE_STOPPING,
         };
         self.next_beat_ns = now + BEAT_NS;
-        self.heartbeat.send(beat).map(|_| ())
+        self.heartbeat.as_mut().map_or(Ok(()), |port| port.send(beat).map(|_| ()))
     }
 }
 
@@ -308,7 +374,9 @@ where
         }
     };
     let version = <A as clap::CommandFactory>::command().get_version().unwrap_or(build::VERSION).to_owned();
-    put_text(&mut chassis.beat.version, &build::described(&version));
+    let version = build::described(&version);
+    put_text(&mut chassis.beat.version, &version);
+    chassis.declared.version(&version);
     match body(&args, &mut chassis) {
         Ok(()) => {
             info!("ended in order");
@@ -332,15 +400,8 @@ pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     ExitCode::from(if given { 2 } else { 1 })
 }
 
-fn first_beat(name: &str, reached: Reached) -> Heartbeat {
-    let mut beat = Heartbeat {
-        pid: std::process::id(),
-        incarnation: incarnation(),
-        realtime: u8::from(reached.fifo),
-        locked: u8::from(reached.locked),
-        pinned: u8::from(reached.pinned),
-        ..Heartbeat::default()
-    };
+fn first_beat(name: &str) -> Heartbeat {
+    let mut beat = Heartbeat { pid: std::process::id(), incarnation: incarnation(), ..Heartbeat::default() };
     put_text(&mut beat.name, name);
     beat
 }
@@ -349,45 +410,6 @@ fn first_beat(name: &str, reached: Reached) -> Heartbeat {
 fn incarnation() -> u32 {
     use std::hash::{BuildHasher, RandomState};
     (RandomState::new().hash_one((std::process::id(), now_ns())) as u32).max(1)
-}
-
-/// The heartbeat of a name: whoever publishes it is the process of that name, and nobody else can be.
-///
-/// What a killed process of the same name has left may just be in the hands of another process that cleans up: that takes a moment.
-fn take_name(bus: &Bus, name: &str) -> anyhow::Result<Publisher<Heartbeat>> {
-    let give_up = now_ns() + LEAVING_NS;
-    loop {
-        match bus.publisher(&format!("system/heartbeat/{name}")) {
-            Ok(heartbeat) => return Ok(heartbeat),
-            Err(BusError::Full { .. }) if now_ns() < give_up && !lives(bus, name) => {
-                bus::clock::sleep_until(now_ns() + RETRY_NS);
-                bus.clean();
-            }
-            Err(BusError::Full { .. }) => return Err(BadInput(already_runs(bus, name)).into()),
-            Err(other) => return Err(other.into()),
-        }
-    }
-}
-
-/// Whether another process of that name lives in the domain.
-fn lives(bus: &Bus, name: &str) -> bool {
-    bus.domain().alive().iter().any(|node| node.name == name && node.pid != std::process::id())
-}
-
-fn already_runs(bus: &Bus, name: &str) -> String {
-    let domain = bus.domain();
-    let other = domain.alive().into_iter().find(|node| node.name == name && node.pid != std::process::id());
-    match other {
-        Some(node) => format!(
-            "a process named `{name}` already runs in the domain `{}` (process {}): stop it first, or give this one another --name",
-            domain.name(),
-            node.pid
-        ),
-        None => format!(
-            "a process named `{name}` was killed in the domain `{}`, and what it left cannot be removed: end every process there and start again",
-            domain.name()
-        ),
-    }
 }
 
 /// SIGINT and SIGTERM set the flag and make the descriptor readable for good.

@@ -43,6 +43,9 @@ mod args;
 pub mod build;
 mod chassis;
 pub mod config;
+mod declared;
+pub mod file;
+mod lease;
 mod logging;
 pub mod motion;
 mod output;
@@ -50,11 +53,16 @@ pub mod realtime;
 mod rhythm;
 mod timing;
 pub mod toml_file;
+mod tuning;
 
 pub use args::{Args, CommonArgs, LawArgs, Slot};
 pub use bus::clock::now_ns;
-pub use chassis::{BadInput, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, exit_code, main};
+pub use chassis::{
+    BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
+};
+pub use declared::{Since, hash_of};
 pub use output::{OUTPUT_FAULTS, Output};
 pub use rhythm::Rhythm;
 pub use timing::Timing;
 pub use toml_file::ConfigError;
+pub use tuning::{Change, TUNED_CHANNEL, Tuning};

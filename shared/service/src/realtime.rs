@@ -31,12 +31,35 @@ pub fn priority_step(role: &str) -> Option<u8> {
 }
 
 /// Sets up the calling thread (threads that exist already stay ordinary); what is not permitted is left out, and one sentence says what
-/// and how to permit it.
+/// and how to permit it. Of a robot only motor-io says it: who comes later in the chain speaks only where it gets less than motor-io.
 pub fn apply(section: &RealtimeSection, role: &str) -> (Reached, Option<String>) {
-    match priority_step(role) {
-        Some(step) => set_up(section, step),
+    let (reached, warning) = match priority_step(role) {
+        Some(0) => set_up(section, 0),
+        Some(step) => later_in_the_chain(section, step),
         None => (Reached::default(), None),
+    };
+    if answers_in_a_cycle(role) && !reached.fifo {
+        // Nothing to warn of: where the kernel does not know of it, everything is as before.
+        bus::fair::short_turns();
     }
+    (reached, warning)
+}
+
+fn later_in_the_chain(section: &RealtimeSection, step: u8) -> (Reached, Option<String>) {
+    let (reached, warning) = set_up(section, step);
+    if warning.is_none() {
+        return (reached, None);
+    }
+    match set_up(section, 0) {
+        // Everything that motor-io gets: what is missing is the step above it.
+        (reached, None) => (reached, warning),
+        (reached, Some(_)) => (reached, None),
+    }
+}
+
+/// Whether a process of this role has to answer within a control cycle: the chain, and the virtual drives.
+fn answers_in_a_cycle(role: &str) -> bool {
+    priority_step(role).is_some() || role == "motor-box"
 }
 
 /// Sets up the calling thread as a process that it is about to start shall run, which inherits it; what is not permitted is left out, and
@@ -146,7 +169,8 @@ mod tests {
         std::thread::spawn(move || {
             let section = RealtimeSection { priority: 10, cpu: Some(0), ..RealtimeSection::default() };
             let (reached, warning) = apply(&section, "estimator");
-            assert_eq!(warning.is_none(), reached.fifo && reached.pinned, "{warning:?}");
+            // What is missing is said once for the robot, by motor-io.
+            assert!(warning.is_none() || !(reached.fifo && reached.pinned), "{warning:?}");
             assert_eq!(scheduling(), if reached.fifo { ("11".into(), "1".into()) } else { ("0".into(), "0".into()) });
             assert!(!reached.pinned || allowed() == "0", "{}", allowed());
             // A helper that is started from here inherits all of it, and gives it back.

@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use crate::file;
 use serde::de::DeserializeOwned;
 use toml::de::{DeTable, DeValue};
 
@@ -42,7 +43,7 @@ impl ConfigError {
     #[must_use]
     pub fn value(path: &Path, problem: impl Into<String>) -> Self {
         let (path, problem) = (path.to_owned(), problem.into());
-        let text = std::fs::read_to_string(&path).unwrap_or_default();
+        let text = file::read_text(&path).unwrap_or_default();
         match problem.split('`').nth(1).and_then(|key| line_of(&text, key)) {
             Some(line) => Self::Text { path, line, problem },
             None => Self::Value { path, problem },
@@ -55,15 +56,8 @@ impl ConfigError {
 /// # Errors
 /// [`ConfigError::Unreadable`] or [`ConfigError::Text`].
 pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
-    let text = std::fs::read_to_string(path).map_err(|error| {
-        let why = match error.kind() {
-            std::io::ErrorKind::NotFound => "there is no such file".to_owned(),
-            std::io::ErrorKind::IsADirectory => "it is a folder; name a file in it".to_owned(),
-            std::io::ErrorKind::InvalidData => "it is not UTF-8 text".to_owned(),
-            _ => error.to_string(),
-        };
-        ConfigError::Unreadable { path: path.to_owned(), why }
-    })?;
+    let text = file::read_text(path)
+        .map_err(|error| ConfigError::Unreadable { path: path.to_owned(), why: error.to_string() })?;
     parse(&text, path)
 }
 

@@ -44,7 +44,8 @@ struct Watched {
 fn watch(bus: &Bus) -> Watched {
     Watched {
         beats: bus.subscriber("system/heartbeat/echo").unwrap(),
-        log: bus.subscriber("system/log/echo").unwrap(),
+        // A burst may come in one go while this program does not run.
+        log: bus.deep_subscriber("system/log/echo").unwrap(),
         states: bus.publisher("motor/state").unwrap(),
         waiter: bus.waiter(&["system/heartbeat/echo", "system/log/echo"]).unwrap(),
     }

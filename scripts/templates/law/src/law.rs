@@ -22,4 +22,9 @@ impl CableLaw for MyLaw {
         let (desired, actual) = (asked.desired_lengths_m()?, asked.lengths_m());
         Some(CableVec::from_fn(speed.len(), |i| speed[i] + self.gain_per_s * (desired[i] - actual[i])))
     }
+
+    /// Written into the run file, so that a run says with which parameters it flew.
+    fn parameters(&self) -> String {
+        format!("gain_per_s = {:?}\n", self.gain_per_s)
+    }
 }

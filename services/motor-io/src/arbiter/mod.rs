@@ -4,19 +4,25 @@
 //! that of the controller in charge on the estimate in charge; where one of the two fails, a standby's answer of the same cycle is
 //! used, so that neither death nor swap costs a cycle. The change from one to another is faded ([`fade`]).
 
+pub mod bias;
 pub mod fade;
 pub mod role;
 
 use crate::config::CoreConfig;
 use crate::limits::largest;
+use bias::Bias;
 use fade::Fade;
 use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLES, SEATS, SLOTS,
+    same_life,
 };
 use role::{Refusal, Reply, Report, Role, Slot, Times};
 
 /// A velocity beyond this many times the limit is not a command that saturates but a command that is wrong.
 const ABSURD: f64 = 4.0;
+
+/// Time constants of the average difference within the time of qualification: what was before it has no say.
+const BIAS_PASSES: f64 = 3.0;
 
 /// The command of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,12 +76,16 @@ pub struct Arbiter {
     absurd_m_s: f64,
     bound_m_s: f64,
     bound_m: f64,
+    bias_share: f64,
+    bias_bound_m_s: f64,
     qualify: u32,
     roles: [Role; ROLES],
     fade: Fade,
     verdict: [u8; SLOTS],
     /// Distances from the slot in charge, m/s and m; negative: nothing to compare.
     apart: [f64; SEATS],
+    /// Of each controller beside the one in charge.
+    bias: [Bias; SLOTS],
     used: (usize, usize),
 }
 
@@ -95,11 +105,14 @@ impl Arbiter {
             absurd_m_s: ABSURD * config.cable_speed_m_s,
             bound_m_s: config.command_bound * config.cable_speed_m_s,
             bound_m: config.estimate_bound_m,
+            bias_share: config.bias_share,
+            bias_bound_m_s: config.bias_bound_m_s,
             qualify: times.qualify,
             roles: [Role::new(times), Role::new(times)],
             fade: Fade::new(config.cycles(config.fade_s)),
             verdict: [MotorAuthority::VERDICT_NONE; SLOTS],
             apart: [-1.0; SEATS],
+            bias: [Bias::default(); SLOTS],
             used: (0, 0),
         }
     }
@@ -118,7 +131,8 @@ impl Arbiter {
         let reports: [Report; SLOTS] = std::array::from_fn(|slot| {
             let reply = self.reply(input, slot, &rows[slot], &usable);
             let incarnation = if reply == Reply::Silent { 0 } else { input.command[slot].incarnation };
-            Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s) }
+            let bias = self.bias[slot].beside(self.bias_share, self.bias_bound_m_s);
+            Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s).map(|apart| apart.max(bias)) }
         });
         let controller = self.roles[CONTROLLERS].step(cycle, scene.moving, &reports);
         self.note_verdicts(&reports, scene.moving);
@@ -168,6 +182,9 @@ impl Arbiter {
         let command = &input.command[slot];
         if input.command_arrived[slot] == 0 {
             return Err(MotorAuthority::VERDICT_ABSENT);
+        }
+        if !same_life(&command.header, &input.header) {
+            return Err(MotorAuthority::VERDICT_LIFE);
         }
         if command.epoch != scene.epoch {
             return Err(MotorAuthority::VERDICT_EPOCH);
@@ -241,9 +258,16 @@ impl Arbiter {
         let (other, beside) = (1 - controller, 1 - estimator);
         if let (Ok(lead), Ok(side)) = (&rows[controller], &rows[other]) {
             // On the estimate in charge, or, where one of the two has no answer to it, on the other.
-            let both = |e: usize| Some(distance(&lead[e].good()?, &side[e].good()?));
-            self.apart[other] = both(estimator).or_else(|| both(beside)).unwrap_or(-1.0);
+            let both = |e: usize| Some((lead[e].good()?, side[e].good()?));
+            if let Some((lead, side)) = both(estimator).or_else(|| both(beside)) {
+                self.apart[other] = distance(&lead, &side);
+                self.bias[other].add(&lead, &side, BIAS_PASSES / f64::from(self.qualify.max(1)));
+            }
         }
+        if input.command_arrived[other] == 0 {
+            self.bias[other] = Bias::default();
+        }
+        self.bias[controller] = Bias::default();
         if estimates[estimator] == Reply::Good && estimates[beside] == Reply::Good {
             let mut square = 0.0;
             for i in 0..3 {
@@ -253,6 +277,12 @@ impl Arbiter {
             }
             self.apart[SLOTS + beside] = square.sqrt();
         }
+    }
+
+    /// How far a controller is on average from the one in charge, m/s per cable.
+    #[must_use]
+    pub fn bias_m_s(&self, slot: usize) -> &[f64; CABLES] {
+        self.bias[slot].difference_m_s()
     }
 
     /// Announces a swap; gives the cycle in which it takes effect.
@@ -348,8 +378,11 @@ impl Arbiter {
 fn estimate(input: &MotorInput, slot: usize) -> Reply {
     let position = &input.estimate_position_m[3 * slot..][..3];
     match () {
+        () if input.estimate_life[slot] != input.header.life => Reply::Silent,
+        // Without an incarnation nothing has ever come, however well its cycle 0 fits the first one.
+        () if input.estimate_incarnation[slot] == 0 => Reply::Silent,
         () if input.estimate_cycle[slot].checked_add(1) != Some(input.header.cycle) => Reply::Silent,
-        () if input.estimate_valid[slot] != 1 || input.estimate_incarnation[slot] == 0 => Reply::Nothing,
+        () if input.estimate_valid[slot] != 1 => Reply::Nothing,
         () if !position.iter().all(|x| x.is_finite()) => Reply::Wrong(MotorSlots::CAUSE_NOT_FINITE),
         () => Reply::Good,
     }

@@ -418,7 +418,7 @@ impl Role {
         if old.phase == Phase::Active && old.absent <= GONE_CYCLES {
             old.phase = Phase::Probation;
             self.probation = Some(0);
-        } else {
+        } else if old.phase != Phase::Empty {
             old.drop_to_start(MotorSlots::CAUSE_ABSENT, &self.times);
         }
         self.take_charge(next);

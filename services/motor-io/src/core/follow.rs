@@ -7,8 +7,6 @@ use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
 /// So long without answers for which this program was too late, and the robot stops on its path, s.
 const LATE_S: f64 = 0.4;
-/// Share of a period in which estimator and controller answer; a command that is missing after less is the machine's doing.
-const CHAIN_SHARE: f64 = 0.3;
 /// A planner that does not publish the motion any more is gone after so many cycles; fewer, and it may just be about to.
 const ORPHANED_CYCLES: u32 = 5;
 
@@ -33,11 +31,13 @@ impl Core {
         let follows = self.chosen.is_some_and(|chosen| {
             chosen.segment == input.motion_segment && (chosen.controller, chosen.estimator) == self.arbiter.in_charge()
         });
+        self.safety.clear_stops(MotorAuthority::FAULT_OFF_START);
         if follows
             && self.who_is_lost() == 0
             && self.odometry.position() == MotorState::POSITION_KNOWN
             && !self.unit_trouble
             && self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
+            && self.begins_here(input)
         {
             self.motion.begin(input);
             self.follow();
@@ -58,6 +58,7 @@ impl Core {
         self.motion.resume();
         self.pausing = false;
         self.missing = 0;
+        self.diverging = 0;
         self.settled = 0;
         self.gap_wait = 0;
         self.stop = Stop::default();
@@ -88,6 +89,7 @@ impl Core {
         match usable {
             Some(chosen) => {
                 self.use_command(input, &chosen);
+                self.note_command();
                 if self.gap_wait > 0 && !self.unit_trouble {
                     self.gap_wait -= 1;
                     if self.gap_wait == 0 {
@@ -104,28 +106,23 @@ impl Core {
                 self.last_good()
             }
             None => {
-                if self.chain_had_time(input) {
-                    self.missed += 1;
-                } else if !self.late_tick {
-                    self.late += 1;
-                }
                 self.missing += 1;
-                if self.missing >= self.ttl_cycles {
-                    self.begin_stop(false, self.why_missing(input));
-                    self.stop.open = true;
-                    return [0.0; CABLES];
+                if self.missing < self.ttl_cycles {
+                    self.clock.advance(run, self.config.ramp_s);
+                    return self.last_good();
                 }
-                self.clock.advance(run, self.config.ramp_s);
-                self.last_good()
+                if self.waits_for_the_computer() {
+                    // As far as the drives go on, so does the plan, until both stand.
+                    self.clock.advance(false, self.config.stop_s);
+                    return self.last_good();
+                }
+                let cause = self.why_missing(input);
+                let cause = self.or_the_computer(cause);
+                self.begin_stop(false, cause);
+                self.stop.open = true;
+                [0.0; CABLES]
             }
         }
-    }
-
-    /// Whether an answer to the last cycle could be there: estimator and controller had their share of a period since it was published, and
-    /// this program was not late itself. Where it was, the machine stood still, and they with it.
-    fn chain_had_time(&self, input: &MotorInput) -> bool {
-        let since_s = input.begin_ns.saturating_sub(self.end_ns) as f64 * 1e-9;
-        !self.late_tick && since_s > CHAIN_SHARE * self.config.period_s
     }
 
     fn stopping(&mut self, input: &MotorInput) -> [f64; CABLES] {
@@ -149,6 +146,7 @@ impl Core {
     fn use_command(&mut self, input: &MotorInput, chosen: &Chosen) {
         self.motion.follow(if chosen.segment == 0 { self.motion.segment() } else { chosen.segment });
         self.missing = 0;
+        self.fresh = true;
         self.ttl_cycles = self.config.ttl_cycles.min(chosen.ttl_cycles);
         self.command_age_ns = input.begin_ns.saturating_sub(chosen.oldest_input_ns);
     }

@@ -3,10 +3,16 @@
 //! [`Core::decide`] is here; what each mode wants is in `follow`, how a motion comes to rest in `settle`, and the second half of
 //! the cycle in `observe`, what drives do at rest in `still`.
 
+mod account;
 mod follow;
+mod judge;
 mod observe;
 mod settle;
+mod starved;
 mod still;
+
+use account::Account;
+use starved::Starved;
 
 use crate::answer::Answer;
 use crate::arbiter::{Arbiter, Chosen, Scene};
@@ -15,6 +21,7 @@ use crate::energy::EnergyMeter;
 use crate::excuse::Excuse;
 use crate::limits::Limits;
 use crate::motion::Motion;
+use crate::node::Node;
 use crate::odometry::Odometry;
 use crate::plan_clock::PlanClock;
 use crate::safety::{Mode, Safety};
@@ -90,6 +97,9 @@ pub struct Core {
     pub(crate) clock: PlanClock,
     pub(crate) limits: Limits,
     pub(crate) odometry: Odometry,
+    pub(crate) node: Node,
+    /// Cycles in a row in which commands have moved the node away from its set point.
+    diverging: u32,
     excuse: Excuse,
     pub(crate) watch: Watch,
     pub(crate) chosen: Option<Chosen>,
@@ -114,15 +124,17 @@ pub struct Core {
     began: bool,
     begin_ns: u64,
     end_ns: u64,
-    late_tick: bool,
+    account: Account,
+    starved: Starved,
+    /// A motion was under way when this cycle began.
+    under_way: bool,
+    /// A command that answers the cycle before is used in this one.
+    fresh: bool,
     wanted: [f64; CABLES],
     sent: DriveCommand,
     sent_before: [f64; CABLES],
     scale: f64,
     command_age_ns: u64,
-    missed: u64,
-    late: u64,
-    skipped: u64,
 }
 
 /// A sign of life that has to change.
@@ -157,6 +169,8 @@ impl Core {
             clock: PlanClock::new(config.period_s),
             limits: Limits::new(config.cable_speed_m_s, config.cable_acceleration_m_s2, config.period_s),
             odometry: Odometry::new(&config),
+            node: Node::new(config.robot),
+            diverging: 0,
             excuse: Excuse::new(&config),
             watch: Watch::new(),
             arbiter: Arbiter::new(&config),
@@ -179,15 +193,15 @@ impl Core {
             began: false,
             begin_ns: 0,
             end_ns: 0,
-            late_tick: false,
+            account: Account::default(),
+            starved: Starved::default(),
+            under_way: false,
+            fresh: false,
             wanted: [0.0; CABLES],
             sent: DriveCommand { speed_m_s: [0.0; CABLES], released: [true; CABLES] },
             sent_before: [0.0; CABLES],
             scale: 1.0,
             command_age_ns: 0,
-            missed: 0,
-            late: 0,
-            skipped: 0,
             config,
         }
     }
@@ -195,6 +209,9 @@ impl Core {
     /// First half of a cycle: from what arrived (never from the drives' replies, which come later) to what is sent.
     pub fn decide(&mut self, input: &MotorInput) -> DriveCommand {
         self.answers.clear();
+        self.fresh = false;
+        // The cycle in which a motion is taken up moves nothing yet: the next one is the first that can be steered. The cycle that ends it counts.
+        self.under_way = self.motion.id() != 0;
         self.keep_time(input);
         let moving = matches!(self.safety.mode(), Mode::Following | Mode::Stopping);
         self.supervisor.note(input.supervisor_beat);
@@ -218,6 +235,7 @@ impl Core {
         }
         self.command_age_ns = 0;
         let wanted = self.wanted(input);
+        let wanted = self.keep_correction(input, wanted);
         self.wanted = wanted;
         self.sent_before = self.sent.speed_m_s;
         let before = self.limits.last_speed();
@@ -227,13 +245,16 @@ impl Core {
                 ([0.0; CABLES], 1.0)
             }
             _ => {
-                let last = self.limits.clone();
-                let sent = self.limits.toward(&wanted);
-                if self.keep_lengths(&wanted) && self.keep_lengths(&sent.0) {
+                let mut limits = self.limits.clone();
+                let sent = limits.toward(&wanted, self.node_limit().as_ref());
+                if self.judge(input, &wanted) && self.keep_lengths(&wanted) && self.keep_lengths(&sent.0) {
+                    self.limits = limits;
                     sent
                 } else {
-                    self.limits = last;
-                    self.limits.toward(&[0.0; CABLES])
+                    limits = self.limits.clone();
+                    let sent = limits.toward(&[0.0; CABLES], self.node_limit().as_ref());
+                    self.limits = limits;
+                    sent
                 }
             }
         };
@@ -254,6 +275,18 @@ impl Core {
     #[must_use]
     pub fn asked_m_s(&self) -> &[f64; CABLES] {
         &self.wanted
+    }
+
+    /// Time on the plan clock, s.
+    #[must_use]
+    pub fn plan_time_s(&self) -> f64 {
+        self.clock.time_s()
+    }
+
+    /// Number of the motion that the robot follows or could go on with; 0: none.
+    #[must_use]
+    pub fn motion(&self) -> u32 {
+        self.motion.id()
     }
 
     /// Present mode.
@@ -298,9 +331,7 @@ impl Core {
                 self.odometry.restore(input.restored_m, input.restored_counts);
             }
         }
-        let period_s = self.config.period_s;
-        self.late_tick = input.begin_ns.saturating_sub(input.tick_ns) as f64 * 1e-9 > 0.5 * period_s;
-        self.late += u64::from(self.late_tick);
+        self.note_evidence(input);
         self.gap_s = input.begin_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
         self.begin_ns = input.begin_ns;
         let moving = matches!(self.safety.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);

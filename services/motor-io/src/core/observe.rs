@@ -1,6 +1,6 @@
 //! The second half of a cycle: what the drives replied, and what the cycle came to.
 
-use super::{Core, Observation};
+use super::{Core, Observation, account};
 use crate::faults::Faults;
 use crate::odometry::Reading;
 use crate::safety::Mode;
@@ -16,13 +16,10 @@ impl Core {
         let n = self.config.cable_count();
         self.end_ns = input.end_ns;
         let mut found = Faults::default();
-        let back = self.watch.units(&self.config, input, &mut found);
+        let back = self.watch.units(&self.config, input, self.starves(), &mut found);
         let ok: [bool; CABLES] =
             std::array::from_fn(|i| i < n && input.unit[self.config.unit_of_cable[i]] == MotorInput::UNIT_OK);
         self.unit_trouble = input.unit[..self.config.unit_count].iter().any(|unit| *unit != MotorInput::UNIT_OK);
-        if self.unit_trouble && self.safety.energised() {
-            self.skipped += 1;
-        }
         let before: [f64; CABLES] = std::array::from_fn(|i| self.odometry.length_m(i));
         self.odometry.alive(std::array::from_fn(|i| input.unit_alive[self.config.unit_of_cable[i]] == 1));
         let mut fresh = [false; CABLES];
@@ -49,6 +46,7 @@ impl Core {
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
             excused_m_s: std::array::from_fn(|i| self.excuse.velocity_m_s(i)),
+            starved: self.chain_starves(),
             estimator: self.chosen.map_or(self.arbiter.in_charge().1, |chosen| chosen.estimator),
         };
         self.watch.cables(&self.config, input, &situation, &velocity, &fresh, &mut found);
@@ -56,10 +54,14 @@ impl Core {
             // Nobody knows how far the line ran while its encoder said that it did not.
             self.odometry.doubt();
         }
+        self.name_the_computer(&mut found);
         if self.safety.found(&found) {
             self.abandon();
         }
         self.catch_up(n, &before, &fresh);
+        let lengths = std::array::from_fn(|i| self.odometry.length_m(i));
+        self.node.observe(&lengths, self.odometry.position() == MotorState::POSITION_KNOWN);
+        self.close_period(input);
         let state = self.state(input, &velocity, &fresh);
         let supply = self.watch.supply_v();
         let passed_s = self.gap_s.min(self.config.watchdog_s);
@@ -69,6 +71,21 @@ impl Core {
         energy.header = state.header;
         let authority = self.authority(input, &state.header);
         Observation { state, slots: self.arbiter.slots(&authority), authority, energy }
+    }
+
+    /// What this period of wall-clock time counts as.
+    fn close_period(&mut self, input: &MotorInput) {
+        let cycle = account::Cycle {
+            under_way: self.under_way,
+            fresh: self.fresh,
+            mode: self.safety.mode(),
+            resting: self.clock.rate() == 0.0,
+            faults: self.safety.faults().bits,
+            evidence: self.evidence(),
+            in_charge: self.arbiter.in_charge(),
+            period_s: self.config.period_s,
+        };
+        self.account.close(input, &cycle);
     }
 
     /// If this machine stood still, the drives went on by the last command: the plan follows them as far as the encoders show, or
@@ -113,9 +130,17 @@ impl Core {
         for i in 0..units {
             state.unit_ok[i] = u8::from(input.unit[i] == MotorInput::UNIT_OK);
         }
-        let oldest = state.sampled_ns[..n].iter().copied().min().unwrap_or(0);
-        let newest = state.sampled_ns[..n].iter().copied().max().unwrap_or(0);
-        state.header = Header { cycle: input.header.cycle, seq: 0, stamp_ns: newest, oldest_input_ns: oldest };
+        let unknown = [f64::NAN; 3];
+        state.node_m = self.node.position_m().map_or(unknown, Into::into);
+        state.node_command_m_s = self.node.velocity_of(&self.sent.speed_m_s).map_or(unknown, Into::into);
+        state.node_bound_m_s = self.node.position_m().map_or(f64::INFINITY, |_| self.config.node_speed_m_s());
+        state.setpoint_distance_m = self.setpoint_distance_m(input).unwrap_or(f64::NAN);
+        // 0 stands for an encoder that was never read. Before the first one was, what the sample says is as old as the cycle.
+        let read = || state.sampled_ns[..n].iter().copied().filter(|sampled_ns| *sampled_ns != 0);
+        let oldest = read().min().unwrap_or(input.end_ns);
+        let newest = read().max().unwrap_or(input.end_ns);
+        let (life, cycle) = (input.header.life, input.header.cycle);
+        state.header = Header { life, cycle, stamp_ns: newest, oldest_input_ns: oldest, ..Header::default() };
         state
     }
 
@@ -128,9 +153,6 @@ impl Core {
             plan_rate_target: self.clock.target(),
             period_s: self.config.period_s,
             scale: self.scale,
-            missed: self.missed,
-            late: self.late,
-            skipped: self.skipped,
             bus_ns: input.end_ns.saturating_sub(input.begin_ns),
             wake_ns: input.begin_ns.saturating_sub(input.tick_ns),
             command_age_ns: self.command_age_ns,
@@ -143,8 +165,10 @@ impl Core {
             fault_cable: faults.cables.map(u8::from),
             fault_unit: faults.units.map(u8::from),
             cable_count: self.config.cable_count() as u8,
+            mission: input.mission,
             ..MotorAuthority::default()
         };
+        self.account.describe(&mut authority);
         self.arbiter.describe(&mut authority);
         authority
     }

@@ -9,7 +9,7 @@ use crate::findings::{Finding, error, note, warning};
 const BAD_TICKS: f64 = 0.05;
 /// A wake-up may take this share of the period without anybody noticing.
 const UNNOTICED: f64 = 0.1;
-/// motor-io gives the chain half a period for its answer, however late the cycle was: a tail beyond is a missed command.
+/// motor-io gives the chain half a period for its answer, however late the cycle was: a tail beyond is a period without an answer.
 const MOST_SHARE: f64 = 0.5;
 /// A tenth of that leaves room for the drives, and for what the machine does besides.
 const GOOD_SHARE: f64 = 0.05;

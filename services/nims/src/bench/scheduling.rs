@@ -5,6 +5,9 @@ use service::config::{RealtimeSection, Role};
 use service::realtime;
 use std::fs::File;
 
+/// The roles that answer within a cycle, in the order of the chain.
+const ROLES: [Role; 4] = [Role::MotorIo, Role::Estimator, Role::Controller, Role::MotorBox];
+
 /// Without a box file: what the control chain is best given. It is not asked for a processor of its own, because only the box's owner
 /// knows which is free.
 pub fn best() -> RealtimeSection {
@@ -24,6 +27,45 @@ pub struct Reached {
     pub idle_latency_us: Option<u32>,
     /// What was asked for and is not permitted, each with its cure.
     pub refused: Vec<String>,
+    /// What the kernel gave each process that answers within a cycle.
+    pub given: Vec<Given>,
+}
+
+/// What a process of the robot is given, as the kernel says it.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Given {
+    /// Its role.
+    pub role: &'static str,
+    /// SCHED_FIFO priority that the system file asks for; `null`: none.
+    pub asked: Option<u8>,
+    /// SCHED_FIFO priority that it gets; `null`: ordinary.
+    pub got: Option<u8>,
+}
+
+/// Sets a thread up for each role, and asks the kernel what came of it.
+fn given(section: &RealtimeSection) -> Vec<Given> {
+    let of = |role: Role| {
+        let section = section.clone();
+        let asked = realtime::priority_step(role.name())
+            .filter(|_| section.priority > 0)
+            .map(|step| section.priority.saturating_add(step));
+        let tried = std::thread::spawn(move || {
+            // What this one inherits is nothing that the supervisor has.
+            realtime::ordinary();
+            realtime::apply(&section, role.name());
+            kernel_priority()
+        });
+        Given { role: role.name(), asked, got: tried.join().ok().flatten() }
+    };
+    ROLES.into_iter().map(of).collect()
+}
+
+/// proc_pid_stat(5): field 40 is the real-time priority, 41 the policy (1: SCHED_FIFO); the name in field 2 may hold anything.
+fn kernel_priority() -> Option<u8> {
+    let stat = std::fs::read_to_string("/proc/thread-self/stat").ok()?;
+    let fields: Vec<&str> = stat.rsplit(')').next()?.split_whitespace().collect();
+    let of = |number: usize| fields.get(number - 3).copied();
+    if of(41)? == "1" { of(40)?.parse().ok() } else { None }
 }
 
 /// Sets up the calling thread as motor-io is; the file keeps the processors awake as long as it is held.
@@ -41,6 +83,7 @@ pub fn apply(section: &RealtimeSection) -> (Reached, Option<File>) {
         memory_locked: reached.locked,
         idle_latency_us: section.idle_latency_us.filter(|_| awake.is_some()),
         refused: [refused, sleepy].into_iter().flatten().collect(),
+        given: given(section),
     };
     (found, awake)
 }
@@ -62,8 +105,24 @@ impl Reached {
             latency => format!("processors awake within {latency} µs"),
         }));
         let mut lines = vec![format!("scheduled as motor-io: {}", parts.join(", "))];
+        if !self.given.is_empty() {
+            let each: Vec<String> = self.given.iter().map(Given::words).collect();
+            lines.push(format!("what the kernel gives: {}", each.join(", ")));
+        }
         lines.extend(self.refused.iter().cloned());
         lines
+    }
+}
+
+impl Given {
+    fn words(&self) -> String {
+        match (self.got, self.asked) {
+            (Some(got), Some(asked)) if got == asked => format!("{} {got}", self.role),
+            (Some(got), Some(asked)) => format!("{} {got} instead of {asked}", self.role),
+            (Some(got), None) => format!("{} {got}, which nothing asked for", self.role),
+            (None, Some(asked)) => format!("{} ordinary instead of {asked}", self.role),
+            (None, None) => format!("{} ordinary", self.role),
+        }
     }
 }
 
@@ -72,13 +131,24 @@ mod tests {
     use super::*;
 
     #[test]
+    fn each_process_gets_what_the_kernel_says() {
+        let section = RealtimeSection { priority: 10, ..RealtimeSection::default() };
+        let found = given(&section);
+        assert_eq!(found.iter().map(|given| given.asked).collect::<Vec<_>>(), [Some(10), Some(11), Some(12), None]);
+        // Nothing is given that was not asked for, whatever this user may do.
+        assert!(found.iter().all(|given| given.got.is_none() || given.got <= given.asked), "{found:?}");
+        assert_eq!(Given { role: "estimator", asked: Some(51), got: Some(50) }.words(), "estimator 50 instead of 51");
+    }
+
+    #[test]
     fn what_is_refused_is_said_and_not_claimed() {
         let section = RealtimeSection { cpu: Some(100_000), ..RealtimeSection::default() };
         let (reached, _) = std::thread::spawn(move || apply(&section)).join().unwrap();
         assert_eq!((reached.fifo_priority, reached.cpu, reached.idle_latency_us), (None, None, None));
         let words = reached.words();
-        assert_eq!(words.len(), 2, "{words:?}");
-        assert!(words[0].contains("ordinary") && words[1].contains("100000"), "{words:?}");
+        assert_eq!(words.len(), 3, "{words:?}");
+        assert!(words[0].contains("ordinary") && words[1].contains("motor-box ordinary"), "{words:?}");
+        assert!(words[2].contains("100000"), "{words:?}");
     }
 
     #[test]
@@ -89,6 +159,7 @@ mod tests {
             memory_locked: true,
             idle_latency_us: Some(20),
             refused: Vec::new(),
+            given: Vec::new(),
         };
         let words = reached.words().join("\n");
         for word in ["priority 50", "processor 1", "locked", "20 µs"] {

@@ -14,7 +14,7 @@ pub struct Ticks {
     /// How late they were.
     #[serde(flatten)]
     pub lateness: Spread,
-    /// Those that motor-io would have counted as late: by more than half a period.
+    /// Those so late that motor-io blames the computer for an answer that is missing then: by more than half a period.
     pub late: u64,
     /// Periods that were left out, because the machine stood still for longer.
     pub skipped: u64,

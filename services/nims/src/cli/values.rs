@@ -6,9 +6,29 @@ use service::config::Point;
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numbers(pub Vec<f64>);
 
+/// No quantity of a robot is larger, in whatever unit: what is has lost its decimal point.
+const LARGEST: f64 = 1e9;
+/// Longest time that can be asked for, s: four months.
+const LONGEST_S: f64 = 1e7;
+/// Farthest point, m.
+const FARTHEST_M: f64 = 1e5;
+
 pub(super) fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.trim().parse().map_err(|_| format!("`{text}` is not a number"))?;
-    if value.is_finite() { Ok(value) } else { Err(format!("{text} is not a finite number")) }
+    match value {
+        _ if !value.is_finite() => Err(format!("{text} is not a finite number")),
+        _ if value.abs() > LARGEST => Err(format!("{text} is too large; accepted: numbers within {LARGEST:e}")),
+        _ => Ok(value),
+    }
+}
+
+pub(super) fn seconds(text: &str) -> Result<f64, String> {
+    let value = finite(text)?;
+    if value > 0.0 && value <= LONGEST_S {
+        Ok(value)
+    } else {
+        Err(format!("{text} is no such time; accepted: above 0, at most {LONGEST_S:e} s"))
+    }
 }
 
 pub(super) fn above_zero(text: &str) -> Result<f64, String> {
@@ -33,6 +53,9 @@ pub(super) fn assignment(text: &str) -> Result<(String, String), String> {
 
 pub(super) fn point(text: &str) -> Result<Point, String> {
     let Numbers(values) = numbers(text)?;
+    if let Some(far) = values.iter().find(|value| value.abs() > FARTHEST_M) {
+        return Err(format!("{far} is too far away; accepted: coordinates within {FARTHEST_M:e} m"));
+    }
     Point::from_numbers(&values).map_err(|why| format!("{why}, separated by commas, e.g. 4.8,3.0,0.3"))
 }
 
@@ -47,5 +70,24 @@ mod tests {
         for bad in ["", "1", "1,2,3,4", "1,2,nan", "1,2,inf", "1;2;3", "1,2,3m"] {
             assert!(point(bad).is_err(), "{bad}");
         }
+    }
+
+    #[test]
+    fn what_is_beyond_any_robot_is_refused_with_what_is_accepted() {
+        for (refused, says) in [
+            (point("1,2,1e300").map(|_| ()), "1e9"),
+            (point("1,2,1e6").map(|_| ()), "1e5 m"),
+            (finite("-1.7e150").map(|_| ()), "1e9"),
+            (numbers("1,1e10").map(|_| ()), "1e9"),
+            (above_zero("1e10").map(|_| ()), "1e9"),
+            (seconds("1.7e150").map(|_| ()), "1e9"),
+            (seconds("1e8").map(|_| ()), "at most 1e7 s"),
+            (seconds("0").map(|_| ()), "above 0"),
+            (seconds("-3").map(|_| ()), "above 0"),
+        ] {
+            let sentence = refused.unwrap_err();
+            assert!(sentence.contains(says) && sentence.len() < 100, "{sentence}");
+        }
+        assert_eq!(seconds("1e7"), Ok(1e7));
     }
 }

@@ -1,5 +1,6 @@
 //! How well a run followed its setpoints, from the run file alone.
 
+use crate::counters::{Count, Periods};
 use crate::failure::{Answer, Failure};
 use crate::tracker::{Cycle, Tracker};
 use cable_robot::Vector3;
@@ -47,14 +48,10 @@ pub struct Analysis {
     pub truth: Option<Error>,
     /// Tensions by truth, over moving cycles.
     pub tensions: Option<Tensions>,
-    /// Control cycles.
+    /// Control cycles that ran.
     pub cycles: u64,
-    /// Cycles without a valid command while following.
-    pub missed: u64,
-    /// Cycles that began late because the machine stood still.
-    pub late: u64,
-    /// Cycles lost to the bus.
-    pub skipped: u64,
+    /// Periods of missions: steered, paused, and lost by cause.
+    pub periods: Periods,
     /// For plots.
     #[serde(skip)]
     pub track: Vec<Point>,
@@ -118,7 +115,7 @@ impl Tally {
 
     /// The result; `None` if there was no cycle, or nothing moved.
     #[must_use]
-    pub fn result(&self, track: Vec<Point>) -> Option<Analysis> {
+    pub fn result(&self, track: Vec<Point>, periods: Periods) -> Option<Analysis> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
         Some(Analysis {
             moving_s: self.moving as f64 * last.period_s,
@@ -126,9 +123,7 @@ impl Tally {
             truth: self.truth.result(),
             tensions: self.tensions.result(),
             cycles: last.header.cycle.saturating_sub(first.header.cycle) + 1,
-            missed: last.missed,
-            late: last.late,
-            skipped: last.skipped,
+            periods,
             track,
         })
     }
@@ -140,9 +135,11 @@ impl Tally {
 /// It cannot be read, or nothing moved in it.
 pub fn analyse(run: &Path) -> Answer<Analysis> {
     let (mut tracker, mut tally, mut track) = (Tracker::default(), Tally::default(), Vec::new());
+    let mut count = Count::default();
     let mut each = |cycle: &Cycle<'_>| track.extend(tally.add(cycle));
     let mut reader = runlog::RunReader::open(run).map_err(Failure::not_now)?;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
+        count.note(&recorded);
         tracker.note(&recorded, &mut each);
     }
     tracker.finish(&mut each);
@@ -152,7 +149,7 @@ pub fn analyse(run: &Path) -> Answer<Analysis> {
             run.display()
         )));
     }
-    tally.result(track).ok_or_else(|| Failure::NotNow(format!("nothing moved in {}", run.display())))
+    tally.result(track, count.periods()).ok_or_else(|| Failure::NotNow(format!("nothing moved in {}", run.display())))
 }
 
 /// Sums up distances.

@@ -1,38 +1,25 @@
 //! `nims demo`: the whole robot on the virtual motor box, from nothing to a report.
 
 pub mod analysis;
+mod flying;
 mod plot;
 
 use crate::cli::Demo;
 use crate::failure::{Answer, Failure};
-use crate::supervisor::{self, Supervisor, Wanted};
+use crate::supervisor::{self, Ending, Supervisor, Wanted};
 use crate::{answers, findings, operate, status};
 use analysis::Analysis;
-use bus::clock;
-use indicatif::{ProgressBar, ProgressStyle};
-use messages::{MotorAuthority, NodeEstimate, OperatorRequest, PlanStatus, text_of};
 use planner::mission::Mission;
 use serde_json::json;
 use service::config::BoxFile;
-use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
-use std::time::Duration;
 
 /// Where the demonstration's box file stands in the project.
 const DEFAULT_BOX: &str = "configs/boxes/demo3.toml";
-/// How long a request is repeated while the robot is not ready for it: drives answer, an estimate settles.
-const SETTLE: Duration = Duration::from_secs(5);
-/// A mission that is this much later than planned does not end any more, s: ramps, and stalls of the machine.
-const OVERTIME_S: f64 = 30.0;
-/// How often progress is shown.
-const LOOK: Duration = Duration::from_millis(100);
-/// Time for the robot to hold after the last segment.
-const REST: Duration = Duration::from_secs(5);
-
 /// Runs the demonstration and prints its report.
 ///
 /// # Errors
-/// Whatever did not work; the processes have ended by then and the run file is closed.
+/// Whatever did not work; the processes have ended by then, the run file is closed and the report is written.
 pub fn run(asked: &Demo, domain: Option<&str>, json: bool) -> Answer {
     let config = match &asked.config {
         Some(config) => config.clone(),
@@ -52,36 +39,82 @@ pub fn run(asked: &Demo, domain: Option<&str>, json: bool) -> Answer {
 
     let wanted = Wanted { box_path: &config, run: asked.run.as_deref(), domain, mission: Some(&mission_path) };
     let mut supervisor = Supervisor::start(&wanted, supervisor::stop_flag()?)?;
-    let flown = fly(&mut supervisor, &mission_path, &start, flight.duration_s);
-    let ending = supervisor.end(if flown.is_ok() { "the mission was done" } else { "the mission was not done" });
-    flown?;
+    let flown = flying::fly(&mut supervisor, &mission_path, &start, flight.duration_s);
+    let because = flown.as_ref().err().map_or_else(|| "the mission was done".to_owned(), ToString::to_string);
+    let ending = supervisor.end(&because);
+    let told = Told { mission: &mission, flight: &flight, file: &file, ending: &ending };
+    let healthy = told.tell(json, flown.as_ref().err().map(|_| because.as_str()));
+    match said(flown.err(), &ending, healthy) {
+        Some(failure) => Err(failure),
+        None => Ok(()),
+    }
+}
 
-    let report = runlog::info(&ending.run).map_err(Failure::not_now)?;
-    let analysis = analysis::analyse(&ending.run)?;
-    let picture = ending.run.join("report.svg");
-    plot::draw(&picture, &analysis, &format!("{} on {}", mission.name, file.name))?;
-    let page = ending.run.join(crate::report::PAGE);
-    crate::report::report(std::slice::from_ref(&ending.run), Some(&page))?;
-    let mode = ending.mode.map_or("unknown", status::mode_name);
-    let value = json!({
-        "mission": mission.name, "box": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
-        "recorded": { "messages": report.messages, "channels": report.channels.len(), "lost": lost(&report), "healthy": report.healthy },
-        "mode": mode, "run": ending.run, "picture": picture, "page": page, "died": ending.died,
-    });
-    let words = words(&mission, &flight, &file, &analysis, &report, &ending.run, &page);
-    answers::print(json, &value, &words);
-    std::fs::write(ending.run.join("report.json"), format!("{value:#}\n")).map_err(Failure::not_now)?;
-    if !ending.died.is_empty() {
-        return Err(Failure::NotNow(format!(
-            "died on the way: {}; see {}/log",
-            ending.died.join(", "),
-            ending.run.display()
-        )));
+/// How the demonstration failed, if it did: all that went wrong, and where the run is, in one sentence.
+fn said(broken_off: Option<Failure>, ending: &Ending, told: Answer<Option<String>>) -> Option<Failure> {
+    let exit = broken_off.clone();
+    let mut parts: Vec<String> = broken_off
+        .iter()
+        .map(|why| format!("the demonstration was broken off: {}", end_of(&why.to_string())))
+        .collect();
+    parts.extend(ending.failed());
+    match told {
+        Ok(unsound) => parts.extend(unsound.map(|unsound| format!("the run file is not sound: {unsound}"))),
+        Err(failure) => parts.push(failure.to_string()),
     }
-    if !report.healthy {
-        return Err(Failure::NotNow(format!("the run file is not sound: {}", report.verdict.join("; "))));
+    if parts.is_empty() {
+        return None;
     }
-    Ok(())
+    let sentence = format!("{}; the run is in {}", parts.join("; "), ending.run.display());
+    Some(match exit {
+        Some(Failure::BadInput(_)) => Failure::BadInput(sentence),
+        _ => Failure::NotNow(sentence),
+    })
+}
+
+/// Without the full stop, where the sentence goes on.
+fn end_of(sentence: &str) -> &str {
+    sentence.trim_end_matches('.')
+}
+
+/// What there is to tell about a demonstration that has ended.
+struct Told<'a> {
+    mission: &'a Mission,
+    flight: &'a findings::Flight,
+    file: &'a BoxFile,
+    ending: &'a Ending,
+}
+
+impl Told<'_> {
+    /// Writes the report into the run folder and prints it, also of a mission that was `broken_off`; what of the run file is not sound.
+    fn tell(&self, json: bool, broken_off: Option<&str>) -> Answer<Option<String>> {
+        let Self { mission, flight, file, ending } = self;
+        let run = &ending.run;
+        let report = runlog::info(run).map_err(Failure::not_now)?;
+        // Where nothing moved, there is nothing to draw; the page says what happened instead.
+        let analysis = analysis::analyse(run).ok();
+        let picture = run.join("report.svg");
+        if let Some(analysis) = &analysis {
+            plot::draw(&picture, analysis, &format!("{} on {}", mission.name, file.name))?;
+        }
+        let page = run.join(crate::report::PAGE);
+        let (_, verdict) = crate::report::report(std::slice::from_ref(run), Some(&page))?;
+        let mode = ending.mode.map_or("unknown", status::mode_name);
+        let value = json!({
+            "mission": mission.name, "box": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
+            "recorded": { "messages": report.messages, "channels": report.channels.len(), "lost": lost(&report), "healthy": report.healthy },
+            "mode": mode, "run": run, "picture": analysis.as_ref().map(|_| &picture), "page": page, "died": ending.died,
+            "unrecorded": ending.unrecorded, "broken_off": broken_off,
+        });
+        let words = match (&analysis, broken_off) {
+            (Some(analysis), None) => words(mission, flight, file, analysis, &report, run, &page),
+            // The verdict has the figures of what was flown.
+            _ => format!("{}\nrun        {}", verdict, run.display()),
+        };
+        answers::print(json, &value, &words);
+        std::fs::write(run.join("report.json"), format!("{value:#}\n")).map_err(Failure::not_now)?;
+        Ok((!report.healthy).then(|| report.verdict.join("; ")))
+    }
 }
 
 /// The box of the demonstration, from the present folder or from where this program was built.
@@ -94,106 +127,6 @@ fn default_box() -> Answer<PathBuf> {
     own.ancestors().map(|folder| folder.join(DEFAULT_BOX)).find(|path| path.is_file()).ok_or_else(|| {
         Failure::BadInput(format!("there is no {DEFAULT_BOX} here: run it in the project's folder, or name a box file"))
     })
-}
-
-/// Arms, says where the node is, flies the mission and waits for its end.
-fn fly(supervisor: &mut Supervisor, mission: &Path, start: &[f64; 3], planned_s: f64) -> Answer {
-    insist(supervisor, operate::MOTOR_IO, &operate::plain(OperatorRequest::VERB_ARM))?;
-    insist(supervisor, operate::MOTOR_IO, &operate::with_args(OperatorRequest::VERB_ZERO_AT, start)?)?;
-    let mut estimates = supervisor.bus().subscriber::<NodeEstimate>("node/estimate/a")?;
-    wait(supervisor, SETTLE, "the estimator gives no position", |_| {
-        Ok(estimates.latest()?.is_some_and(|estimate| estimate.valid == 1))
-    })?;
-    let mut plans = supervisor.bus().subscriber::<PlanStatus>("plan/status")?;
-    insist(supervisor, operate::PLANNER, &operate::run_request(mission, false)?)?;
-
-    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
-    let style = ProgressStyle::with_template("{msg:40} {wide_bar} {percent:>3} %")
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
-    bar.set_style(style);
-    let give_up = clock::now_ns() + ((planned_s + OVERTIME_S) * 1e9) as u64;
-    let mut running = false;
-    loop {
-        supervisor.watch(LOOK)?;
-        going_on(supervisor)?;
-        if let Some(plan) = plans.latest()? {
-            let reason = text_of(&plan.reason);
-            match plan.state {
-                PlanStatus::STATE_RUNNING => running = true,
-                PlanStatus::STATE_DONE if running => break,
-                PlanStatus::STATE_ABORTED | PlanStatus::STATE_REFUSED => {
-                    return Err(Failure::NotNow(format!("the mission was broken off: {reason}")));
-                }
-                _ => {}
-            }
-            bar.set_position((1000.0 * plan.progress) as u64);
-            bar.set_message(format!(
-                "{}, leg {} of {}, {:.0} s left",
-                text_of(&plan.mission),
-                plan.leg,
-                plan.legs,
-                plan.time_left_s
-            ));
-        }
-        if clock::now_ns() >= give_up {
-            return Err(Failure::NotNow(format!("the mission should have taken {planned_s:.0} s and does not end")));
-        }
-    }
-    bar.finish_and_clear();
-    wait(supervisor, REST, "the robot does not come to rest", |supervisor| {
-        Ok(supervisor.authority().is_some_and(|authority| authority.mode == MotorAuthority::MODE_HOLDING))
-    })
-}
-
-/// Asks until it is accepted: just after the start a process may not be ready for it yet.
-fn insist(supervisor: &mut Supervisor, process: &str, request: &OperatorRequest) -> Answer {
-    let give_up = clock::now_ns() + SETTLE.as_nanos() as u64;
-    loop {
-        match operate::send(supervisor.bus(), process, request) {
-            Ok(_) => return Ok(()),
-            Err(failure) if clock::now_ns() >= give_up => return Err(failure),
-            Err(_) => {
-                supervisor.watch(LOOK)?;
-                going_on(supervisor)?;
-            }
-        }
-    }
-}
-
-fn wait(
-    supervisor: &mut Supervisor,
-    patience: Duration,
-    what: &str,
-    mut done: impl FnMut(&Supervisor) -> Answer<bool>,
-) -> Answer {
-    let give_up = clock::now_ns() + patience.as_nanos() as u64;
-    while !done(supervisor)? {
-        if clock::now_ns() >= give_up {
-            return Err(Failure::NotNow(format!("{what} within {} s", patience.as_secs())));
-        }
-        supervisor.watch(LOOK)?;
-        going_on(supervisor)?;
-    }
-    Ok(())
-}
-
-/// Whether there is still a point in waiting.
-fn going_on(supervisor: &Supervisor) -> Answer {
-    if supervisor.is_stopping() {
-        return Err(Failure::NotNow("stopped before the mission was done".to_owned()));
-    }
-    if let Some(authority) = supervisor.authority()
-        && matches!(authority.mode, MotorAuthority::MODE_FAULTED | MotorAuthority::MODE_EMERGENCY_STOP)
-    {
-        return Err(Failure::NotNow(format!(
-            "the robot has stopped: {}",
-            motor_io::sentences::faults_of(authority).join(" ")
-        )));
-    }
-    match supervisor.dead_and_vital() {
-        Some(name) => Err(Failure::NotNow(format!("{name} has died, so the mission cannot be done"))),
-        None => Ok(()),
-    }
 }
 
 fn lost(report: &runlog::RunReport) -> u64 {
@@ -232,10 +165,7 @@ fn words(
             tensions.worst_n
         ));
     }
-    lines.push(format!(
-        "cycles     {} at {:.0} Hz: {} missed, {} late, {} skipped",
-        analysis.cycles, file.rate_hz, analysis.missed, analysis.late, analysis.skipped
-    ));
+    lines.push(format!("steered    {}: {}", analysis.periods.leading(), analysis.periods.by_cause()));
     let bytes: u64 = report.files.iter().map(|file| file.bytes).sum();
     lines.push(format!(
         "recorded   {} messages on {} channels in {:.1} MB, {} lost",

@@ -35,6 +35,16 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
         findings.push(serial_port(port));
     }
     clocks(machine, &mut findings);
+    if let Some(busy) = machine.busy {
+        findings.push(match (busy.words(), busy.load) {
+            (Some(words), _) => warning(words, crate::busy::CURE),
+            (None, Some(load)) => note(format!(
+                "processors: {}, and {} threads want to run ({:.1} on average over the last minute)",
+                load.processors, load.now, load.minute
+            )),
+            (None, None) => note(format!("processors: {}", machine.processors)),
+        });
+    }
     if let Some(runs) = &machine.runs {
         findings.push(disk(runs));
         if !runs.open.is_empty() {
@@ -267,6 +277,7 @@ fn disk(runs: &Runs) -> Finding {
 mod tests {
     use super::super::machine::{Limits, Memory};
     use super::*;
+    use crate::busy::Busy;
     use crate::findings::{Level, usable};
 
     fn sound() -> Machine {
@@ -331,6 +342,9 @@ mod tests {
             (machine.memory.size_bytes, machine.memory.free_bytes) = (64_000_000, 64_000_000);
         });
         found(Level::Warning, &["root"], |machine| machine.user = 0);
+        found(Level::Warning, &["busy", "93 %", "[realtime]"], |machine| {
+            machine.busy = Some(Busy { pressure: Some(0.93), load: None });
+        });
         found(Level::Warning, &["3 files (20 MB)", "find /dev/shm"], |machine| machine.ownerless = (20_000_000, 3));
         found(Level::Error, &["256 files", "LimitNOFILE"], |machine| machine.limits.open_files = Some(256));
         found(Level::Error, &["50 processes", "LimitNPROC"], |machine| machine.limits.processes = Some(50));

@@ -1,5 +1,6 @@
 //! What the doctor knows of a machine: plain facts, so that they can be judged without one.
 
+use crate::busy::Busy;
 use std::path::PathBuf;
 
 /// A machine, and what a box needs of it.
@@ -29,6 +30,8 @@ pub struct Machine {
     pub governors: Vec<String>,
     /// Processors.
     pub processors: usize,
+    /// What else runs.
+    pub busy: Option<Busy>,
     /// Folders of this user's domains that others may enter, which therefore cannot be used.
     pub open_folders: Vec<PathBuf>,
     /// Where runs are kept.

@@ -1,6 +1,7 @@
 //! Finds the facts out, without changing anything.
 
 use super::machine::{DomainFound, Limits, Machine, Memory, PortFound, Runs};
+use crate::busy::Busy;
 use crate::live::Running;
 use bus::{Domain, clock};
 use rustix::fs::{Access, access, statfs, statvfs};
@@ -31,6 +32,7 @@ pub fn probe(file: Option<&BoxFile>) -> Machine {
         unix_s: clock::unix_ns() / 1_000_000_000,
         governors: governors(),
         processors: std::thread::available_parallelism().map_or(1, usize::from),
+        busy: Some(Busy::look()),
         open_folders: Domain::open_folders(),
         runs: file.map(runs),
         programs_missing: programs_missing(file),

@@ -4,8 +4,9 @@ use controller::{Controller, ControllerConfig, Seen};
 use estimator::{Estimator, EstimatorConfig, Method};
 use messages::{
     CABLES, CONTROLLERS, ControlStatus, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, PlanMotion,
-    SLOTS, blended_estimate,
+    Rule, SLOTS, blended_estimate,
 };
+use service::config::EstimatorSection;
 
 /// What a controller said when it was woken.
 #[derive(Debug, Clone, Copy)]
@@ -27,7 +28,12 @@ pub struct Slots {
     estimators: [Option<Estimator>; SLOTS],
     commands: [Option<MotorCommand>; SLOTS],
     statuses: [ControlStatus; SLOTS],
+    /// What each channel holds: the last sample, also that of a process that has died since.
     estimates: [Option<NodeEstimate>; SLOTS],
+    /// Published in this cycle.
+    new: [bool; SLOTS],
+    /// What each controller has kept of each channel.
+    heard: [[Option<NodeEstimate>; SLOTS]; SLOTS],
     said: [Option<Said>; WAKES],
     lives: u32,
 }
@@ -41,6 +47,8 @@ impl Slots {
             commands: [None; SLOTS],
             statuses: [ControlStatus::default(); SLOTS],
             estimates: [None; SLOTS],
+            new: [false; SLOTS],
+            heard: [[None; SLOTS]; SLOTS],
             said: [None; WAKES],
             lives: 100,
         }
@@ -61,6 +69,8 @@ impl Slots {
         self.lives += 1;
         self.controllers[slot] = Some(Controller::new(ControllerConfig { incarnation: self.lives, ..*config }));
         self.commands[slot] = None;
+        // A channel gives its last sample to those that come later.
+        self.heard[slot] = self.estimates;
     }
 
     /// Starts an estimator; who was in that slot is gone.
@@ -68,6 +78,42 @@ impl Slots {
         self.lives += 1;
         self.estimators[slot] = Some(Estimator::new(&EstimatorConfig { incarnation: self.lives, method, ..*config }));
         self.estimates[slot] = None;
+    }
+
+    /// Other parameters for the controller of a slot, from its next answer on; what it then has.
+    pub fn configure_controller(
+        &mut self,
+        slot: usize,
+        change: impl FnOnce(ControllerConfig) -> ControllerConfig,
+        fade_s: f64,
+    ) -> Option<ControllerConfig> {
+        let controller = self.controllers[slot].as_mut()?;
+        let config = change(*controller.config());
+        controller.configure(config, fade_s);
+        Some(*controller.config())
+    }
+
+    /// Other parameters for the estimator of a slot, from its next estimate on.
+    pub fn configure_estimator(&mut self, slot: usize, config: &EstimatorConfig) {
+        if let Some(estimator) = &mut self.estimators[slot] {
+            estimator.configure(config);
+        }
+    }
+
+    /// The process of a role in its slot lives.
+    pub fn lives(&self, role: usize, slot: usize) -> bool {
+        if role == CONTROLLERS { self.controllers[slot].is_some() } else { self.estimators[slot].is_some() }
+    }
+
+    /// A program that is none of the robot's publishes an estimate.
+    pub fn forge_estimate(&mut self, slot: usize, estimate: NodeEstimate) {
+        self.estimates[slot] = Some(estimate);
+        self.new[slot] = true;
+    }
+
+    /// The same with a command.
+    pub fn forge_command(&mut self, slot: usize, command: MotorCommand) {
+        self.commands[slot] = Some(command);
     }
 
     /// Kills a controller or an estimator ([`CONTROLLERS`], [`messages::ESTIMATORS`]) in its slot; `unheard`: before its last answer had
@@ -114,6 +160,7 @@ impl Slots {
             }
             if let Some(estimate) = &self.estimates[slot] {
                 input.estimate_cycle[slot] = estimate.header.cycle;
+                input.estimate_life[slot] = estimate.header.life;
                 input.estimate_valid[slot] = estimate.valid;
                 input.estimate_incarnation[slot] = estimate.incarnation;
                 input.estimate_position_m[3 * slot..][..3].copy_from_slice(&estimate.position_m);
@@ -124,51 +171,53 @@ impl Slots {
 
     /// Every estimator that lives estimates.
     pub(super) fn estimate(&mut self, state: &MotorState, authority: &MotorAuthority) {
-        for (estimator, estimate) in self.estimators.iter_mut().zip(&mut self.estimates) {
+        for (slot, estimator) in self.estimators.iter_mut().enumerate() {
             if let Some(estimator) = estimator {
-                *estimate = Some(estimator.step(state, Some(authority)));
+                self.estimates[slot] = Some(estimator.step(state, Some(authority)));
+                self.new[slot] = true;
             }
         }
     }
 
     /// The estimate that counts.
     pub(super) fn blended(&self, authority: &MotorAuthority) -> Option<NodeEstimate> {
-        blended_estimate(Some(authority), [self.estimates[0].as_ref(), self.estimates[1].as_ref()])
+        let rule = Rule::Live { ttl_cycles: EstimatorSection::default().ttl_cycles };
+        blended_estimate(Some(authority), [self.estimates[0].as_ref(), self.estimates[1].as_ref()], rule)
     }
 
-    /// Every controller that lives answers, as estimates come in: first to a alone, then to both. Gives what the one in use says.
+    /// Every controller that lives answers, as estimates come in: first that of a, then that of b. Gives what the one in use says.
     pub(super) fn command(
         &mut self,
         state: &MotorState,
         authority: &MotorAuthority,
         motion: &PlanMotion,
     ) -> (MotorCommand, ControlStatus) {
-        // Nobody is woken by what came in an earlier cycle.
-        let of_now = |estimate: &Option<NodeEstimate>| estimate.filter(|one| one.header.cycle == state.header.cycle);
-        let (a, b) = (of_now(&self.estimates[0]), of_now(&self.estimates[1]));
         self.said = [None; WAKES];
-        if a.is_none() && b.is_none() {
-            return (MotorCommand::default(), ControlStatus::default());
-        }
-        for slot in 0..SLOTS {
-            let Some(controller) = &mut self.controllers[slot] else { continue };
-            let mut seen = Seen {
-                estimates: [a.as_ref(), None],
-                motion: Some(motion),
-                authority: Some(authority),
-                state: Some(state),
-            };
-            if a.is_some() && b.is_some() {
-                let (command, status) = controller.step(&seen);
-                self.said[SLOTS * slot] = Some(Said { slot, command, status });
+        let new = std::mem::take(&mut self.new);
+        for wake in (0..SLOTS).filter(|wake| new[*wake]) {
+            for slot in 0..SLOTS {
+                let Some(controller) = &mut self.controllers[slot] else { continue };
+                let heard = &mut self.heard[slot];
+                heard[wake] = self.estimates[wake];
+                let (command, status) = controller.step(&Seen {
+                    estimates: [heard[0].as_ref(), heard[1].as_ref()],
+                    motion: Some(motion),
+                    authority: Some(authority),
+                    state: Some(state),
+                });
+                self.said[SLOTS * slot + wake] = Some(Said { slot, command, status });
+                // As motor-io takes it in: an answer to this cycle is not displaced by one to another.
+                let current = |command: &MotorCommand| command.based_on_cycle == state.header.cycle;
+                if current(&command) || !self.commands[slot].as_ref().is_some_and(current) {
+                    (self.commands[slot], self.statuses[slot]) = (Some(command), status);
+                }
             }
-            seen.estimates[1] = b.as_ref();
-            let (command, status) = controller.step(&seen);
-            self.said[SLOTS * slot + 1] = Some(Said { slot, command, status });
-            (self.commands[slot], self.statuses[slot]) = (Some(command), status);
         }
         let used = usize::from(authority.active_controller).min(SLOTS - 1);
         let spoke = if self.commands[used].is_some() { used } else { 1 - used };
-        (self.commands[spoke].unwrap_or_default(), self.statuses[spoke])
+        match self.commands[spoke] {
+            Some(command) => (command, self.statuses[spoke]),
+            None => Default::default(),
+        }
     }
 }

@@ -41,7 +41,7 @@ pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer
 
 /// The robot file of a run, and the section of its box file.
 pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
-    let mut reader = RunReader::open(run).map_err(Failure::not_now)?;
+    let mut reader = RunReader::open(run)?;
     // what was kept inside the file stands before its first sample
     reader.next_sample().map_err(Failure::not_now)?;
     let Some(robot) = robot_file_of(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
@@ -79,7 +79,7 @@ pub fn samples_of(
     heard: &mut Vec<String>,
     take: &mut dyn FnMut(&str, Origin, &Sample),
 ) -> Answer<Vec<[f64; 3]>> {
-    let mut reader = RunReader::open(run).map_err(Failure::not_now)?;
+    let mut reader = RunReader::open(run)?;
     let mut show = progress("reading");
     let mut desk = Desk {
         config,

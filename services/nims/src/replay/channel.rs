@@ -1,8 +1,7 @@
 //! A channel of the run: its samples as types of this build, and how they compare with what is computed now.
 
 use messages::Message;
-use messages::schema::{Schema, SchemaField, Value};
-use runlog::{Recorded, RecordedChannel};
+use runlog::{Conversion, Recorded, RecordedChannel};
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -52,7 +51,7 @@ pub struct Tally {
 /// The samples of one channel.
 pub(super) struct Channel<T> {
     tally: Tally,
-    known: Option<(Arc<RecordedChannel>, Option<Reading>)>,
+    known: Option<Arc<RecordedChannel>>,
     waiting: VecDeque<(u64, T)>,
     t0_ns: u64,
 }
@@ -67,16 +66,19 @@ impl<T: Message> Channel<T> {
     pub(super) fn read(&mut self, recorded: &Recorded<'_>, t0_ns: u64) -> Option<T> {
         self.t0_ns = t0_ns;
         self.tally.recorded += 1;
-        if !self.known.as_ref().is_some_and(|(channel, _)| Arc::ptr_eq(channel, recorded.channel)) {
-            self.known = Some((Arc::clone(recorded.channel), Reading::of::<T>(recorded.channel)));
+        if !self.known.as_ref().is_some_and(|channel| Arc::ptr_eq(channel, recorded.channel)) {
+            self.known = Some(Arc::clone(recorded.channel));
         }
-        let reading = self.known.as_ref().and_then(|(_, reading)| reading.as_ref());
-        let sample = reading.and_then(|reading| reading.take(recorded.sample));
+        let sample = recorded.to();
         match &sample {
-            Some(_) => self.tally.definition_changed |= reading.is_some_and(|reading| !reading.same),
+            Some(_) => self.tally.definition_changed |= self.conversion().is_some_and(|by| !by.is_same()),
             None => self.skip(DEFINITION),
         }
         sample
+    }
+
+    fn conversion(&self) -> Option<&Conversion> {
+        self.known.as_ref()?.conversion::<T>()
     }
 
     /// Keeps a sample until everything that it rests on has been read too.
@@ -101,19 +103,20 @@ impl<T: Message> Channel<T> {
         *self.tally.not_compared.entry(why).or_default() += 1;
     }
 
-    /// Compares every bit but `header.seq`, which publishing gives and no step.
+    /// Compares every bit but what publishing gives and no step.
     pub(super) fn compare(&mut self, time_ns: u64, recorded: &T, mut replayed: T) {
-        replayed.header_mut().seq = recorded.header().seq;
+        replayed.header_mut().take_over_publication(recorded.header());
         let (was, is) = (bytemuck::bytes_of(recorded), bytemuck::bytes_of(&replayed));
-        let Some(reading) = self.known.as_ref().and_then(|(_, reading)| reading.as_ref()) else { return };
-        if reading.agree(was, is) {
+        let Some(conversion) = self.conversion() else { return };
+        if conversion.agree(was, is) {
             self.tally.equal += 1;
             return;
         }
+        let first = conversion.first_difference::<T>(was, is).unwrap_or_default();
         self.tally.different += 1;
         if self.tally.first.is_none() {
             let (cycle, time_s) = (recorded.header().cycle, self.time_s(time_ns));
-            let (field, recorded, replayed) = reading.first_difference::<T>(was, is).unwrap_or_default();
+            let (field, recorded, replayed) = first;
             self.tally.first = Some(Difference { cycle, time_s, field, recorded, replayed });
         }
     }
@@ -153,77 +156,6 @@ impl<T: Message> Channel<T> {
             *tally.not_compared.entry(ALONE).or_default() += tally.recorded - said;
         }
         (tally.recorded > 0).then_some(self.tally)
-    }
-}
-
-/// How the bytes of a recorded sample become those of this build's type: as they are or, where the definition has changed since, field by
-/// field by name. What is new is zero.
-struct Reading {
-    same: bool,
-    spans: Vec<Span>,
-}
-
-struct Span {
-    from: usize,
-    to: usize,
-    bytes: usize,
-}
-
-impl Reading {
-    fn of<T: Message>(channel: &RecordedChannel) -> Option<Self> {
-        if channel.schema == T::schema() {
-            return Some(Self { same: true, spans: Vec::new() });
-        }
-        let mut names = channel.type_name.split('/');
-        if (names.next(), names.next()) != (Some("nims_msgs"), Some(T::NAME)) {
-            return None;
-        }
-        let (was, is) = (Schema::parse(&channel.schema).ok()?, Schema::parse(T::schema()).ok()?);
-        let span = |field: &SchemaField| {
-            let old = was.field(&field.path).filter(|old| old.primitive == field.primitive)?;
-            Some(Span { from: old.offset, to: field.offset, bytes: field.size().min(old.size()) })
-        };
-        Some(Self { same: false, spans: is.fields().iter().filter_map(span).collect() })
-    }
-
-    fn take<T: Message>(&self, sample: &[u8]) -> Option<T> {
-        if self.same {
-            return (sample.len() == size_of::<T>()).then(|| bytemuck::pod_read_unaligned(sample));
-        }
-        let mut value = T::zeroed();
-        let bytes = bytemuck::bytes_of_mut(&mut value);
-        for span in &self.spans {
-            let from = sample.get(span.from..span.from + span.bytes)?;
-            bytes.get_mut(span.to..span.to + span.bytes)?.copy_from_slice(from);
-        }
-        Some(value)
-    }
-
-    fn agree(&self, was: &[u8], is: &[u8]) -> bool {
-        if self.same { was == is } else { self.spans.iter().all(|span| span.of(was) == span.of(is)) }
-    }
-
-    /// Field, recorded, replayed.
-    fn first_difference<T: Message>(&self, was: &[u8], is: &[u8]) -> Option<(String, String, String)> {
-        let schema = Schema::parse(T::schema()).ok()?;
-        schema.fields().iter().find_map(|field| {
-            if !self.same && !self.spans.iter().any(|span| span.to == field.offset) {
-                return None;
-            }
-            let bytes = field.offset..field.offset + field.size();
-            let (old, new) = (was.get(bytes.clone())?, is.get(bytes)?);
-            let at =
-                old.chunks(field.primitive.size()).zip(new.chunks(field.primitive.size())).position(|(a, b)| a != b)?;
-            let shown = |sample| Value::of(field, sample)?.numbers().nth(at).map(|number| number.to_string());
-            let name = if field.count.is_some() { format!("{}[{at}]", field.path) } else { field.path.clone() };
-            Some((name, shown(was)?, shown(is)?))
-        })
-    }
-}
-
-impl Span {
-    fn of<'a>(&self, sample: &'a [u8]) -> Option<&'a [u8]> {
-        sample.get(self.to..self.to + self.bytes)
     }
 }
 

@@ -2,11 +2,12 @@
 
 use super::Changes;
 use crate::failure::{Answer, Failure};
-use controller::{Controller, ControllerConfig, Law};
-use estimator::{Estimator, EstimatorConfig, Method};
+use controller::{ControllerConfig, Law};
+use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
 use runlog::Attachment;
 use service::config::{BoxFile, RobotFile};
+use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 use toml::{Table, Value};
@@ -18,7 +19,7 @@ const ROBOT: &str = "robot.toml";
 const ROBOT_TABLES: [&str; 4] = ["robot", "lines", "motor", "site"];
 
 /// What the deciding parts are made from.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Configuration {
     file: BoxFile,
     robot: RobotFile,
@@ -26,6 +27,8 @@ pub(super) struct Configuration {
     /// The law, or the method, is not the one that a process had been started with.
     law_changed: bool,
     method_changed: bool,
+    /// What is changed of the controllers' and the estimators' sections.
+    sections_changed: Vec<(String, String)>,
 }
 
 impl Configuration {
@@ -75,6 +78,7 @@ impl Configuration {
             core,
             law_changed: changed.contains(&"controller.law"),
             method_changed: changed.contains(&"estimator.method"),
+            sections_changed: changes.set.iter().filter(|(key, _)| is_of_a_section(key)).cloned().collect(),
             file,
             robot,
         };
@@ -93,16 +97,47 @@ impl Configuration {
         Core::new(self.core.clone())
     }
 
-    /// The estimator of that life, by the method that its estimates name.
-    pub(super) fn estimator(&self, incarnation: u32, method: u8) -> Option<Estimator> {
+    /// The estimator of that life, by the method that its estimates name and the parameters that it said it works with.
+    pub(super) fn estimator(&self, incarnation: u32, method: u8, said: Option<&str>) -> Option<EstimatorConfig> {
         let method = Method::name_of(method)?;
-        self.estimator_config(incarnation, Some(method)).ok().map(|config| Estimator::new(&config))
+        self.with_sections(said)?.estimator_config(incarnation, Some(method)).ok()
     }
 
-    /// The controller of that life, with the law that its answers name.
-    pub(super) fn controller(&self, incarnation: u32, law: u8) -> Option<Controller> {
+    /// The controller of that life, with the law that its answers name and the parameters that it said it works with.
+    pub(super) fn controller(&self, incarnation: u32, law: u8, said: Option<&str>) -> Option<ControllerConfig> {
         let law = Law::name_of(law)?;
-        self.controller_config(incarnation, Some(law)).ok().map(Controller::new)
+        self.with_sections(said)?.controller_config(incarnation, Some(law)).ok()
+    }
+
+    /// Time in which a controller fades from old parameters to new ones, s.
+    pub(super) fn fade_s(&self) -> f64 {
+        self.file.arbiter.fade_s
+    }
+
+    /// With the sections that a process said it works with, and what is changed of them; `None` if they are none.
+    fn with_sections(&self, said: Option<&str>) -> Option<Cow<'_, Self>> {
+        let Some(said) = said else { return Some(Cow::Borrowed(self)) };
+        let mut sections: Table = said.parse().ok()?;
+        for (key, value) in &self.sections_changed {
+            set(&mut sections, key, value).ok()?;
+        }
+        let mut with = self.clone();
+        let mut take = |name: &str| sections.remove(name);
+        if let Some(section) = take("controller") {
+            let law = with.file.controller.law;
+            with.file.controller = section.try_into().ok()?;
+            if self.law_changed {
+                with.file.controller.law = law;
+            }
+        }
+        if let Some(section) = take("estimator") {
+            let method = with.file.estimator.method;
+            with.file.estimator = section.try_into().ok()?;
+            if self.method_changed {
+                with.file.estimator.method = method;
+            }
+        }
+        Some(Cow::Owned(with))
     }
 
     fn estimator_config(&self, incarnation: u32, method: Option<&str>) -> anyhow::Result<EstimatorConfig> {
@@ -120,6 +155,10 @@ impl Configuration {
         }
         ControllerConfig::of(&file, &self.robot, incarnation)
     }
+}
+
+fn is_of_a_section(key: &str) -> bool {
+    key.starts_with("controller.") || key.starts_with("estimator.")
 }
 
 /// Puts a value, written as in a configuration file or as a bare word, where its dotted key says.

@@ -1,13 +1,14 @@
 //! `nims replay`: what was decided in a run, computed again from what was recorded, by the very same steps.
 //!
 //! motor-io's safety machine and arbiter work on `motor/input`, estimators on `motor/state` and the `motor/authority` that their estimates
-//! name, controllers on what `control/status` says they had seen. Every part gets its recorded inputs, not what another part makes of them
+//! name, controllers on what `control/status` says they had seen, each with the parameters that it said it works with (`system/config/NAME`). Every part gets its recorded inputs, not what another part makes of them
 //! now: a difference stays where it arises. A process that was started on the way begins with its first sample.
 
 mod channel;
 mod config;
 mod instead;
 mod parts;
+mod used;
 mod words;
 
 pub use channel::{Difference, Tally};
@@ -20,11 +21,12 @@ use config::Configuration;
 use instead::Collector;
 use messages::{
     ControlStatus, Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
-    OperatorRequest, PlanMotion, SLOT_NAMES, SLOTS, text_of,
+    OperatorRequest, PlanMotion, SLOT_NAMES, SLOTS, SystemConfig, text_of,
 };
 use parts::{Controllers, Estimators, MotorIo, Recent};
 use runlog::{Recorded, RunReader};
 use std::path::Path;
+use used::Used;
 
 /// A sample is worked on when the run is read this far beyond it, ns: by then everything that it rests on has been read and worked on too.
 /// Samples of one cycle stand in the file within some milliseconds of each other, but in no certain order.
@@ -66,6 +68,8 @@ pub struct Replayed {
     pub damage: Vec<String>,
     /// With changes: what they would have done.
     pub instead: Option<Instead>,
+    /// The build that recorded the run, as it named itself.
+    pub recorded_by: Option<String>,
 }
 
 impl Replayed {
@@ -94,6 +98,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     // The configuration stands before the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
     let configuration = Configuration::of(reader.attachments(), changes)?;
+    let recorded_by = reader.about().get("nims_version").cloned();
     let total = reader.bytes().max(1) as f64;
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
     let mut machine = Machine::new(configuration, !changes.is_empty());
@@ -107,7 +112,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     }
     let damage = reader.damage().iter().map(|(file, damage)| format!("{}: {}", file.display(), damage.why));
     let damage: Vec<String> = damage.collect();
-    Ok(Replayed { damage, ..machine.end() })
+    Ok(Replayed { damage, recorded_by, ..machine.end() })
 }
 
 /// All parts and all channels.
@@ -118,6 +123,7 @@ struct Machine {
     estimators: [Estimators; SLOTS],
     controllers: [Controllers; SLOTS],
     recent: Recent,
+    used: Channel<SystemConfig>,
     input: Channel<MotorInput>,
     motion: Channel<PlanMotion>,
     state: Channel<MotorState>,
@@ -153,7 +159,9 @@ impl Machine {
                 motions: History::new(),
                 estimates: std::array::from_fn(|_| History::new()),
                 commands: std::array::from_fn(|_| History::new()),
+                used: Used::default(),
             },
+            used: Channel::new("system/config"),
             input: Channel::new("motor/input"),
             motion: Channel::new("plan/motion"),
             state: Channel::new("motor/state"),
@@ -239,6 +247,11 @@ impl Machine {
                     self.control[slot].wait_in_turn(time_ns, status, |status| status.incarnation);
                 }
             }
+            name if name.starts_with("system/config/") => {
+                if let Some(said) = self.used.read(recorded, t0_ns) {
+                    self.recent.used.note(&said);
+                }
+            }
             _ => {}
         }
         if time_ns >= self.worked_ns + EVERY_NS {
@@ -316,7 +329,9 @@ impl Machine {
             let again = self.estimators[slot].step(time_ns, &estimate, &self.recent, &self.configuration);
             let mut used = estimate;
             match again {
-                Ok(made) => {
+                Ok(mut made) => {
+                    // The kernel's number of a thread is nothing that a step decides.
+                    made.thread = estimate.thread;
                     if let Some(collector) = &mut self.collector {
                         collector.estimate(&estimate, &made);
                         // A changed estimator is a change for the controllers too.
@@ -336,9 +351,10 @@ impl Machine {
             let command = self.recent.commands[slot].find(status.header.seq, time_ns).copied();
             let command = command.filter(|command| command.incarnation == status.incarnation);
             match (again, command) {
-                (Ok((made, made_status)), command) => {
+                (Ok((mut made, made_status)), command) => {
                     self.control[slot].compare(time_ns, &status, made_status);
                     let Some(command) = command else { continue };
+                    made.thread = command.thread;
                     let authority = self.recent.authorities.find(status.header.cycle, time_ns);
                     if let (Some(collector), Some(authority)) = (&mut self.collector, authority) {
                         let time_s = time_ns.saturating_sub(self.begin_ns.unwrap_or(time_ns)) as f64 * 1e-9;
@@ -370,6 +386,7 @@ impl Machine {
             flown_s: last_ns.saturating_sub(first_ns) as f64 * 1e-9,
             damage: Vec::new(),
             instead: self.collector.map(Collector::end),
+            recorded_by: None,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use super::channel::{History, Why};
 use super::config::Configuration;
+use super::used::Used;
 use controller::{Controller, Seen};
 use estimator::Estimator;
 use messages::{ControlStatus, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, PlanMotion, SLOTS};
@@ -62,6 +63,7 @@ pub(super) struct Recent {
     pub(super) motions: History<PlanMotion>,
     pub(super) estimates: [History<NodeEstimate>; SLOTS],
     pub(super) commands: [History<MotorCommand>; SLOTS],
+    pub(super) used: Used,
 }
 
 /// The sample of that cycle or beat; 0: nobody had seen one.
@@ -127,8 +129,12 @@ impl Estimators {
         configuration: &Configuration,
     ) -> Result<NodeEstimate, Why> {
         let NodeEstimate { header, incarnation, method, seen_authority, .. } = *recorded;
-        let begin = || configuration.estimator(incarnation, method);
+        let config = |said: Option<&str>| configuration.estimator(incarnation, method, said);
+        let begin = || config(recent.used.at_start(incarnation)).map(|config| Estimator::new(&config));
         let estimator = self.life.part(incarnation, header.seq, begin)?;
+        if let Some(config) = recent.used.from(incarnation, header.seq).and_then(|said| config(Some(said))) {
+            estimator.configure(&config);
+        }
         let state = recent.states.find(header.cycle, time_ns).ok_or(INPUT);
         let inputs = state.and_then(|state| Ok((state, seen(&recent.authorities, seen_authority, time_ns)?)));
         match inputs {
@@ -157,8 +163,12 @@ impl Controllers {
         configuration: &Configuration,
     ) -> Result<(MotorCommand, ControlStatus), Why> {
         let ControlStatus { header, incarnation, chosen_law, .. } = *recorded;
-        let begin = || configuration.controller(incarnation, chosen_law);
+        let config = |said: Option<&str>| configuration.controller(incarnation, chosen_law, said);
+        let begin = || config(recent.used.at_start(incarnation)).map(Controller::new);
         let controller = self.life.part(incarnation, header.seq, begin)?;
+        if let Some(config) = recent.used.from(incarnation, header.seq).and_then(|said| config(Some(said))) {
+            controller.configure(config, configuration.fade_s());
+        }
         match inputs(time_ns, recorded, recent) {
             Ok(seen) => {
                 let (command, mut status) = controller.step(&seen);
@@ -174,13 +184,12 @@ impl Controllers {
 /// What the controller had seen when it made `recorded`.
 fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Seen<'a>, Why> {
     let cycles = recorded.seen_estimate;
-    let newest = cycles.into_iter().max().unwrap_or(0);
     let mut estimates = [None; SLOTS];
     for (slot, history) in recent.estimates.iter().enumerate() {
-        // An estimate of an older cycle has no say, and the one of a dead estimator may be long ago.
-        if cycles[slot] == newest {
-            estimates[slot] = seen(history, newest, time_ns)?;
-        }
+        let estimate = seen(history, cycles[slot], time_ns);
+        // Without the one that was answered there is no answer. The other one decides at most which is answered, and one of a dead
+        // estimator may be long ago.
+        estimates[slot] = if cycles[slot] == recorded.header.cycle { estimate? } else { estimate.ok().flatten() };
     }
     Ok(Seen {
         estimates,

@@ -83,6 +83,10 @@ fn table(replayed: &Replayed) -> Vec<String> {
             ));
         }
     }
+    if replayed.channels.iter().any(|tally| tally.definition_changed) {
+        let build = replayed.recorded_by.as_deref().unwrap_or("an unnamed version");
+        lines.push(format!("definitions have changed since: nims {build} recorded the run, and replays all of it"));
+    }
     lines.extend(replayed.damage.iter().map(|damage| format!("not readable: {damage}")));
     lines
 }

@@ -238,16 +238,16 @@ pub fn power(run: &Gathered) -> Vec<Figure> {
 pub fn timing(run: &Gathered) -> Vec<Figure> {
     let clock = Clock::of(run);
     let [wake, bus, age] = &run.times;
-    let [missed, late, skipped] = &run.counts;
+    let [computer, drive, resync, answer] = &run.losses;
     let times = [
         ("oldest reading to command", ALONE, &age.trace),
         ("bus exchange", 0, &bus.trace),
         ("tick to wake-up", 3, &wake.trace),
     ];
-    let counts = [("skipped", 3, skipped), ("late", 0, late), ("missed", 1, missed)];
+    let counts = [("resync", 3, resync), ("drive", 2, drive), ("computer", 0, computer), ("answer", 1, answer)];
     vec![
         Figure::new("Time that each cycle takes", WIDE, clock.chart("time, ms", &times, 1000.0)),
-        Figure::new("Cycles lost since start", (WIDE.0, 170), clock.chart("cycles", &counts, 1.0)),
+        Figure::new("Periods not steered, by cause", (WIDE.0, 170), clock.chart("periods", &counts, 1.0)),
     ]
 }
 

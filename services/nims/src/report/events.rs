@@ -64,6 +64,8 @@ pub struct Events {
     pub left_out: usize,
     /// How many faults there were.
     pub faults: usize,
+    /// Processes that died, each once.
+    pub died: Vec<String>,
     mode: Option<u8>,
     bits: u32,
     mission: Option<(u8, u32, String)>,
@@ -168,6 +170,10 @@ impl Events {
         }
         let reason = text_of(&process.reason);
         let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
+        let dead = matches!(process.state, ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP);
+        if dead && !self.died.contains(&name) {
+            self.died.push(name.clone());
+        }
         let what = match process.state {
             ProcessState::STATE_DIED => "has died",
             ProcessState::STATE_SILENT => "gives no sign of life",
@@ -198,6 +204,20 @@ impl Events {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_process_that_died_is_counted_once() {
+        let mut events = Events::default();
+        let mut row = ProcessState::default();
+        messages::put_text(&mut row.name, "motor-io");
+        for state in [ProcessState::STATE_READY, ProcessState::STATE_DIED, ProcessState::STATE_READY] {
+            row.state = state;
+            events.process(1.0, &row);
+        }
+        (row.state, row.restarts) = (ProcessState::STATE_DIED, 1);
+        events.process(2.0, &row);
+        assert_eq!(events.died, ["motor-io"]);
+    }
 
     #[test]
     fn a_fault_and_its_mode_are_told_once_with_the_cable() {

@@ -4,6 +4,7 @@ use super::events::Events;
 use super::legs::Legs;
 use super::samples::Sensors;
 use super::trace::{Thinned, Trace};
+use crate::counters::{Count, Periods};
 use crate::demo::analysis::{Analysis, Distances, Tally};
 use crate::failure::{Answer, Failure};
 use crate::tracker::{Cycle, Tracker};
@@ -87,6 +88,18 @@ impl Cable {
     }
 }
 
+/// What the planner said last of a mission.
+pub struct Mission {
+    /// `PlanStatus::STATE_*`.
+    pub state: u8,
+    /// Its name.
+    pub name: String,
+    /// How much of it was done, 0 to 1.
+    pub progress: f64,
+    /// Why it was given up or refused.
+    pub reason: String,
+}
+
 /// Points of the path.
 pub type Place = [Option<Vector3<f64>>; 3];
 
@@ -112,8 +125,10 @@ pub struct Gathered {
     pub path: Vec<Place>,
     /// Electrical power and loss of all motors, W.
     pub power: [Trace; 2],
-    /// Missed, late and skipped cycles since start.
-    pub counts: [Trace; 3],
+    /// Periods of missions, over all lives of motor-io.
+    pub periods: Periods,
+    /// Periods lost so far, by cause.
+    pub losses: [Trace; 4],
     /// Tick to wake-up, bus exchange, oldest reading to command.
     pub times: [Times; 3],
     /// Rate of the plan clock.
@@ -136,10 +151,20 @@ pub struct Gathered {
     pub recorder: BTreeMap<String, RecorderStatus>,
     /// Least free space, bytes.
     pub least_free_bytes: Option<u64>,
-    /// The last state of the mission, and its name.
-    pub mission: Option<(u8, String)>,
+    /// The last word on the mission.
+    pub mission: Option<Mission>,
+    /// Before the first sample and behind the last one, as the supervisor has the run, s: nothing was recorded then.
+    pub unrecorded_ends_s: [f64; 2],
     /// Every mission that was done, aborted or refused.
     pub missions: BTreeMap<String, u32>,
+}
+
+impl Gathered {
+    /// Time of the run in which nothing was recorded, s.
+    #[must_use]
+    pub fn unrecorded_s(&self) -> f64 {
+        self.recording.unrecorded_s + self.unrecorded_ends_s.iter().sum::<f64>()
+    }
 }
 
 /// Reads a run; `progress` hears how far it is, 0 to 1.
@@ -147,7 +172,7 @@ pub struct Gathered {
 /// # Errors
 /// There is no run, or it cannot be read.
 pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
-    let mut reader = RunReader::open(run).map_err(Failure::not_now)?;
+    let mut reader = RunReader::open(run)?;
     let mut inspection = Inspection::default();
     let mut tracker = Tracker::default();
     let mut book = Book::new()?;
@@ -161,6 +186,7 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
         inspection.note(&recorded);
         book.clock(&recorded);
+        book.count.note(&recorded);
         let known = tracker.note(&recorded, &mut |cycle: &Cycle<'_>| book.cycle(cycle)) && book.other(&recorded);
         if !known {
             other_version.insert(recorded.channel.name.clone());
@@ -182,6 +208,7 @@ struct Book {
     mono_ns: Option<i128>,
     last_s: f64,
     tally: Tally,
+    count: Count,
     path: Thinned<Place>,
     found: Gathered,
 }
@@ -201,7 +228,8 @@ impl Book {
             errors: [trace(), trace()],
             path: Vec::new(),
             power: [trace(), trace()],
-            counts: [trace(), trace(), trace()],
+            periods: Periods::default(),
+            losses: [trace(), trace(), trace(), trace()],
             times: [times()?, times()?, times()?],
             rate: trace(),
             modes: Vec::new(),
@@ -214,6 +242,7 @@ impl Book {
             recorder: BTreeMap::new(),
             least_free_bytes: None,
             mission: None,
+            unrecorded_ends_s: [0.0; 2],
             missions: BTreeMap::new(),
         };
         Ok(Self {
@@ -221,6 +250,7 @@ impl Book {
             mono_ns: None,
             last_s: 0.0,
             tally: Tally::default(),
+            count: Count::default(),
             path: Thinned::default(),
             found,
         })
@@ -297,8 +327,8 @@ impl Book {
             found.power[0].add(time_s, energy.power_w[..count].iter().sum());
             found.power[1].add(time_s, energy.loss_w[..count].iter().sum());
         }
-        for (trace, value) in found.counts.iter_mut().zip([authority.missed, authority.late, authority.skipped]) {
-            trace.add(time_s, value as f64);
+        for (trace, (_, count)) in found.losses.iter_mut().zip(self.count.periods().causes()) {
+            trace.add(time_s, count as f64);
         }
         let aged = if cycle.segment.is_some() { Some(authority.command_age_ns) } else { None };
         for (times, ns) in found.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
@@ -366,7 +396,8 @@ impl Book {
                     *found.missions.entry(mission.clone()).or_default() += 1;
                 }
                 if status.state != PlanStatus::STATE_IDLE {
-                    found.mission = Some((status.state, mission));
+                    let (progress, reason) = (status.progress, text_of(&status.reason));
+                    found.mission = Some(Mission { state: status.state, name: mission, progress, reason });
                 }
                 true
             }
@@ -417,7 +448,9 @@ impl Book {
             );
         }
         found.path = self.path.points().to_vec();
-        found.analysis = self.tally.result(Vec::new());
+        found.periods = self.count.periods();
+        found.analysis = self.tally.result(Vec::new(), found.periods);
+        found.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
         found.recording = recording;
         found.robot = robot;
         found.events.close();

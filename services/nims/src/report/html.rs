@@ -197,14 +197,10 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
         ("off the set point, truth, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
         ("tensions", if low <= high { format!("{low:.1} to {high:.1} N") } else { none() }),
         ("electrical energy", format!("{energy:.1} J, {loss:.1} J of it lost")),
-        (
-            "cycles missed, late, skipped",
-            cycles.map_or_else(none, |last| {
-                format!("{}, {}, {} of {}", last.missed, last.late, last.skipped, last.header.cycle)
-            }),
-        ),
+        ("steered", if run.periods.all() > 0 { run.periods.leading() } else { none() }),
+        ("not steered, by cause", if run.periods.all() > 0 { run.periods.by_cause() } else { none() }),
         ("faults", run.events.faults.to_string()),
-        ("recorded", format!("{} samples, {lost} lost", run.recording.messages)),
+        ("recorded; lost", format!("{} samples; {lost} in {:.1} s", run.recording.messages, run.unrecorded_s())),
         (
             "in files of",
             format!("{:.1} MB", run.recording.files.iter().map(|file| file.bytes as f64).sum::<f64>() * 1e-6),
@@ -261,6 +257,7 @@ fn leg_table(judged: &Judged) -> String {
         "from, m",
         "to, m",
         "length, m",
+        "flown, m",
         "planned, s",
         "flown, s",
         "cruise, m/s",
@@ -271,15 +268,17 @@ fn leg_table(judged: &Judged) -> String {
         "peak tension, N",
     ];
     let mut table = Table::new("", &head);
-    for leg in &judged.legs {
+    for (at, leg) in judged.legs.iter().enumerate() {
         let mm = |value: Option<f64>| maybe(value.map(|metres| 1000.0 * metres), 2);
-        let unfinished = if leg.complete { "" } else { " (cut)" };
+        let flies = at + 1 == judged.legs.len() && super::verdict::flies(&judged.run);
+        let unfinished = leg.unfinished(flies);
         table.row([
             format!("{} {}{unfinished}", leg.number, leg.kind),
             format!("{:.1}", leg.begin_s),
             point(&leg.from_m),
             point(&leg.to_m),
             format!("{:.2}", leg.length_m),
+            format!("{:.2}", leg.flown_m),
             format!("{:.1}", leg.planned_s),
             format!("{:.1}", leg.duration_s),
             format!("{:.2}", leg.cruise_m_s),
@@ -387,12 +386,13 @@ fn timing_table(run: &Gathered) -> String {
         table.row([name.to_owned(), quantile(0.5), quantile(0.99), quantile(0.999), ms(times.all.max())]);
     }
     let sentence = format!(
-        "<p>A cycle takes {:.1} ms. <b>{}</b> missed: following, and no valid command in time. <b>{}</b> late: this machine stood still. \
-         <b>{}</b> skipped: lost to the bus.</p>\n",
+        "<p>A period takes {:.1} ms. <b>{}</b> from missions' beginnings to their ends, less {} of operators' pauses: {}. Computer: a program did \
+         not get the processor, as the kernel says. Drive: no answer in time. Resync: a port was being brought back into step. Answer: no valid \
+         command, for any other reason.</p>\n",
         1000.0 * last.period_s,
-        last.missed,
-        last.late,
-        last.skipped
+        run.periods.leading(),
+        run.periods.paused,
+        run.periods.by_cause()
     );
     sentence + &scroll(&html_table(&table))
 }

@@ -5,6 +5,7 @@ use crate::tracker::Cycle;
 use cable_robot::energy::Hoist;
 use cable_robot::profile::{Profile, ProfileLimits};
 use cable_robot::{Distribution, Path, Robot, Segment, Vector3};
+use messages::MotorAuthority;
 use serde::Serialize;
 
 /// Legs that are kept one by one; a run with more of them is told by its first ones.
@@ -15,6 +16,8 @@ const INTERVALS: usize = 64;
 /// One leg.
 #[derive(Debug, Clone)]
 pub struct Leg {
+    life: u64,
+    epoch: u32,
     motion: u32,
     segment: Segment,
     /// First and last cycle, s since the beginning of the run.
@@ -26,6 +29,8 @@ pub struct Leg {
     /// Energy and loss of all motors at its beginning and its end, J.
     energy_j: Option<[[f64; 2]; 2]>,
     peak_tension_n: f64,
+    /// How far along its path the set point came, m.
+    reached_m: f64,
     complete: bool,
 }
 
@@ -40,8 +45,10 @@ pub struct LegReport {
     pub from_m: [f64; 3],
     /// Where it ends, m.
     pub to_m: [f64; 3],
-    /// Along the path, m.
+    /// Along the path, as planned, m.
     pub length_m: f64,
+    /// Along the path, as far as it was flown, m.
+    pub flown_m: f64,
     /// As flown, s.
     pub duration_s: f64,
     /// As planned, s.
@@ -70,31 +77,58 @@ pub struct LegReport {
     pub complete: bool,
 }
 
+impl LegReport {
+    /// What stands behind its kind, if it was not flown to its end; `flies`: it is being flown now.
+    #[must_use]
+    pub fn unfinished(&self, flies: bool) -> &'static str {
+        match (self.complete, flies) {
+            (true, _) => "",
+            (false, true) => " (being flown)",
+            (false, false) => " (cut)",
+        }
+    }
+}
+
 /// What was flown.
 #[derive(Debug, Clone, Default)]
 pub struct Legs {
     legs: Vec<Leg>,
     /// How many more there were.
     pub left_out: usize,
-    last: Option<(u32, u64)>,
+    last: Option<Key>,
+    /// The path flown on all legs, also those that are not kept, m.
+    flown_m: f64,
+    /// How much of it is of the present leg, m.
+    reached_m: f64,
 }
+
+/// What tells a leg from every other: life of motor-io, epoch, motion and segment.
+type Key = (u64, u32, u32, u64);
 
 impl Legs {
     /// Takes a cycle in.
     pub fn cycle(&mut self, time_s: f64, cycle: &Cycle<'_>) {
-        let Some(segment) = cycle.segment else { return };
-        let key = (cycle.authority.motion, segment.id);
+        let Some(segment) = cycle.segment else {
+            return self.comes_to_rest(cycle.authority);
+        };
+        let key = (cycle.authority.header.life, cycle.authority.epoch, cycle.authority.motion, segment.id);
         if self.last != Some(key) {
             // the next one begins where the last one ended
-            if let Some(leg) = self.legs.last_mut().filter(|leg| leg.motion == key.0) {
-                leg.complete = true;
+            if let Some(leg) =
+                self.legs.last_mut().filter(|leg| (leg.life, leg.epoch, leg.motion) == (key.0, key.1, key.2))
+            {
+                let length_m = leg.segment.path.length();
+                self.flown_m += length_m - leg.reached_m;
+                (leg.reached_m, leg.complete) = (length_m, true);
             }
-            self.last = Some(key);
+            (self.last, self.reached_m) = (Some(key), 0.0);
             if self.legs.len() == LEGS {
                 self.left_out += 1;
             } else {
                 self.legs.push(Leg {
-                    motion: key.0,
+                    life: key.0,
+                    epoch: key.1,
+                    motion: key.2,
                     segment: *segment,
                     from_s: time_s,
                     to_s: time_s,
@@ -102,11 +136,13 @@ impl Legs {
                     truth: Distances::default(),
                     energy_j: None,
                     peak_tension_n: 0.0,
+                    reached_m: 0.0,
                     complete: false,
                 });
             }
         }
-        let Some(leg) = self.legs.last_mut().filter(|leg| (leg.motion, leg.segment.id) == key) else { return };
+        self.reaches(segment, cycle.authority);
+        let Some(leg) = self.legs.last_mut().filter(|leg| leg.key() == key) else { return };
         leg.to_s = time_s;
         leg.complete |= cycle.authority.plan_time_s >= segment.end_s() - cycle.authority.period_s;
         let count = usize::from(cycle.authority.cable_count);
@@ -129,15 +165,39 @@ impl Legs {
         }
     }
 
+    /// The robot comes to rest on the path of the leg that it followed: this, too, is flown.
+    fn comes_to_rest(&mut self, authority: &MotorAuthority) {
+        let key = (authority.header.life, authority.epoch, authority.motion, u64::from(authority.segment));
+        if authority.mode != MotorAuthority::MODE_STOPPING || self.last != Some(key) {
+            return;
+        }
+        if let Some(segment) = self.legs.last().filter(|leg| leg.key() == key).map(|leg| leg.segment) {
+            self.reaches(&segment, authority);
+        }
+    }
+
+    /// Takes in how far the set point has come on the present leg.
+    fn reaches(&mut self, segment: &Segment, authority: &MotorAuthority) {
+        let length_m = segment.path.length();
+        let at_end = authority.plan_time_s >= segment.end_s() - authority.period_s;
+        let now_m = if at_end { length_m } else { segment.setpoint(authority.plan_time_s).path_s_m };
+        let now_m = now_m.clamp(0.0, length_m).max(self.reached_m);
+        self.flown_m += now_m - self.reached_m;
+        self.reached_m = now_m;
+        if let Some(leg) = self.legs.last_mut().filter(|leg| Some(leg.key()) == self.last) {
+            leg.reached_m = now_m;
+        }
+    }
+
     /// Beginning and end of each leg, s.
     pub fn spans(&self) -> impl Iterator<Item = (f64, f64)> {
         self.legs.iter().map(|leg| (leg.from_s, leg.to_s))
     }
 
-    /// Path of all legs that were flown to their end, m.
+    /// The path that was flown, of legs that were broken off as far as they went, m.
     #[must_use]
     pub fn flown_m(&self) -> f64 {
-        self.legs.iter().filter(|leg| leg.complete).map(|leg| leg.segment.path.length()).sum()
+        self.flown_m
     }
 
     /// All of them, with what the robot's model says they cost.
@@ -148,6 +208,10 @@ impl Legs {
 }
 
 impl Leg {
+    fn key(&self) -> Key {
+        (self.life, self.epoch, self.motion, self.segment.id)
+    }
+
     fn report(&self, number: usize, robot: Option<&Robot>) -> LegReport {
         let Segment { path, profile, .. } = &self.segment;
         let cruise_m_s = profile.knots().iter().map(|knot| knot.v_m_s).fold(0.0, f64::max);
@@ -164,6 +228,7 @@ impl Leg {
             from_m: path.start().into(),
             to_m: path.end().into(),
             length_m: path.length(),
+            flown_m: self.reached_m,
             duration_s,
             planned_s: profile.duration(),
             cruise_m_s,

@@ -48,6 +48,28 @@ pub fn report(runs: &[PathBuf], out: Option<&Path>) -> Answer<(Value, String)> {
     Ok((json!({ "page": path, "runs": values }), words.join("\n")))
 }
 
+/// A page of a longer run takes its time, bytes.
+const LARGE: u64 = 300_000_000;
+
+/// The page of a run that has just ended, in its folder; of a large run it is made when it is asked for.
+///
+/// # Errors
+/// There is no page, and how to get one.
+pub fn after(run: &Path) -> Answer<PathBuf> {
+    let files = runlog::segments(run).map_err(Failure::not_now)?;
+    let bytes: u64 = files.iter().filter_map(|file| file.metadata().ok()).map(|file| file.len()).sum();
+    if bytes > LARGE {
+        let run = run.display();
+        return Err(Failure::NotNow(format!(
+            "the run has {:.0} MB: `nims report {run}` makes its page",
+            bytes as f64 * 1e-6
+        )));
+    }
+    let page = run.join(PAGE);
+    report(&[run.to_path_buf()], Some(&page))?;
+    Ok(page)
+}
+
 fn judge(run: &Path) -> Answer<Judged> {
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %") {

@@ -62,7 +62,7 @@ impl Sensors {
         let place = match (&sample, &reading) {
             (Some(sample), _) => Some(sample.position_m),
             (None, Some(reading)) => self.place(reading.header.stamp_ns),
-            (None, None) => stamp_of(recorded.sample).and_then(|stamp_ns| self.place(stamp_ns)),
+            (None, None) => stamp_of(recorded).and_then(|stamp_ns| self.place(stamp_ns)),
         };
         let sensor = self.channels.entry(recorded.channel.name.clone()).or_insert_with(|| Sensor {
             values: Vec::new(),
@@ -129,6 +129,8 @@ impl Sensor {
 }
 
 /// The stamp of a sample with a header.
-fn stamp_of(sample: &[u8]) -> Option<u64> {
-    Some(u64::from_le_bytes(sample.get(16..24)?.try_into().ok()?))
+fn stamp_of(recorded: &Recorded<'_>) -> Option<u64> {
+    let schema = Schema::parse(&recorded.channel.schema).ok()?;
+    let at = schema.field("header.stamp_ns")?.offset;
+    Some(u64::from_le_bytes(recorded.sample.get(at..at + 8)?.try_into().ok()?))
 }

@@ -1,7 +1,10 @@
 //! What a run comes to in one sentence, and how good that is.
 
 use super::gather::Gathered;
+use crate::counters::Periods;
+use crate::runs::ENDS;
 use messages::{MotorAuthority, PlanStatus};
+use runlog::FileReport;
 use serde::Serialize;
 
 /// How good it is.
@@ -31,21 +34,10 @@ pub fn verdict(run: &Gathered) -> Verdict {
     let mut at_least = |worse: Grade| grade = grade.max(worse);
     let mut parts: Vec<String> = Vec::new();
 
-    let mission = run.mission.as_ref().map(|(state, name)| (*state, name.as_str()));
     let flown = run.legs.flown_m();
-    parts.push(match mission {
-        Some((PlanStatus::STATE_DONE, name)) => format!("The mission \"{name}\" was flown to its end"),
-        Some((PlanStatus::STATE_ABORTED, name)) => {
-            at_least(Grade::Bad);
-            format!("The mission \"{name}\" was given up")
-        }
-        Some((PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED, name)) => {
-            at_least(Grade::Remarks);
-            format!("The mission \"{name}\" had not come to its end when the recording ended")
-        }
-        _ if flown > 0.0 => "The robot moved".to_owned(),
-        _ => "No mission was flown".to_owned(),
-    });
+    let (mission, worse) = mission(run, flown);
+    at_least(worse);
+    parts.push(mission);
     match &run.analysis {
         Some(analysis) => {
             let (error, by) = match &analysis.truth {
@@ -63,15 +55,22 @@ pub fn verdict(run: &Gathered) -> Verdict {
     }
     let mut rest: Vec<String> = Vec::new();
     match &run.authority {
-        Some(last) if last.missed > 0 => {
-            at_least(Grade::Remarks);
-            rest.push(format!("{} cycles had no valid command", last.missed));
+        Some(_) => {
+            if run.periods.unsteered() > 0 {
+                at_least(Grade::Remarks);
+            }
+            rest.extend(steering(&run.periods));
         }
-        Some(_) => rest.push("no cycle was missed".to_owned()),
         None => at_least(Grade::Remarks),
     }
+    let died = &run.events.died;
+    if !died.is_empty() {
+        at_least(Grade::Remarks);
+        rest.push(format!("{} died", died.join(" and ")));
+    }
     match run.events.faults {
-        0 => rest.push("nothing failed".to_owned()),
+        0 if died.is_empty() => rest.push("nothing failed".to_owned()),
+        0 => rest.push("there was no fault".to_owned()),
         1 => rest.push("there was one fault".to_owned()),
         many => rest.push(format!("there were {many} faults")),
     }
@@ -84,13 +83,94 @@ pub fn verdict(run: &Gathered) -> Verdict {
         at_least(Grade::Bad);
         rest.push("the robot was stopped by it at the end".to_owned());
     }
-    if run.recording.healthy {
-        rest.push("the recording is complete".to_owned());
-    } else {
-        at_least(Grade::Remarks);
-        rest.push(format!("the recording is not whole ({})", run.recording.verdict.join("; ")));
-    }
+    let (recording, worse) = recording(run);
+    at_least(worse);
+    rest.push(recording);
     let last = rest.pop().unwrap_or_default();
     let rest = if rest.is_empty() { last } else { format!("{} and {last}", rest.join(", ")) };
     Verdict { grade, sentence: format!("{}; {rest}.", parts.join(": ")) }
+}
+
+/// What became of the mission.
+fn mission(run: &Gathered, flown_m: f64) -> (String, Grade) {
+    let Some(mission) = &run.mission else {
+        let what = if flown_m > 0.0 { "The robot moved" } else { "No mission was flown" };
+        return (what.to_owned(), Grade::Good);
+    };
+    let (name, done) = (&mission.name, 100.0 * mission.progress);
+    // The cure is for the time of the flight.
+    let why = mission.reason.split("; ").next().filter(|why| !why.is_empty());
+    let because = why.map(|why| format!(" ({why})")).unwrap_or_default();
+    match mission.state {
+        PlanStatus::STATE_DONE => (format!("The mission \"{name}\" was flown to its end"), Grade::Good),
+        PlanStatus::STATE_ABORTED => {
+            (format!("The mission \"{name}\" was broken off at {done:.0} %{because}"), Grade::Bad)
+        }
+        PlanStatus::STATE_REFUSED if flown_m == 0.0 => {
+            (format!("The mission \"{name}\" was refused{because}"), Grade::Remarks)
+        }
+        PlanStatus::STATE_RUNNING if flies(run) => {
+            (format!("The mission \"{name}\" is being flown, {done:.0} % of it are done"), Grade::Good)
+        }
+        PlanStatus::STATE_READY | PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED => {
+            let stood = if mission.state == PlanStatus::STATE_PAUSED { "paused" } else { "not at its end" };
+            (format!("The mission \"{name}\" was {stood} at {done:.0} % when the recording ended"), Grade::Remarks)
+        }
+        _ if flown_m > 0.0 => ("The robot moved".to_owned(), Grade::Good),
+        _ => ("No mission was flown".to_owned(), Grade::Good),
+    }
+}
+
+/// Whether the run is still being recorded and its mission flown.
+pub fn flies(run: &Gathered) -> bool {
+    run.recording.recording && run.mission.as_ref().is_some_and(|mission| mission.state == PlanStatus::STATE_RUNNING)
+}
+
+/// What of the run is in its files.
+fn recording(run: &Gathered) -> (String, Grade) {
+    let report = &run.recording;
+    let mut lacks = Vec::new();
+    if report.unrecorded_s > 0.0 {
+        lacks.push(format!("{:.1} s were not recorded", report.unrecorded_s));
+    }
+    for (seconds, which) in run.unrecorded_ends_s.iter().zip(ENDS).filter(|(seconds, _)| **seconds > 0.0) {
+        lacks.push(format!("of the {which} {seconds:.1} s nothing was recorded"));
+    }
+    let lost: u64 = report.channels.iter().map(|channel| channel.lost).sum();
+    if lost > 0 {
+        let channels = report.channels.iter().filter(|channel| channel.lost > 0).count();
+        lacks.push(format!("{lost} samples of {channels} channels are missing"));
+    }
+    lacks.extend(report.files.iter().filter_map(lack_of));
+    match (lacks.is_empty(), report.recording) {
+        (true, true) => ("the run is still being recorded".to_owned(), Grade::Good),
+        (true, false) if report.healthy => ("the recording is complete".to_owned(), Grade::Good),
+        (true, false) => (format!("the recording is not whole ({})", report.verdict.join("; ")), Grade::Remarks),
+        (false, true) => (format!("the run is still being recorded, but {}", lacks.join("; ")), Grade::Remarks),
+        (false, false) => (format!("the recording is not whole ({})", lacks.join("; ")), Grade::Remarks),
+    }
+}
+
+/// What a file lacks, if anything.
+fn lack_of(file: &FileReport) -> Option<String> {
+    let name = file.path.file_name().unwrap_or_default().to_string_lossy();
+    let holes = file.damage.iter().filter(|damage| !damage.torn_end).count();
+    match file {
+        FileReport { recording: true, .. } => None,
+        _ if holes > 0 => Some(format!("{name} is damaged in {holes} places: run `nims recover`")),
+        FileReport { finished: false, .. } => Some(format!("{name} was not closed: run `nims recover`")),
+        FileReport { recovered: true, .. } => {
+            Some(format!("{name} was recovered, and what its recorder held last is missing"))
+        }
+        _ => None,
+    }
+}
+
+/// The number that leads, and its causes; nothing where there was no mission.
+fn steering(periods: &Periods) -> Option<String> {
+    match (periods.all(), periods.unsteered()) {
+        (0, _) => None,
+        (all, 0) => Some(format!("all {all} periods were steered")),
+        _ => Some(periods.words()),
+    }
 }

@@ -23,7 +23,7 @@ use guide::{Guide, Then};
 use input::{Line, Lines};
 use numbers::clean;
 use serde_json::Value;
-use std::fs;
+use service::file;
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -153,13 +153,8 @@ impl<'a> Kept<'a> {
     /// Looks at what is there.
     fn open(path: &'a Path) -> Answer<Self> {
         let there = |why: String| Failure::bad(format!("{}: {why}", path.display()));
-        let text = match fs::read_to_string(path) {
-            Ok(text) => Some(text),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-            Err(error) if path.is_dir() => return Err(there(format!("it is a folder; name a file in it ({error})"))),
-            Err(error) => return Err(there(format!("it cannot be read: {error}"))),
-        };
-        if path.file_name().is_none() || !folder(path).is_dir() {
+        let text = file::read_text_if_there(path).map_err(|why| there(format!("it cannot be read: {why}")))?;
+        if path.file_name().is_none() || !file::folder_of(path).is_dir() {
             return Err(there("there is no such folder; make it first".to_owned()));
         }
         Ok(Self { path, text })
@@ -171,43 +166,21 @@ impl<'a> Kept<'a> {
     }
 
     /// Writes the measurements, whole or not at all, and on the disk when it returns.
-    fn keep(&mut self, file: &File) -> Answer {
+    fn keep(&mut self, measured: &File) -> Answer {
         let cannot = |why: String| {
             Failure::NotNow(format!(
                 "{} cannot be written ({why}); what was answered before is in it",
                 self.path.display()
             ))
         };
-        let there = match fs::read_to_string(self.path) {
-            Ok(text) => Some(text),
-            Err(error) if error.kind() == io::ErrorKind::NotFound => None,
-            Err(error) => return Err(cannot(error.to_string())),
-        };
+        let there = file::read_text_if_there(self.path).map_err(|why| cannot(why.to_string()))?;
         if there != self.text {
             return Err(cannot("somebody else changed it meanwhile; start again to go on with that".to_owned()));
         }
-        let text = written(file, self.path).map_err(|error| cannot(error.to_string()))?;
-        let mut beside = self.path.as_os_str().to_owned();
-        beside.push(".new");
-        let write = || -> io::Result<()> {
-            let mut fresh = fs::File::create(&beside)?;
-            fresh.write_all(text.as_bytes())?;
-            fresh.sync_all()?;
-            fs::rename(&beside, self.path)?;
-            // the name, too, has to survive a power cut
-            fs::File::open(folder(self.path))?.sync_all()
-        };
-        write().map_err(|error| cannot(error.to_string()))?;
+        let text = written(measured, self.path).map_err(|error| cannot(error.to_string()))?;
+        file::replace(self.path, &text).map_err(|error| cannot(error.to_string()))?;
         self.text = Some(text);
         Ok(())
-    }
-}
-
-/// Where a file is.
-fn folder(path: &Path) -> &Path {
-    match path.parent() {
-        Some(folder) if !folder.as_os_str().is_empty() => folder,
-        _ => Path::new("."),
     }
 }
 

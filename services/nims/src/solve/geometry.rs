@@ -2,6 +2,7 @@
 
 use super::args::{Args, Points, refuse};
 use super::{SolveError, Solved};
+use cable_robot::anchors::on_a_line;
 use cable_robot::tension::general::GeneralStructure;
 use cable_robot::{Anchors, KinematicsError, Vector3, kinematics, planar};
 use serde_json::{Value, json};
@@ -46,6 +47,9 @@ fn node_jacobian(rows: &[Vector3<f64>], planar: bool, at: &Vector3<f64>) -> Resu
 pub fn inverse_kinematics(args: &Args) -> Solved {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
+    if !anchors.planar && on_a_line(&anchors.points) {
+        return Err(KinematicsError::DegenerateGeometry.into());
+    }
     let lengths: Vec<f64> = anchors.points.iter().map(|anchor| (at - anchor).norm()).collect();
     Ok(json!({ "lengths_m": lengths }))
 }

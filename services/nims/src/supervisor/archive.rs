@@ -6,6 +6,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::thread::JoinHandle;
+use std::time::Duration;
 
 /// Where the missions that were flown are kept.
 pub const MISSIONS: &str = runlog::KEPT_FOLDERS[0];
@@ -13,10 +14,14 @@ pub const MISSIONS: &str = runlog::KEPT_FOLDERS[0];
 pub const PROCESSES: &str = runlog::KEPT_FOLDERS[1];
 /// A larger file is no configuration, bytes.
 const LARGEST: u64 = 1 << 20;
+/// How long a process that is to be started waits for its copy of a file: less than what makes motor-io take the supervisor for dead.
+const PATIENCE: Duration = Duration::from_millis(1500);
 
 enum Job {
     /// Copies a file to `PLACE/NUMBER-NAME`.
     Keep { original: PathBuf, place: &'static str, name: String, always: bool },
+    /// The same of a file that a process is about to read: where the copy is.
+    KeepNow { original: PathBuf, name: String, copy: Sender<PathBuf> },
     /// Replaces a file, whole or not at all.
     Write { path: PathBuf, text: String },
 }
@@ -60,6 +65,14 @@ impl Archive {
         self.give(Job::Keep { original, place: PROCESSES, name, always: false });
     }
 
+    /// The copy of a file that a process is to be started with, which it reads in place of the original; `None` if it could not be made in time.
+    pub fn copy_for(&self, process: &str, original: PathBuf) -> Option<PathBuf> {
+        let name = format!("{process}-{}", name_of(&original));
+        let (copy, made) = channel();
+        self.give(Job::KeepNow { original, name, copy });
+        made.recv_timeout(PATIENCE).ok()
+    }
+
     /// Replaces a file.
     pub fn write(&self, path: PathBuf, text: String) {
         self.give(Job::Write { path, text });
@@ -97,14 +110,16 @@ struct Shelf {
     /// Files in each place so far.
     numbers: BTreeMap<&'static str, usize>,
     /// What was kept last under each name.
-    last: BTreeMap<(&'static str, String), Vec<u8>>,
+    last: BTreeMap<(&'static str, String), (Vec<u8>, PathBuf)>,
 }
 
 impl Shelf {
     fn carry_out(&mut self, job: &Job) -> Result<(), String> {
         match job {
-            Job::Keep { original, place, name, always } => self.keep(original, place, name, *always).map_err(|error| {
-                format!("no copy of {} could be kept in {}: {error}", original.display(), self.run.display())
+            Job::Keep { original, place, name, always } => self.keep(original, place, name, *always).map(|_| ()),
+            Job::KeepNow { original, name, copy } => self.keep(original, PROCESSES, name, false).map(|path| {
+                // It may have been given up meanwhile.
+                let _ = copy.send(path);
             }),
             Job::Write { path, text } => {
                 replace(path, text.as_bytes()).map_err(|error| format!("{} cannot be written: {error}", path.display()))
@@ -112,21 +127,28 @@ impl Shelf {
         }
     }
 
-    fn keep(&mut self, original: &Path, place: &'static str, name: &str, always: bool) -> io::Result<()> {
+    fn keep(&mut self, original: &Path, place: &'static str, name: &str, always: bool) -> Result<PathBuf, String> {
+        self.try_to_keep(original, place, name, always).map_err(|error| {
+            format!("no copy of {} could be kept in {}: {error}", original.display(), self.run.display())
+        })
+    }
+
+    fn try_to_keep(&mut self, original: &Path, place: &'static str, name: &str, always: bool) -> io::Result<PathBuf> {
         if fs::metadata(original)?.len() > LARGEST {
             return Err(io::Error::other(format!("it has more than {LARGEST} bytes")));
         }
         let (bytes, key) = (fs::read(original)?, (place, name.to_owned()));
-        if !always && self.last.get(&key) == Some(&bytes) {
-            return Ok(());
+        if let Some((_, copy)) = self.last.get(&key).filter(|(before, _)| !always && *before == bytes) {
+            return Ok(copy.clone());
         }
         let folder = self.run.join(place);
         fs::create_dir_all(&folder)?;
         let number = self.numbers.entry(place).or_default();
-        replace(&folder.join(format!("{}-{name}", *number + 1)), &bytes)?;
+        let copy = folder.join(format!("{}-{name}", *number + 1));
+        replace(&copy, &bytes)?;
         *number += 1;
-        self.last.insert(key, bytes);
-        Ok(())
+        self.last.insert(key, (bytes, copy.clone()));
+        Ok(copy)
     }
 }
 

@@ -43,6 +43,13 @@ pub enum Asked {
         /// Which.
         name: String,
     },
+    /// Another value of a parameter, for every process of its role, until the run ends.
+    Set {
+        /// Its key in the box file.
+        key: String,
+        /// As TOML.
+        value: String,
+    },
 }
 
 impl Asked {
@@ -55,6 +62,7 @@ impl Asked {
             | Self::Restart { name }
             | Self::Plug { name, .. }
             | Self::Unplug { name } => name,
+            Self::Set { key, .. } => key,
         }
     }
 
@@ -86,12 +94,13 @@ impl Asked {
                 (OperatorRequest::VERB_PLUG, parts)
             }
             Self::Unplug { name } => (OperatorRequest::VERB_UNPLUG, vec![name.clone()]),
+            Self::Set { key, value } => (OperatorRequest::VERB_SET, vec![key.clone(), value.clone()]),
         };
         if let Some(part) = parts.iter().find(|part| part.contains(['\n', '\0'])) {
             return Err(Failure::BadInput(format!("{part:?} has a line break, which a request cannot hold")));
         }
         let text = parts.join("\n");
-        let mut request = OperatorRequest { verb, ..OperatorRequest::default() };
+        let mut request = crate::operate::plain(verb);
         request.args[0] = f64::from(u8::from(matches!(self, Self::Plug { replace: true, .. })));
         if text.len() > request.text.len() {
             return Err(Failure::BadInput(format!(
@@ -125,6 +134,7 @@ impl Asked {
                 Self::Plug { name, folder, command: parts.collect(), replace: request.args[0] == 1.0 }
             }
             OperatorRequest::VERB_UNPLUG => Self::Unplug { name },
+            OperatorRequest::VERB_SET => Self::Set { key: name, value: parts.next()? },
             _ => return None,
         })
     }
@@ -151,6 +161,7 @@ mod tests {
                 replace: true,
             },
             Asked::Unplug { name: "wind".to_owned() },
+            Asked::Set { key: "controller.drive_lag_s".to_owned(), value: "[0.03, 0.04]".to_owned() },
         ] {
             assert_eq!(Asked::from_request(&asked.to_request().unwrap()), Some(asked));
         }

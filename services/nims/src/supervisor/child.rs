@@ -9,7 +9,7 @@ use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, wa
 use service::config::Role;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Write};
-use std::os::unix::process::{CommandExt, ExitStatusExt};
+use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
 use std::process::{Child as Process, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -31,6 +31,19 @@ pub enum Then {
     Forget,
 }
 
+/// What a process is started with.
+#[derive(Debug, Clone, Copy)]
+pub struct Start<'a> {
+    /// Its domain.
+    pub domain: &'a str,
+    /// How many changes of `nims set` are in the box file that it gets.
+    pub changes: u32,
+    /// A process of its name runs until this one has said something.
+    pub succeeds: bool,
+    /// Where what it says goes.
+    pub log: &'a Path,
+}
+
 /// A started process.
 #[derive(Debug)]
 pub struct Child {
@@ -48,6 +61,10 @@ pub struct Child {
     pub version: Option<String>,
     /// It has shown no sign of life for too long.
     pub silent: bool,
+    /// And the machine had time for it.
+    pub hangs: bool,
+    /// It was ended because it hung.
+    pub hung: bool,
     /// It has been named for not getting ready.
     pub overdue: bool,
     /// When it was asked to end, and what follows.
@@ -71,20 +88,23 @@ impl Child {
     ///
     /// # Errors
     /// The program cannot be started.
-    pub fn start(member: &Member, domain: &str, log: &Path, restarts: Restarts) -> Answer<(Self, Option<String>)> {
+    pub fn start(member: &Member, with: Start<'_>, restarts: Restarts) -> Answer<(Self, Option<String>)> {
         let failed = |error: std::io::Error| {
             Failure::NotNow(format!("{} could not be started: {}: {error}", member.name, member.program.display()))
         };
-        let mut file = std::fs::OpenOptions::new().create(true).append(true).open(log).map_err(failed)?;
+        let mut file = std::fs::OpenOptions::new().create(true).append(true).open(with.log).map_err(failed)?;
         let mut command = Command::new(&member.program);
         command
             .args(&member.args)
-            .env(service::DOMAIN_VARIABLE, domain)
+            .env(service::DOMAIN_VARIABLE, with.domain)
             .env(service::NAME_VARIABLE, &member.name)
+            .env(service::CHANGES_VARIABLE, with.changes.to_string())
+            .env(service::SUCCESSOR_VARIABLE, if with.succeeds { "1" } else { "" })
             .stdin(Stdio::null())
             .stdout(Stdio::from(file.try_clone().map_err(failed)?))
-            .stderr(Stdio::piped())
-            .process_group(0);
+            .stderr(Stdio::piped());
+        // A process group of its own, which is ended as a whole, and its fair part of a busy machine.
+        bus::fair::own_session(&mut command);
         if let Some(folder) = &member.folder {
             command.current_dir(folder);
         }
@@ -116,6 +136,8 @@ impl Child {
             ready_ns: None,
             version: None,
             silent: false,
+            hangs: false,
+            hung: false,
             overdue: false,
             asked: None,
             again_ns: None,
@@ -139,11 +161,18 @@ impl Child {
             let _ = kill_process_group(pid, Signal::KILL);
             if let Ok(Some(status)) = self.process.try_wait() {
                 self.exit = Some(status);
-                self.silent = false;
+                (self.silent, self.hangs) = (false, false);
                 self.said = self.hear_last_words();
             }
         }
         self.exit.is_none()
+    }
+
+    /// The last thing that it has said so far.
+    #[must_use]
+    pub fn last_line(&self) -> Option<String> {
+        let kept = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.iter().rev().find(|line| !line.is_empty()).cloned()
     }
 
     /// The last thing it said before it ended.
@@ -161,8 +190,7 @@ impl Child {
         if let Some(reader) = self.reader.take_if(|reader| reader.is_finished()) {
             let _ = reader.join();
         }
-        let kept = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.iter().rev().find(|line| !line.is_empty()).cloned()
+        self.last_line()
     }
 
     /// Asks it to end in good order, once.
@@ -183,6 +211,22 @@ impl Child {
         }
         self.signal(Signal::KILL);
         true
+    }
+
+    /// Ends a process that hangs, at once: one that is stopped hears nothing else.
+    pub fn end_hung(&mut self) {
+        self.hung = true;
+        self.signal(Signal::KILL);
+    }
+
+    /// How it ended, as half a sentence; empty while it lives.
+    #[must_use]
+    pub fn ending(&self) -> String {
+        match self.exit {
+            Some(_) if self.hung => "hung, without a sign of life for two seconds, and was ended".to_owned(),
+            Some(exit) => ending(exit),
+            None => String::new(),
+        }
     }
 
     fn id(&self) -> Option<Pid> {

@@ -7,8 +7,8 @@ use super::orphans;
 use super::{Ending, Supervisor};
 use crate::live::RUNNING_FILE;
 use crate::operate;
-use bus::clock;
-use messages::{Heartbeat, MotorAuthority, OperatorRequest};
+use bus::clock::{self, WallClock};
+use messages::{Heartbeat, MotorAuthority, OperatorRequest, put_text};
 use serde_json::{Value, json};
 use service::config::Role;
 use std::path::Path;
@@ -34,18 +34,39 @@ impl Supervisor {
     /// Brings the robot to rest, ends every process, the recorder last, and closes the run.
     #[must_use]
     pub fn end(mut self, because: &str) -> Ending {
+        self.mission.end(because);
         self.come_to_rest();
         let mode = self.last_authority.map(|authority| authority.mode);
         let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
+        let unfinished = self.mission.unfinished(self.last_authority.as_ref());
         self.close(because);
+        let unrecorded = self.recording.troubles().to_vec();
         let Self {
-            crew, domain, bus, voice, heartbeat, table, authority, beats, server, waiter, claim, requests, ..
+            crew,
+            domain,
+            bus,
+            voice,
+            settings,
+            heartbeat,
+            table,
+            authority,
+            beats,
+            server,
+            waiter,
+            claim,
+            requests,
+            recording,
+            mission,
+            ..
         } = self;
-        drop((crew, voice, heartbeat, table, authority, beats, server, waiter, requests, bus));
+        drop((
+            crew, voice, settings, heartbeat, table, authority, beats, server, waiter, requests, recording, mission,
+            bus,
+        ));
         // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
         let _ = domain.sweep();
         let _ = domain.retire(claim);
-        Ending { run, died, mode }
+        Ending { run, died, unrecorded, unfinished, mode }
     }
 
     /// Asks motor-io to stop on the path and waits until the robot is at rest. Whatever fails here, the drives still hold.
@@ -56,7 +77,9 @@ impl Supervisor {
         if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
             return;
         }
-        let stop = operate::plain(OperatorRequest::VERB_STOP);
+        let mut stop = operate::plain(OperatorRequest::VERB_STOP);
+        stop.origin = OperatorRequest::ORIGIN_SUPERVISOR;
+        put_text(&mut stop.requester, "supervisor");
         let asked = self.bus.client(operate::MOTOR_IO).and_then(|mut client| client.ask(&stop, Duration::from_secs(1)));
         if let Err(error) = asked {
             self.voice.warn(&format!("motor-io was not asked to stop: {error}"));
@@ -76,6 +99,8 @@ impl Supervisor {
     /// Ends the processes; recovers what a dead recorder left; completes the manifest.
     pub(super) fn close(&mut self, because: &str) {
         self.beat.state = Heartbeat::STATE_STOPPING;
+        let now = self.run_unix_ns();
+        self.folder.note_stopping(now);
         let mut crew = std::mem::take(&mut self.crew);
         let mut killed = Vec::new();
         // The recorder still takes what the others say while they end, and motor-io still hears that someone is there.
@@ -99,12 +124,19 @@ impl Supervisor {
         self.tell(news);
         let processes = self.processes();
         if let Err(failure) = self.folder.close(because, processes) {
+            self.recording.fails(&failure.to_string());
             self.voice.error(&failure.to_string());
         }
         // Nobody is left but this process, whose names the next start wipes.
         let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
         let _ = self.domain.set_wall_clock(None);
         let _ = orphans::note(&self.domain, &[]);
+    }
+
+    /// Now, by the clock of the run.
+    pub(super) fn run_unix_ns(&self) -> u64 {
+        let clock = self.domain.wall_clock().unwrap_or_else(WallClock::now);
+        clock::now_ns().saturating_add_signed(clock.offset_ns())
     }
 
     /// The processes of the run, for its manifest.
@@ -140,7 +172,8 @@ impl Supervisor {
             path.extension().is_some_and(|ending| runlog::KEPT_ENDINGS.iter().any(|kept| ending == *kept))
         };
         for path in arguments.filter(|path| kept(path)).map(|path| folder.join(path)) {
-            if path.is_file() && path != self.site.box_path {
+            // What is a copy of this run already needs no other.
+            if path.is_file() && !path.starts_with(&self.site.run) {
                 self.archive.keep_of_process(&member.name, path);
             }
         }

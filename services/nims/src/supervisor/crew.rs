@@ -3,6 +3,7 @@
 //! Architecture invariant: a crew never outlives whoever holds it. Dropped on whatever way, a panic included, it ends its processes in order.
 
 use super::child::{Child, Then};
+use super::successors::Successor;
 use bus::clock;
 use service::config::Role;
 
@@ -26,6 +27,8 @@ const LOOK_NS: u64 = 5_000_000;
 #[derive(Debug, Default)]
 pub struct Crew {
     children: Vec<Child>,
+    /// Those of a name that another one still has.
+    pub successors: Vec<Successor>,
 }
 
 impl Crew {
@@ -67,6 +70,7 @@ impl Crew {
 
     /// Ends all of them; `meanwhile` is called every few milliseconds, `killed` with the name of one that did not end by itself.
     pub fn end(&mut self, mut meanwhile: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
+        self.children.extend(self.successors.drain(..).map(|successor| successor.child));
         for role in ORDER {
             let of_role = |child: &&mut Child| child.member.role == role;
             for child in self.children.iter_mut().filter(of_role) {
@@ -97,6 +101,7 @@ impl Drop for Crew {
 
 #[cfg(test)]
 mod tests {
+    use super::super::child::Start;
     use super::super::members::Member;
     use super::super::restarts::{Policy, Restarts};
     use super::*;
@@ -120,7 +125,12 @@ mod tests {
     }
 
     fn start(folder: &Path, name: &str, role: Role, script: &str) -> Child {
-        Child::start(&member(name, role, script), "test", &folder.join(name), Restarts::default()).unwrap().0
+        started(folder, &member(name, role, script))
+    }
+
+    fn started(folder: &Path, member: &Member) -> Child {
+        let with = Start { domain: "test", changes: 0, succeeds: false, log: &folder.join(&member.name) };
+        Child::start(member, with, Restarts::default()).unwrap().0
     }
 
     fn wait_for(what: impl Fn() -> bool) {
@@ -152,7 +162,7 @@ mod tests {
             {
                 let mut member = member(name, role, &script(name));
                 member.folder = Some(folder.path().to_owned());
-                crew.enter(Child::start(&member, "test", &folder.path().join(name), Restarts::default()).unwrap().0);
+                crew.enter(started(folder.path(), &member));
                 wait_for(|| folder.path().join(format!("{name}.up")).exists());
             }
             panic!("something goes wrong in the supervisor");

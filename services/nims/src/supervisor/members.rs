@@ -4,6 +4,7 @@ use super::restarts::Policy;
 use crate::failure::{Answer, Failure};
 use service::Slot;
 use service::config::{BoxFile, ProcessSection, Role};
+use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
@@ -98,8 +99,12 @@ pub fn consequence(role: Role, watchdog_s: f64) -> String {
 pub struct Site {
     /// The box.
     pub file: BoxFile,
-    /// Its file.
+    /// The file that it was started with; its folder is where relative paths begin.
     pub box_path: PathBuf,
+    /// The run's own copy of it, which the processes read.
+    pub config: PathBuf,
+    /// Files that commands of the box name, and the run's own copy of each.
+    pub copies: BTreeMap<PathBuf, PathBuf>,
     /// The domain, as `--domain` takes it.
     pub domain: String,
     /// The run folder.
@@ -156,13 +161,8 @@ impl Site {
     /// # Errors
     /// A program that is not there, or an entry of another role.
     pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Answer<Member> {
-        match self.section(law) {
-            Some(section) if section.role == role => self.configured(section, Some(slot)),
-            Some(section) => Err(Failure::BadInput(format!(
-                "the process \"{law}\" of the box file has the role {}, not {}",
-                section.role.name(),
-                role.name()
-            ))),
+        match law_of(&self.file, role, law)? {
+            Some(section) => self.configured(section, Some(slot)),
             None => self.member(role, Some(slot), None, Some(law)),
         }
     }
@@ -225,7 +225,7 @@ impl Site {
             None => (beside_us(role.name())?, Vec::new()),
         };
         if role != Role::Other {
-            args.extend(["--box".into(), self.box_path.clone().into()]);
+            args.extend(["--box".into(), self.config.clone().into()]);
             args.extend(["--name".into(), name.clone().into(), "--domain".into(), self.domain.clone().into()]);
         }
         if slot == Some(Slot::B) {
@@ -283,11 +283,72 @@ impl Site {
                 argument
                     .replace("{name}", name)
                     .replace("{domain}", &self.domain)
-                    .replace("{box}", &self.box_path.to_string_lossy())
+                    .replace("{box}", &self.config.to_string_lossy())
                     .replace("{run}", &self.run.to_string_lossy()),
             )
         };
-        Ok((program, rest.iter().map(filled_in).collect()))
+        let copied = |argument: OsString| match self.copies.get(&folder.join(&argument)) {
+            Some(copy) => copy.clone().into(),
+            None => argument,
+        };
+        Ok((program, rest.iter().map(filled_in).map(copied).collect()))
+    }
+
+    /// The files that the commands of the box name and that a process reads at its start, with the name of the process.
+    #[must_use]
+    pub fn files_of_commands(&self) -> Vec<(String, PathBuf)> {
+        let folder = self.box_path.parent().unwrap_or(Path::new("/"));
+        let of_one = |section: &ProcessSection| {
+            let arguments = section.command.iter().skip(1).map(Path::new);
+            let files = arguments.filter(|path| is_configuration(path)).map(|path| folder.join(path));
+            let name = section.name.clone();
+            files.filter(|path| path.is_file()).map(move |path| (name.clone(), path)).collect::<Vec<_>>()
+        };
+        self.file.process.iter().flat_map(of_one).collect()
+    }
+}
+
+/// Whether a process is told what to do by a file of this name.
+pub(super) fn is_configuration(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "toml")
+}
+
+/// The entry of the box file that this name of a law or a method means, or `None` for one that the standard program has itself.
+///
+/// # Errors
+/// There is neither, or the entry has another role.
+pub fn law_of<'a>(file: &'a BoxFile, role: Role, law: &str) -> Answer<Option<&'a ProcessSection>> {
+    let of_that_name = file.process.iter().find(|section| section.name == law);
+    if let Some(section) = of_that_name {
+        if section.role == role {
+            return Ok(Some(section));
+        }
+        return Err(Failure::BadInput(format!(
+            "the process \"{law}\" of the box file has the role {}, not {}",
+            section.role.name(),
+            role.name()
+        )));
+    }
+    let (mut controller, mut estimator) = (file.controller.clone(), file.estimator.clone());
+    law.clone_into(&mut controller.law);
+    law.clone_into(&mut estimator.method);
+    let problem = match role {
+        Role::Controller => controller::Law::of(&controller).err().map(|error| error.to_string()),
+        Role::Estimator => estimator::Method::of(&estimator).err().map(|error| error.to_string()),
+        _ => None,
+    };
+    match problem {
+        None => Ok(None),
+        Some(problem) => {
+            let others: Vec<&str> =
+                file.process.iter().filter(|other| other.role == role).map(|other| other.name.as_str()).collect();
+            let or = if others.is_empty() {
+                ", or the name of a [[process]] of that role, of which the box file has none".to_owned()
+            } else {
+                format!(", or of the box file {}", others.join(", "))
+            };
+            Err(Failure::BadInput(format!("nothing was started: {problem}{or}")))
+        }
     }
 }
 
@@ -306,4 +367,36 @@ fn beside_us(name: &str) -> Answer<PathBuf> {
 
 fn in_path(name: &str) -> Option<PathBuf> {
     std::env::split_paths(&std::env::var_os("PATH")?).map(|folder| folder.join(name)).find(|path| path.is_file())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_law_is_the_standard_programs_own_or_an_entry_of_the_box_file() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/boxes/demo3.toml");
+        let mut file = BoxFile::load(&path).unwrap();
+        let own = "name = \"mine\"\nrole = \"controller\"\ncommand = [\"mine\"]\n";
+        file.process = vec![toml::from_str(own).unwrap()];
+        for (role, law) in [
+            (Role::Controller, "lq-endpoint"),
+            (Role::Controller, "preview"),
+            (Role::Controller, "p-feedforward"),
+            (Role::Estimator, "phi"),
+            (Role::Estimator, "kalman"),
+        ] {
+            assert!(law_of(&file, role, law).unwrap().is_none(), "{law}");
+        }
+        assert_eq!(law_of(&file, Role::Controller, "mine").unwrap().map(|found| found.name.as_str()), Some("mine"));
+        for (role, law, says) in [
+            (Role::Controller, "pid", "mine"),
+            (Role::Controller, "kalman", "lq-endpoint"),
+            (Role::Estimator, "ukf", "has none"),
+            (Role::Estimator, "mine", "the role controller"),
+        ] {
+            let failure = law_of(&file, role, law).unwrap_err();
+            assert!(failure.exit_code() == 2 && failure.to_string().contains(says), "{failure}");
+        }
+    }
 }

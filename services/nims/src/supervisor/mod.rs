@@ -11,23 +11,29 @@ mod asked;
 mod beats;
 mod child;
 mod closing;
+mod copies;
 mod crew;
 mod leftovers;
 mod members;
+mod mission;
 mod orphans;
+mod recording;
 mod requests;
 mod restarts;
 mod run_folder;
+mod settings;
 mod starting;
+mod successors;
 mod sweeper;
 mod table;
 mod voice;
 mod watching;
 
 pub use asked::Asked;
-pub use members::consequence;
+pub use members::{consequence, law_of};
 pub use run_folder::RunFolder;
 
+use crate::busy;
 use crate::failure::{Answer, Failure};
 use archive::Archive;
 use beats::Beats;
@@ -36,7 +42,10 @@ use crew::Crew;
 use leftovers::Leftovers;
 use members::Site;
 use messages::{Heartbeat, MotorAuthority, OperatorRequest, ProcessState};
+use mission::Missions;
+use recording::Recording;
 use service::config::BoxFile;
+use settings::Settings;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -46,6 +55,9 @@ use voice::Voice;
 
 /// The name under which the supervisor joins the domain and is asked.
 pub const NAME: &str = "nims";
+
+/// Why a run ends that is asked to.
+pub const SIGNAL: &str = "a signal (Ctrl-C, SIGTERM or a closed terminal)";
 
 /// Set by a signal: end in good order.
 pub type StopFlag = Arc<AtomicBool>;
@@ -83,14 +95,34 @@ pub struct Ending {
     pub run: PathBuf,
     /// Names of the processes that died and were not expected to.
     pub died: Vec<String>,
+    /// Why, each time, a part of it was not recorded.
+    pub unrecorded: Vec<String>,
+    /// The mission that did not come to its end, how far it came, and why.
+    pub unfinished: Option<String>,
     /// Mode of motor-io at the end, if it could still be asked.
     pub mode: Option<u8>,
+}
+
+impl Ending {
+    /// What went wrong on the way, in one sentence; `None` if nothing did.
+    #[must_use]
+    pub fn failed(&self) -> Option<String> {
+        let mut parts = Vec::new();
+        if !self.unrecorded.is_empty() {
+            parts.push(format!("not all of the run was recorded ({})", self.unrecorded.join(", and ")));
+        }
+        if !self.died.is_empty() {
+            parts.push(format!("died on the way: {}; see {}/log", self.died.join(", "), self.run.display()));
+        }
+        (!parts.is_empty()).then(|| parts.join("; "))
+    }
 }
 
 /// The processes of one box, running. Dropped without [`Supervisor::end`], it ends them all the same.
 pub struct Supervisor {
     // First, so that it is dropped first: what its processes say while they end has to find a recorder and a domain.
     crew: Crew,
+    settings: Settings,
     site: Site,
     folder: RunFolder,
     archive: Archive,
@@ -100,10 +132,13 @@ pub struct Supervisor {
     sweeper: Sweeper,
     died: Vec<String>,
     voice: Voice,
+    busy: busy::Watch,
     heartbeat: Publisher<Heartbeat>,
     table: Publisher<ProcessState>,
     authority: Subscriber<MotorAuthority>,
     last_authority: Option<MotorAuthority>,
+    recording: Recording,
+    mission: Missions,
     requests: Subscriber<OperatorRequest>,
     beat: Heartbeat,
     last_beat_ns: u64,
@@ -158,6 +193,11 @@ impl Supervisor {
         dead.map(|child| child.member.name.as_str())
     }
 
+    /// Says something that happened, on the terminal and in the run file.
+    pub fn warn(&mut self, sentence: &str) {
+        self.voice.warn(sentence);
+    }
+
     /// Whether someone wants it to end.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
@@ -165,14 +205,11 @@ impl Supervisor {
     }
 }
 
-/// `nims up`: the supervisor in the foreground.
+/// `nims up`: the supervisor in the foreground. How the run ended, and what went wrong in the supervisor itself.
 ///
 /// # Errors
-/// It did not come up, or a vital process died on the way.
-pub fn up(asked: &crate::cli::Up, domain: Option<&str>) -> Answer<Ending> {
-    if let Some(seconds) = asked.seconds.filter(|seconds| !(*seconds > 0.0 && *seconds < 1e7)) {
-        return Err(Failure::BadInput(format!("--for is {seconds}; accepted: seconds above 0")));
-    }
+/// It did not come up.
+pub fn up(asked: &crate::cli::Up, domain: Option<&str>) -> Answer<(Ending, Answer)> {
     let wanted = Wanted { box_path: &asked.config, run: asked.run.as_deref(), domain, mission: None };
     let began = clock::now_ns();
     let mut supervisor = Supervisor::start(&wanted, stop_flag()?)?;
@@ -194,10 +231,10 @@ pub fn up(asked: &crate::cli::Up, domain: Option<&str>) -> Answer<Ending> {
     }
     let because = match &watched {
         Err(failure) => failure.to_string(),
-        Ok(()) if supervisor.is_stopping() => "a signal".to_owned(),
+        Ok(()) if supervisor.is_stopping() => SIGNAL.to_owned(),
         Ok(()) => "the time was over".to_owned(),
     };
     // Whatever went wrong here, no process is left without its supervisor.
     let ending = supervisor.end(&because);
-    watched.map(|()| ending)
+    Ok((ending, watched))
 }

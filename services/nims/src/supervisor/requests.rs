@@ -3,7 +3,7 @@
 use super::asked::Asked;
 use super::child::{Child, Then};
 use super::closing::moves;
-use super::members::Member;
+use super::members::{Member, is_configuration};
 use super::restarts::Restarts;
 use super::{NAME, Supervisor};
 use crate::failure::{Answer, Failure};
@@ -66,7 +66,10 @@ impl Supervisor {
             Asked::Plug { name, folder, command, replace } => {
                 let runs =
                     self.crew.find(name).is_some_and(|child| child.member.role == Role::Other && child.is_alive());
-                if self.is_taken(name) && !(*replace && runs) {
+                // One of the box file, which was unplugged because its device has room for one.
+                let is_asleep = !self.crew.find(name).is_some_and(Child::is_alive)
+                    && self.site.section(name).is_some_and(|section| section.role == Role::Other);
+                if self.is_taken(name) && !(*replace && (runs || is_asleep)) {
                     let or = if runs {
                         "unplug that process first, or put this one in its place with --replace"
                     } else {
@@ -74,7 +77,8 @@ impl Supervisor {
                     };
                     return Err(Failure::BadInput(format!("the name \"{name}\" is taken; choose another, or {or}")));
                 }
-                let member = self.site.plugged(name, folder, command)?;
+                let mut member = self.site.plugged(name, folder, command)?;
+                self.copy_files_of(&mut member);
                 if runs { self.replace(member) } else { self.begin(&member) }
             }
             Asked::Unplug { name } => {
@@ -87,6 +91,21 @@ impl Supervisor {
                     ))),
                     None => Err(self.unknown(name)),
                 }
+            }
+            Asked::Set { key, value } => self.set(key, value),
+        }
+    }
+
+    /// A plugged program reads copies of the files that its command names, as every process does.
+    fn copy_files_of(&self, member: &mut Member) {
+        let folder = member.folder.clone().unwrap_or_default();
+        for argument in &mut member.args {
+            let path = folder.join(&*argument);
+            if is_configuration(&path)
+                && path.is_file()
+                && let Some(copy) = self.archive.copy_for(&member.name, path)
+            {
+                *argument = copy.into();
             }
         }
     }
@@ -193,18 +212,9 @@ impl Supervisor {
         Ok(format!("starting {name}{}", law.map(|law| format!(" with {law}")).unwrap_or_default()))
     }
 
-    /// Ends a process that was plugged in; when it has ended, the new one is started in its place.
-    fn replace(&mut self, member: Member) -> Answer<String> {
-        let name = member.name.clone();
-        self.stop_one(&name, Then::Again)?;
-        if let Some(child) = self.crew.find(&name) {
-            child.member = member;
-        }
-        Ok(format!("ending {name}, to start the new one in its place"))
-    }
-
-    fn stop_one(&mut self, name: &str, then: Then) -> Answer<String> {
+    pub(super) fn stop_one(&mut self, name: &str, then: Then) -> Answer<String> {
         let authority = self.last_authority;
+        self.is_not_succeeded(name)?;
         let Some(child) = self.crew.find(name) else { return Err(self.unknown(name)) };
         let (name, alive) = (child.member.name.clone(), child.is_alive());
         if !alive {

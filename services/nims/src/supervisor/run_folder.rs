@@ -1,23 +1,22 @@
 //! One run, one folder: the run file, the configuration as it was, diagnostics, and a manifest that says what it is.
 
 use super::archive::replace;
+use super::copies::Copies;
 use crate::failure::{Answer, Failure};
 use serde_json::{Value, json};
 use service::build;
-use service::config::BoxFile;
+use service::config::{BoxFile, RESOLVED};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-/// The box as it runs, with every key; what was written stands in `box.toml`.
-const RESOLVED: &str = "resolved.toml";
-const RESOLVED_HEAD: &str =
-    "# The box as it ran: every key, defaults included. Written by nims; `robot` is the robot file beside it.\n\n";
+const RESOLVED_HEAD: &str = "# The box as it began: every key, defaults included; `robot` is the robot file beside it. Every process of the run reads it.\n\n";
 
 /// The folder of a run.
 #[derive(Debug, Clone)]
 pub struct RunFolder {
     path: PathBuf,
     manifest: Value,
+    copies: Copies,
 }
 
 impl RunFolder {
@@ -43,32 +42,18 @@ impl RunFolder {
                 path.display()
             )));
         }
+        let copies = copies_of(file)?;
         let failed = |what: &Path, error: std::io::Error| {
             Failure::NotNow(format!("{} cannot be written: {error}", what.display()))
         };
         let log = path.join("log");
         fs::create_dir_all(&log).map_err(|error| failed(&log, error))?;
         let path = path.canonicalize().map_err(|error| failed(&path, error))?;
-        // The recorder takes these into the run file, so that it can be read with nothing else at hand.
-        let scene = file.motor_box.as_ref().and_then(|section| section.scene.as_deref());
-        let copies = [
-            (Some(box_path), "box.toml"),
-            (Some(file.robot.as_path()), "robot.toml"),
-            (mission, "mission.toml"),
-            (scene, "scene.toml"),
-        ];
-        for (original, name) in copies {
+        for (original, name) in [(Some(box_path), "box.toml"), (mission, "mission.toml")] {
             let copy = path.join(name);
             original.map(|original| keep(original, &copy)).transpose().map_err(|error| failed(&copy, error))?;
         }
-        let robot = file.robot_file().map_err(Failure::bad)?;
-        for original in robot.named_files(file.robot.parent().unwrap_or(Path::new(""))) {
-            let copy = path.join(original.file_name().unwrap_or_default());
-            keep(&original, &copy).map_err(|error| failed(&copy, error))?;
-        }
-        let resolved = path.join(RESOLVED);
-        let text = file.resolved("robot.toml").map_err(Failure::NotNow)?;
-        fs::write(&resolved, format!("{RESOLVED_HEAD}{text}")).map_err(|error| failed(&resolved, error))?;
+        copies.write(&path).map_err(|(copy, error)| failed(&copy, error))?;
         let manifest = json!({
             "name": file.name,
             "box": box_path.file_name().map(|name| name.to_string_lossy()),
@@ -81,7 +66,7 @@ impl RunFolder {
             "git_dirty": build::commit().map(|(_, dirty)| dirty),
             "started_utc": runlog::utc(now),
         });
-        let folder = Self { path, manifest };
+        let folder = Self { path, manifest, copies };
         folder.write()?;
         Ok(folder)
     }
@@ -92,10 +77,34 @@ impl RunFolder {
         &self.path
     }
 
+    /// The box as it began, which the processes read.
+    #[must_use]
+    pub fn resolved(&self) -> PathBuf {
+        self.path.join(RESOLVED)
+    }
+
+    /// The copies of the configuration.
+    pub(super) fn copies(&mut self) -> &mut Copies {
+        &mut self.copies
+    }
+
     /// Where the diagnostics of a process go.
     #[must_use]
     pub fn log(&self, process: &str) -> PathBuf {
         self.path.join("log").join(format!("{process}.txt"))
+    }
+
+    /// Takes note of the instant at which the recorder was first ready, by the clock of the run.
+    pub fn note_recording(&mut self, unix_ns: u64) {
+        if self.manifest["recording_unix_ns"].is_null() {
+            self.manifest["recording_unix_ns"] = json!(unix_ns);
+        }
+    }
+
+    /// Takes note of the instant at which its processes are asked to end, by the clock of the run: until then the recorder is to be
+    /// there.
+    pub fn note_stopping(&mut self, unix_ns: u64) {
+        self.manifest["stopping_unix_ns"] = json!(unix_ns);
     }
 
     /// Completes the manifest: why the run ended, and how each process did.
@@ -128,6 +137,23 @@ impl RunFolder {
         replace(&path, text.as_bytes())
             .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
     }
+}
+
+/// What every process of the run reads. The recorder takes it into the run file too, which can then be read with nothing else at hand.
+fn copies_of(file: &BoxFile) -> Answer<Copies> {
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    let named = robot.named_files(file.robot.parent().unwrap_or(Path::new("")));
+    let scene = file.motor_box.as_ref().and_then(|section| section.scene.as_deref());
+    let mut copies = Copies::default();
+    for (original, name) in [(Some(file.robot.as_path()), "robot.toml"), (scene, "scene.toml")] {
+        original.map(|original| copies.read(original, name.as_ref())).transpose()?;
+    }
+    for original in &named {
+        copies.read(original, Path::new(original.file_name().unwrap_or_default()))?;
+    }
+    let text = file.resolved("robot.toml").map_err(Failure::NotNow)?;
+    copies.add(RESOLVED, format!("{RESOLVED_HEAD}{text}"));
+    Ok(copies)
 }
 
 /// Copies what is in a file and not who may read it.

@@ -2,28 +2,37 @@
 
 use super::archive::Archive;
 use super::beats::Beats;
-use super::child::{Child, ending};
+use super::child::{Child, Start, ending};
 use super::crew::Crew;
 use super::leftovers::Leftovers;
 use super::members::{Member, Site};
+use super::mission::Missions;
 use super::orphans::{self, Started};
+use super::recording::Recording;
 use super::restarts::Restarts;
 use super::run_folder::RunFolder;
+use super::settings::Settings;
 use super::sweeper::Sweeper;
 use super::voice::Voice;
 use super::{NAME, StopFlag, Supervisor, Wanted};
+use crate::busy::{self, Busy};
 use crate::failure::{Answer, Failure};
 use crate::live::{RUNNING_FILE, Running};
 use bus::clock::{self, WallClock};
 use bus::{Bus, Domain};
 use messages::{Heartbeat, put_text};
-use service::config::BoxFile;
+use service::config::{BoxFile, Role};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// A process that has not said that it is ready by then never will, ns. Drives may need to be found and asked first.
 pub(super) const READY_NS: u64 = 20_000_000_000;
 /// Who is waited for is named after this time, ns.
 const UNEASY_NS: u64 = 3_000_000_000;
+/// Shared memory that has to be free for a process to be started: motor-io, which says most, takes 3 MB.
+const PROCESS_BYTES: usize = 3 << 20;
+/// The same for one that is plugged in, whose samples may be large; it refuses by itself what does not fit.
+const SENSOR_BYTES: usize = 6 << 20;
 /// How often the starting processes are looked at, ns: it adds up to the time until the robot is up.
 const LOOK_NS: u64 = 2_000_000;
 
@@ -35,6 +44,8 @@ impl Supervisor {
     pub fn start(wanted: &Wanted<'_>, stop: StopFlag) -> Answer<Self> {
         // Runs, position and shared memory, also of the processes that are started.
         bus::make_private();
+        // Before there is anything of the robot that wants to run.
+        let busy = Busy::look();
         let box_path = std::path::absolute(wanted.box_path).map_err(Failure::bad)?;
         let file = BoxFile::load(&box_path).map_err(Failure::bad)?;
         ports_are_there(&file)?;
@@ -50,7 +61,22 @@ impl Supervisor {
         domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
         let run = folder.path().to_path_buf();
         let archive = Archive::open(&run).map_err(Failure::not_now)?;
-        let site = Site { file, box_path: box_path.clone(), domain: domain.name().to_owned(), run: run.clone() };
+        // From here on the run's own copy counts.
+        let config = folder.resolved();
+        let file = BoxFile::load(&config).map_err(Failure::not_now)?;
+        let mut site = Site {
+            file,
+            box_path: box_path.clone(),
+            config,
+            copies: BTreeMap::new(),
+            domain: domain.name().to_owned(),
+            run: run.clone(),
+        };
+        for (process, original) in site.files_of_commands() {
+            if let Some(copy) = archive.copy_for(&process, original.clone()) {
+                site.copies.insert(original, copy);
+            }
+        }
         let members = site.members()?;
 
         let bus = Bus::join(&domain, NAME)?;
@@ -66,8 +92,10 @@ impl Supervisor {
         };
         put_text(&mut beat.name, NAME);
         let server = bus.server(NAME)?;
+        let settings = Settings::new(&bus, &site, beat.incarnation)?;
         let mut supervisor = Self {
             crew: Crew::default(),
+            settings,
             site,
             folder,
             archive,
@@ -77,10 +105,13 @@ impl Supervisor {
             sweeper: Sweeper::new(&domain),
             died: Vec::new(),
             voice: Voice::new(&bus)?,
+            busy: busy::Watch::new(),
             heartbeat: bus.publisher(&format!("system/heartbeat/{NAME}"))?,
             table: bus.publisher("system/process")?,
             authority: bus.subscriber("motor/authority")?,
             last_authority: None,
+            recording: Recording::new(&bus)?,
+            mission: Missions::new(&bus)?,
             requests: bus.subscriber("operator/request")?,
             beat,
             last_beat_ns: 0,
@@ -91,12 +122,20 @@ impl Supervisor {
             domain,
             claim,
         };
+        if let Some(warning) = busy.warning() {
+            supervisor.voice.warn(&warning);
+        }
         if !orphans.is_empty() {
             supervisor.voice.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
         }
         if let Err(failure) = supervisor.bring_up(members) {
             supervisor.close("a process did not come up");
-            return Err(failure);
+            let run = supervisor.folder.path().display();
+            let in_run = format!("{failure}; the run is in {run}");
+            return Err(match failure {
+                Failure::BadInput(_) => Failure::BadInput(in_run),
+                Failure::NotNow(_) => Failure::NotNow(in_run),
+            });
         }
         supervisor.beat.state = Heartbeat::STATE_READY;
         supervisor.note_processes();
@@ -140,14 +179,18 @@ impl Supervisor {
                 }
                 if child.ready_ns.is_none() {
                     if clock::now_ns() >= child.started_ns + READY_NS {
+                        let log = self.folder.log(&child.member.name);
+                        let why = child.last_line().unwrap_or_else(|| format!("see {}", log.display()));
                         return Err(Failure::NotNow(format!(
-                            "{} does not become ready within {} s: see {}",
+                            "{} does not become ready within {} s: {why}",
                             child.member.name,
                             READY_NS / 1_000_000_000,
-                            self.folder.log(&child.member.name).display()
                         )));
                     }
-                    missing.push(child.member.name.clone());
+                    missing.push(match child.last_line() {
+                        Some(line) if clock::now_ns() >= named => format!("{} ({line})", child.member.name),
+                        _ => child.member.name.clone(),
+                    });
                 }
             }
             if waiting.is_empty() && missing.is_empty() {
@@ -173,25 +216,66 @@ impl Supervisor {
             .all(|child| child.ready_ns.is_some())
     }
 
-    /// Starts one process.
+    /// Starts one process, which takes the place of an earlier life.
     pub(super) fn launch(&mut self, member: &Member, restarts: Restarts) -> Answer {
-        self.beats.listen(&self.bus, &member.name)?;
-        let (child, warning) = Child::start(member, &self.site.domain, &self.folder.log(&member.name), restarts)?;
+        let child = self.spawn(member, restarts, false)?;
         self.crew.enter(child);
-        self.keep_files_of(member);
+        self.note_living();
+        Ok(())
+    }
+
+    /// Starts one process; one that succeeds another of its name finds that one alive.
+    pub(super) fn spawn(&mut self, member: &Member, restarts: Restarts, succeeds: bool) -> Answer<Child> {
+        let bytes = if member.role == Role::Other { SENSOR_BYTES } else { PROCESS_BYTES };
+        self.bus.room_for(bytes, &member.name)?;
+        self.beats.listen(&self.bus, &member.name)?;
+        // A folder that somebody removed is no reason to leave the robot without a process.
+        let _ = std::fs::create_dir_all(self.folder.path().join("log"));
+        self.put_back_copies();
+        let started = self.settings.configured(member, &self.site.config);
+        let with = Start {
+            domain: &self.site.domain,
+            changes: self.settings.changes(),
+            succeeds,
+            log: &self.folder.log(&member.name),
+        };
+        let (mut child, warning) = Child::start(&started, with, restarts)?;
+        // What it is started with the next time depends on what is set until then.
+        child.member = member.clone();
+        self.keep_files_of(&started);
         if let Some(warning) = warning {
             self.voice.warn(&format!("{}: {warning}", member.name));
         }
+        Ok(child)
+    }
+
+    /// Writes down who lives, for the run folder and for the next supervisor.
+    pub(super) fn note_living(&mut self) {
         if self.beat.state == Heartbeat::STATE_READY {
             self.note_processes();
         }
-        let started: Vec<Started> = self
-            .crew
-            .iter()
+        let successors = self.crew.successors.iter().map(|successor| &successor.child);
+        let started: Vec<Started> = (self.crew.iter().chain(successors))
             .filter(|child| child.exit.is_none())
             .filter_map(|child| Started::now(&child.member.name, child.pid))
             .collect();
-        orphans::note(&self.domain, &started)
+        // They run all the same, and the next supervisor finds them among the living.
+        if let Err(failure) = orphans::note(&self.domain, &started) {
+            self.voice.warn(&failure.to_string());
+        }
+    }
+
+    /// The copies of the configuration are what they were, whatever was done to them meanwhile.
+    pub(super) fn put_back_copies(&mut self) {
+        let run = self.folder.path().to_path_buf();
+        match self.folder.copies().put_back(&run) {
+            Ok(back) if back.is_empty() => {}
+            Ok(back) => self.voice.warn(&format!(
+                "{} in the run folder was changed while the robot runs and is as it was again: an edit is for the next run",
+                back.join(", ")
+            )),
+            Err((path, error)) => self.voice.warn(&format!("{} cannot be written: {error}", path.display())),
+        }
     }
 }
 

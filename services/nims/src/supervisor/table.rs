@@ -1,7 +1,7 @@
 //! The process table: one row per process on `system/process`, all of them once a second and on change.
 
 use super::Supervisor;
-use super::child::{Child, ending};
+use super::child::Child;
 use crate::failure::Answer;
 use bus::clock;
 use messages::{ProcessState, put_sentence, put_text};
@@ -40,7 +40,7 @@ impl Supervisor {
         self.send_row(&mut row)
     }
 
-    fn send_row(&mut self, row: &mut ProcessState) -> Answer {
+    pub(super) fn send_row(&mut self, row: &mut ProcessState) -> Answer {
         row.header.stamp_ns = clock::now_ns();
         row.header.oldest_input_ns = row.header.stamp_ns;
         self.table.send(row)?;
@@ -48,7 +48,7 @@ impl Supervisor {
     }
 }
 
-fn row(child: &Child) -> ProcessState {
+pub(super) fn row(child: &Child) -> ProcessState {
     let member = &child.member;
     let mut row = ProcessState {
         started_ns: child.started_ns,
@@ -95,10 +95,11 @@ fn reason(child: &Child) -> String {
                 .again_ns
                 .map(|at| format!("; starting again in {:.1} s", at.saturating_sub(clock::now_ns()) as f64 * 1e-9));
             let why = if child.gave_up { "; too often to start it again" } else { "" };
-            format!("{}{why}{}{}", ending(exit), again.unwrap_or_default(), words.unwrap_or_default())
+            format!("{}{why}{}{}", child.ending(), again.unwrap_or_default(), words.unwrap_or_default())
         }
         (None, Some(_)) => "asked to end".to_owned(),
-        (None, None) if child.silent => "no sign of life".to_owned(),
+        (None, None) if child.hangs => "no sign of life; `nims restart` ends it and starts it again".to_owned(),
+        (None, None) if child.silent => "no sign of life, because the machine has no time for it".to_owned(),
         (None, None) if child.overdue => "does not become ready; see its log in the run folder".to_owned(),
         (None, None) if child.member.role == Role::Other && child.ready_ns.is_none() => {
             "sends no heartbeat, so only its end will be noticed".to_owned()

@@ -2,11 +2,13 @@
 
 use super::Supervisor;
 use super::beats::Change;
-use super::child::{Then, ending};
+use super::child::Then;
 use super::leftovers::News;
 use super::members::{Member, consequence};
+use super::recording::Said;
 use super::restarts::{Restarts, Verdict};
 use super::starting::READY_NS;
+use crate::busy;
 use crate::failure::Answer;
 use bus::clock;
 use messages::{Heartbeat, OperatorRequest, text_of};
@@ -42,10 +44,13 @@ impl Supervisor {
     pub(super) fn look(&mut self) -> Answer {
         self.look_at_beats()?;
         self.look_at_children()?;
+        self.look_at_successors()?;
         while let Some(authority) = self.authority.latest()? {
             self.last_authority = Some(authority);
         }
         self.look_at_files()?;
+        self.look_at_the_computer();
+        self.settings.serve_late_listeners();
         self.beat_if_due()?;
         self.refresh_table()
     }
@@ -54,10 +59,17 @@ impl Supervisor {
         let changes = self.beats.look(&mut self.crew)?;
         for change in &changes {
             match change {
-                Change::Ready(name) => self.voice.info(&format!("{name} is ready")),
-                Change::Silent(name, seconds) => {
-                    self.voice.warn(&format!("{name} has shown no sign of life for {seconds} s"));
+                Change::Ready(name) => {
+                    self.voice.info(&format!("{name} is ready"));
+                    if self.crew.find(name).is_some_and(|child| child.member.role == Role::Recorder) {
+                        let now = self.run_unix_ns();
+                        self.folder.note_recording(now);
+                    }
                 }
+                Change::Silent(name, seconds) => self.hangs(name, *seconds),
+                Change::Starved(name, seconds) => self.voice.warn(&format!(
+                    "{name} has shown no sign of life for {seconds} s, because the machine has no time for it: look for what else runs here"
+                )),
                 Change::Back(name) => self.voice.warn(&format!("{name} is back")),
             }
         }
@@ -68,6 +80,41 @@ impl Supervisor {
         if changes.is_empty() { Ok(()) } else { self.publish_table() }
     }
 
+    /// A process that hangs is as one that died: where it is started again, it is ended for that.
+    fn hangs(&mut self, name: &str, seconds: u64) {
+        let Some(child) = self.crew.find(name) else { return };
+        let (member, again) = (child.member.clone(), child.member.restart.again);
+        if again {
+            child.end_hung();
+        }
+        let means = self.consequence_of(&member);
+        let next = match (again, member.role) {
+            (true, _) => "it is ended, to be started again".to_owned(),
+            (false, Role::MotorBox | Role::MotorIo) => "end `nims up`, which ends it too".to_owned(),
+            (false, _) => format!("`nims restart {name}` ends it and starts it again"),
+        };
+        let sentence = format!("{name} has shown no sign of life for {seconds} s: {means}; {next}");
+        if member.role == Role::Recorder {
+            self.recording.fails(&format!("the recorder gave no sign of life for {seconds} s"));
+        }
+        self.voice.error(&sentence);
+    }
+
+    /// Says when the computer has no time for the robot, and when it has again.
+    fn look_at_the_computer(&mut self) {
+        match self.busy.look(clock::now_ns()) {
+            Some(busy::Change::Busy(share)) => {
+                let share = 100.0 * share;
+                self.voice.warn(&format!(
+                    "the computer is busy: something had to wait for a processor in {share:.0} % of the last two seconds; {}",
+                    busy::CURE
+                ));
+            }
+            Some(busy::Change::Over) => self.voice.info("the computer is no longer busy"),
+            None => {}
+        }
+    }
+
     /// What belongs into this run folder, and what becomes of earlier ones.
     fn look_at_files(&mut self) -> Answer {
         while let Some(request) = self.requests.receive()? {
@@ -75,6 +122,15 @@ impl Supervisor {
                 let given = text_of(&request.text);
                 self.archive.keep_mission(planner::requests::mission_file(&given, &self.site.file.planner.missions));
             }
+        }
+        for said in self.recording.look(clock::now_ns())? {
+            match said {
+                Said::Stopped(sentence) => self.voice.error(&sentence),
+                Said::GoesOn(sentence) => self.voice.warn(&sentence),
+            }
+        }
+        if let Some(sentence) = self.mission.look(self.last_authority.as_ref())? {
+            self.voice.error(&sentence);
         }
         for trouble in self.archive.troubles() {
             self.voice.warn(&trouble);
@@ -138,9 +194,12 @@ impl Supervisor {
 
     /// Says how a process ended, and decides what follows.
     fn has_ended(&mut self, name: &str) -> Answer {
+        if self.succeed(name) {
+            return Ok(());
+        }
         let Some(child) = self.crew.find(name) else { return Ok(()) };
         let (member, asked) = (child.member.clone(), child.asked);
-        let how = child.exit.map(ending).unwrap_or_default();
+        let how = child.ending();
         match asked {
             Some((_, then)) => {
                 self.voice.info(&format!("{name} {how}, as it was asked to"));
@@ -155,7 +214,9 @@ impl Supervisor {
             }
             None => {
                 let died = child.has_died();
-                let words = child.last_words().map(|words| format!(" ({words})")).unwrap_or_default();
+                // One that hung has not ended by what it said last.
+                let words = child.last_words().filter(|_| !child.hung).map(|words| format!(" ({words})"));
+                let words = words.unwrap_or_default();
                 let well_ns = child.ready_ns.map_or(0, |ready_ns| clock::now_ns().saturating_sub(ready_ns));
                 let verdict = child.restarts.died(&member.restart, well_ns);
                 let next = match verdict {

@@ -1,11 +1,11 @@
 //! The picture: a pure function of a snapshot.
 
 use super::snapshot::{Recording, Snapshot};
+use crate::counters::Periods;
 use crate::processes::state_name;
-use crate::status::{mission_words, mode_name, recording_words};
+use crate::status::{mission_words, mode_name, position_words};
 use messages::{
-    CONTROLLERS, ControlStatus, ESTIMATORS, Heartbeat, MotorAuthority, ProcessState, RecorderStatus, SLOT_NAMES, SLOTS,
-    text_of,
+    CONTROLLERS, ControlStatus, ESTIMATORS, Heartbeat, MotorAuthority, ProcessState, SLOT_NAMES, SLOTS, text_of,
 };
 use motor_io::sentences;
 use ratatui::Frame;
@@ -106,7 +106,7 @@ fn robot(snapshot: &Snapshot) -> Vec<Line<'static>> {
         }
     }
     if let Some(plan) = &snapshot.plan {
-        let mut words = mission_words(plan);
+        let mut words = mission_words(plan, snapshot.authority.as_ref());
         if let Some(rate) = snapshot.authority.map(|authority| authority.plan_rate).filter(|rate| *rate > 0.0) {
             words += &format!("; plan clock at {:.0} %", 100.0 * rate);
         }
@@ -130,38 +130,29 @@ fn color_of(mode: u8) -> Color {
 }
 
 fn place(snapshot: &Snapshot, authority: &MotorAuthority) -> Vec<Span<'static>> {
+    let motor_io = snapshot.processes.iter().map(|(row, _)| row).find(|row| text_of(&row.name) == "motor-io");
+    let known = position_words(authority.position_known, motor_io, snapshot.now_ns);
     let active = usize::from(authority.active_estimator).min(1);
     let estimate = snapshot.estimate[active]
         .filter(|estimate| snapshot.age_s(estimate.header.stamp_ns) < OLD_S && estimate.valid == 1);
     let Some(estimate) = estimate else {
-        return vec![Span::raw(sentences::position_sentence(authority.position_known).to_owned())];
+        return vec![Span::raw(known)];
     };
     let [x, y, z] = estimate.position_m;
     let error = snapshot.control[usize::from(authority.active_controller).min(1)]
         .filter(|control| control.valid == 1 && control.segment != 0)
         .map(|control| format!("; {:.1} mm from the setpoint", 1000.0 * control.error_norm_m));
-    vec![Span::raw(format!(
-        "node at {x:.3}, {y:.3}, {z:.3} m{}. {}",
-        error.unwrap_or_default(),
-        sentences::position_sentence(authority.position_known)
-    ))]
+    vec![Span::raw(format!("node at {x:.3}, {y:.3}, {z:.3} m{}. {known}", error.unwrap_or_default()))]
 }
 
 fn cycle(authority: &MotorAuthority) -> Line<'static> {
-    let counted = |count: u64, what: &str| {
-        let text = format!("{count} {what}");
-        if count == 0 { Span::raw(text) } else { styled(text, Color::Yellow) }
-    };
     let milliseconds = |ns: u64| ns as f64 * 1e-6;
+    let periods = Periods::of(authority);
     labelled(
         "cycle",
         vec![
             Span::raw(format!("{} at {:.0} Hz; ", authority.header.cycle, 1.0 / authority.period_s)),
-            counted(authority.missed, "missed"),
-            Span::raw(", "),
-            counted(authority.late, "late"),
-            Span::raw(", "),
-            counted(authority.skipped, "skipped"),
+            if periods.unsteered() == 0 { Span::raw(periods.words()) } else { styled(periods.words(), Color::Yellow) },
             Span::raw(format!(
                 "; bus {:.1} ms, woke {:.1} ms after its tick, command {:.1} ms old",
                 milliseconds(authority.bus_ns),
@@ -173,21 +164,22 @@ fn cycle(authority: &MotorAuthority) -> Line<'static> {
 }
 
 fn recording(snapshot: &Snapshot) -> Line<'static> {
-    let Some(recording) = snapshot.recording else {
+    let Some(recording) = &snapshot.recording else {
         return labelled("recording", vec![styled("the recorder says nothing", Color::Yellow)]);
     };
-    let Recording { state, bytes, lost, free_bytes, stamp_ns } = recording;
-    let age_s = snapshot.age_s(stamp_ns);
+    let Recording { why, bytes, lost, free_bytes, stamp_ns } = recording;
+    let age_s = snapshot.age_s(*stamp_ns);
+    let state = why.as_ref().map_or_else(|| "recording".to_owned(), |why| format!("NOT RECORDING: {why}"));
     let words = format!(
         "{}, {:.1} MB, {lost} lost, {:.1} GB left; {}",
-        recording_words(state),
-        bytes as f64 * 1e-6,
-        free_bytes as f64 * 1e-9,
+        state,
+        *bytes as f64 * 1e-6,
+        *free_bytes as f64 * 1e-9,
         snapshot.run
     );
     if age_s > OLD_S {
         labelled("recording", vec![styled(format!("the recorder has said nothing for {age_s:.0} s"), Color::Red)])
-    } else if state == RecorderStatus::STATE_RECORDING {
+    } else if why.is_none() {
         labelled("recording", vec![Span::raw(words)])
     } else {
         labelled("recording", vec![styled(words, Color::Red)])

@@ -4,7 +4,7 @@ use super::snapshot::{ChannelRow, Recording, Scale, Snapshot};
 use crate::failure::Answer;
 use crate::live::{self, Running};
 use crate::operate;
-use bus::{Bus, Domain, Subscriber, clock};
+use bus::{Bus, Domain, Party, Subscriber, clock};
 use messages::{
     ControlStatus, Heartbeat, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState,
     RecorderStatus, SLOT_NAMES, SLOTS, text_of,
@@ -97,7 +97,7 @@ impl Feed {
         if !is_alive(&domain) {
             return Err(crate::Failure::NotNow(format!("no robot runs in the domain `{}`", domain.name())));
         }
-        let bus = Bus::join(&domain, NAME)?;
+        let bus = Bus::join_as(&domain, NAME, Party::Guest)?;
         let slot = |kind: &str, slot: usize| format!("{kind}/{}", SLOT_NAMES[slot]);
         Ok(Self {
             run: Running::of(&domain).map(|running| running.run.display().to_string()).unwrap_or_default(),
@@ -151,7 +151,7 @@ impl Feed {
             let stamp_ns = row.header.stamp_ns;
             self.channels.entry(text_of(&row.channel)).or_default().note(stamp_ns, row.messages, row.lost);
             self.recording = Some(Recording {
-                state: row.state,
+                why: live::unrecorded_of(&row),
                 bytes: row.total_bytes,
                 lost: 0,
                 free_bytes: row.disk_free_bytes,
@@ -186,7 +186,7 @@ impl Feed {
                 .iter()
                 .map(|(name, counted)| ChannelRow { name: name.clone(), hz: counted.hz(), lost: counted.lost })
                 .collect(),
-            recording: self.recording.map(|recording| Recording { lost, ..recording }),
+            recording: self.recording.clone().map(|recording| Recording { lost, ..recording }),
         })
     }
 }

@@ -67,10 +67,10 @@ pub struct ChannelRow {
 }
 
 /// The state of the recording.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Recording {
-    /// `RecorderStatus::STATE_*`.
-    pub state: u8,
+    /// Why nothing is being recorded, if that is so.
+    pub why: Option<String>,
     /// Bytes so far.
     pub bytes: u64,
     /// Samples lost, over all channels.

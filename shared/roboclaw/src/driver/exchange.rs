@@ -32,7 +32,7 @@ impl<T: Transport> Bus<T> {
         Ok(())
     }
 
-    /// Ask a question; the answer and when it was asked. Any error leaves the line out of step.
+    /// Ask a question; the answer and the stamp of when it was asked. Any error leaves the line out of step.
     pub(super) fn ask(&mut self, unit: usize, read: Read) -> Result<(Reply, u64), Error> {
         let address = self.address(unit);
         let command = Command::Read(read);
@@ -45,7 +45,7 @@ impl<T: Transport> Bus<T> {
         match read.decode(address, buffer.get(..got).unwrap_or_default()) {
             Ok(reply) => {
                 self.learn_turnaround(sent_ns, 2 + got);
-                Ok((reply, sent_ns))
+                Ok((reply, self.sent_stamp_ns))
             }
             Err(Flaw::Length) if got < wanted => {
                 self.too_late(unit);
@@ -108,6 +108,7 @@ impl<T: Transport> Bus<T> {
         self.last_unit = unit;
         self.counters.exchanges += 1;
         let now_ns = self.line.now_ns();
+        self.sent_stamp_ns = self.line.stamp_ns();
         let deadline_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;
         if let Err(error) = self.line.write_all(packet, deadline_ns) {
             self.out_of_step(unit);

@@ -107,6 +107,8 @@ struct Unit {
     interlocked: bool,
     /// How often its answers came too late on its way back into use, and not in time since; see [`Bus::patience_ns`].
     patience: u8,
+    /// What came in place of its answer when it was last asked in vain.
+    instead: sync::Instead,
 }
 
 /// How far a unit is.
@@ -130,12 +132,16 @@ pub struct Bus<T> {
     margin_ns: u64,
     units: Vec<Unit>,
     step: sync::Step,
+    /// Since when bytes have come that nobody asked for, without a pause.
+    noisy_from_ns: Option<u64>,
     connection: u32,
     /// The unit that was spoken to last: unexpected bytes are most likely its.
     last_unit: usize,
     next_fence: usize,
     /// Usual time from the last byte sent to the first received, beside the bytes' own time.
     turnaround_ns: u64,
+    /// When the last packet was sent, as others stamp it.
+    sent_stamp_ns: u64,
     slow_turn: usize,
     slow_left_out: bool,
     current_turn: usize,
@@ -177,6 +183,7 @@ impl<T: Transport> Bus<T> {
             doubtful: false,
             interlocked: true,
             patience: 0,
+            instead: sync::Instead::default(),
         };
         Ok(Bus {
             line,
@@ -184,10 +191,12 @@ impl<T: Transport> Bus<T> {
             margin_ns: config.margin_ns,
             units: config.units.iter().map(unit).collect(),
             step: sync::Step::Draining { quiet_from_ns: 0 },
+            noisy_from_ns: None,
             connection: 0,
             last_unit: 0,
             next_fence: 0,
             turnaround_ns: 500_000,
+            sent_stamp_ns: 0,
             slow_turn: 0,
             slow_left_out: false,
             current_turn: 0,

@@ -29,6 +29,9 @@ const PAUSE_NS: u64 = 1_000_000;
 /// Bytes of one exchange on the way back into use. The longest is a version text; the others are about as long as this.
 const LONGEST_STEP: usize = 20;
 
+/// A line that has not been quiet for so long is not on its way back: a resynchronisation takes a tenth of that.
+const BABBLE_NS: u64 = 1_000_000_000;
+
 /// Questions that neither the cycle nor the setup asks. Two in a row are never the same, so that the late answer to one fence
 /// cannot be taken for the answer to the next.
 const FENCES: [Read; 4] = [Read::LogicBattery, Read::MaxCurrent1, Read::RawSpeed1, Read::VelocityPid1];
@@ -42,6 +45,18 @@ pub(super) enum Step {
     Fencing { unit: usize, read: Read, until_ns: u64, window: Window },
     /// Empty, and nothing outstanding.
     Settled,
+}
+
+/// What came in place of the answer to a fence.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Instead {
+    /// Not one byte.
+    #[default]
+    Nothing,
+    /// The question itself.
+    Echo,
+    /// Something else.
+    Gibberish,
 }
 
 /// What a unit is asked before it is used, in this order.
@@ -76,6 +91,15 @@ impl Window {
         }
         self.bytes[self.len] = byte;
         self.len += 1;
+    }
+
+    /// What it holds, for a question of which it has no answer.
+    fn instead(&self, question: &[u8]) -> Instead {
+        match self.bytes.get(..self.len) {
+            None | Some([]) => Instead::Nothing,
+            Some(bytes) if bytes == question => Instead::Echo,
+            Some(_) => Instead::Gibberish,
+        }
     }
 
     fn last(&self, n: usize) -> Option<&[u8]> {
@@ -134,10 +158,12 @@ impl<T: Transport> Bus<T> {
         if got > 0 {
             self.counters.stray_bytes += got as u64;
             self.step = Step::Draining { quiet_from_ns: now_ns };
+            self.noisy_from_ns.get_or_insert(now_ns);
             // Noise without end does not hold the caller for ever.
             if now_ns < deadline_ns { Ok(()) } else { Err(self.resynchronising()) }
         } else if now_ns >= quiet_at_ns {
             self.step = Step::Settled;
+            self.noisy_from_ns = None;
             Ok(())
         } else {
             Err(self.resynchronising())
@@ -158,7 +184,7 @@ impl<T: Transport> Bus<T> {
             let got = self.line.read(&mut byte, until_ns.min(deadline_ns)).map_err(|error| self.line_failed(error))?;
             let now_ns = self.line.now_ns();
             if got == 0 && now_ns >= until_ns {
-                self.fence_failed(unit, now_ns);
+                self.fence_failed(unit, window.instead(&read.encode(self.address(unit))), now_ns);
                 return Ok(());
             }
             if got == 0 {
@@ -194,13 +220,14 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    fn fence_failed(&mut self, unit: usize, now_ns: u64) {
+    fn fence_failed(&mut self, unit: usize, instead: Instead, now_ns: u64) {
         self.counters.timeouts += 1;
         self.be_more_patient(unit);
         self.step = Step::Draining { quiet_from_ns: now_ns };
         if let Some(unit) = self.units.get_mut(unit)
             && let Phase::Suspect { failed, .. } = unit.phase
         {
+            unit.instead = instead;
             let failed = failed + 1;
             let pause_ns = if failed < FENCES_BEFORE_SILENT { 0 } else { ASK_SILENT_EVERY_NS };
             unit.phase = Phase::Suspect { failed, due_ns: now_ns + pause_ns };
@@ -359,12 +386,20 @@ impl<T: Transport> Bus<T> {
             Phase::Ready => None,
             Phase::Setup(_) => Some(Error::Preparing { port, address }),
             Phase::Suspect { failed, .. } if failed < FENCES_BEFORE_SILENT => Some(Error::Resynchronising { port }),
-            Phase::Suspect { .. } => Some(Error::Silent { port, address }),
+            Phase::Suspect { .. } => Some(match unit.instead {
+                Instead::Nothing => Error::Silent { port, address },
+                Instead::Echo => Error::Echo { port, address },
+                Instead::Gibberish => Error::Gibberish { port, address },
+            }),
             Phase::Unusable { wanted, got, .. } => Some(Error::WatchdogRefused { port, address, wanted, got }),
         }
     }
 
     pub(super) fn resynchronising(&self) -> Error {
-        Error::Resynchronising { port: self.port() }
+        let port = self.port();
+        match self.noisy_from_ns {
+            Some(from_ns) if self.line.now_ns().saturating_sub(from_ns) > BABBLE_NS => Error::Babble { port },
+            _ => Error::Resynchronising { port },
+        }
     }
 }

@@ -88,6 +88,22 @@ pub struct MotorIoSection {
     /// Lowest supply voltage, V.
     #[serde(default = "default_supply_min")]
     pub supply_min_v: f64,
+    /// The node's speed is bounded by the robot's speed limit and this share of it.
+    #[serde(default = "default_speed_margin")]
+    pub node_speed_margin: f64,
+    /// Largest change of the node's velocity per time, m/s²; no key: four times the robot's acceleration limit.
+    pub node_acceleration_limit_m_s2: Option<f64>,
+    /// What a controller may add to the set point's own velocity, m/s; no key: half the robot's speed limit.
+    pub correction_limit_m_s: Option<f64>,
+    /// A motion that begins farther from the node than this is not started, m.
+    #[serde(default = "default_start_bound")]
+    pub start_bound_m: f64,
+    /// From this distance to the set point on, commands that lead away from it for `divergence_s` are a fault, m.
+    #[serde(default = "default_divergence_m")]
+    pub divergence_m: f64,
+    /// See `divergence_m`, s.
+    #[serde(default = "default_divergence_s")]
+    pub divergence_s: f64,
 }
 
 /// `[[motor_io.ports]]`.
@@ -124,6 +140,10 @@ pub struct ArbiterSection {
     pub qualify_s: f64,
     /// How far a standby's command may be from that of the controller in charge, as a share of the robot's `cable_speed_limit_m_s`.
     pub command_bound: f64,
+    /// How far it may be from it on average, as a share of what is being commanded, and never less than `bias_bound_m_s`.
+    pub bias_share: f64,
+    /// See `bias_share`, m/s.
+    pub bias_bound_m_s: f64,
     /// How far a standby's estimate may be from the one in charge, m.
     pub estimate_bound_m: f64,
     /// From the announcement of a swap to the cycle in which it takes effect, s.
@@ -143,6 +163,8 @@ impl Default for ArbiterSection {
         Self {
             qualify_s: 1.0,
             command_bound: 0.15,
+            bias_share: 0.25,
+            bias_bound_m_s: 0.05,
             estimate_bound_m: 0.02,
             announce_s: 0.1,
             fade_s: 0.25,
@@ -175,6 +197,8 @@ pub struct EstimatorSection {
     pub acceleration_sigma_m_s2: f64,
     /// `kalman`: standard deviation of a single reading, m: about an encoder step.
     pub reading_sigma_m: f64,
+    /// Cycles for which controllers, planner and sensors may act on an estimate.
+    pub ttl_cycles: u32,
 }
 
 impl Default for EstimatorSection {
@@ -189,6 +213,7 @@ impl Default for EstimatorSection {
             drive_lag_s: 0.07,
             acceleration_sigma_m_s2: 1.0,
             reading_sigma_m: 1e-4,
+            ttl_cycles: 3,
         }
     }
 }
@@ -403,7 +428,7 @@ pub struct ProcessSection {
     pub role: Role,
     /// Program and arguments. A name without a slash is looked for beside `nims`, then in PATH; a relative path begins at the box file's
     /// folder, which is also where the process runs. `{name}`, `{domain}`, `{box}` and `{run}` stand for its own name, the robot's domain,
-    /// the box file and the run folder. Empty, for a controller or an estimator: the standard program.
+    /// the run's copy of the box file and the run folder. A `.toml` file among the arguments is read from the run's copy of it. Empty, for a controller or an estimator: the standard program.
     #[serde(default)]
     pub command: Vec<String>,
     /// For a controller or an estimator: its slot. Default: a, or b for a standby.
@@ -523,6 +548,22 @@ fn default_stall_duty() -> f64 {
 fn default_stall_cycles() -> u32 {
     20
 }
+fn default_speed_margin() -> f64 {
+    0.1
+}
+
+fn default_start_bound() -> f64 {
+    0.05
+}
+
+fn default_divergence_m() -> f64 {
+    0.1
+}
+
+fn default_divergence_s() -> f64 {
+    0.1
+}
+
 fn default_supply_min() -> f64 {
     10.0
 }

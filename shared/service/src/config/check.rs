@@ -1,6 +1,6 @@
 //! What the values of the configuration files may be. Each problem is one clause: key, what it is, what is accepted.
 
-use super::{ArbiterSection, BoxFile, MotorBoxSection, MotorIoSection, ProcessSection, RobotFile, Role};
+use super::{ArbiterSection, BoxFile, MotorBoxSection, MotorIoSection, ProcessSection, RobotFile, RobotSection, Role};
 use crate::args::Slot;
 
 /// Baud rates that the drives' set-up program offers.
@@ -12,9 +12,27 @@ const WATCHDOG_MAX_S: f64 = 25.5;
 /// A name becomes part of a socket's path, which is short.
 const NAME_MAX: usize = 16;
 
+/// A number as it is quoted in a sentence: not with a hundred digits.
+pub struct Given(pub f64);
+
+impl std::fmt::Display for Given {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let Self(value) = self;
+        if value.is_finite() && *value != 0.0 && !(1e-6..1e9).contains(&value.abs()) {
+            write!(f, "{value:e}")
+        } else {
+            write!(f, "{value}")
+        }
+    }
+}
+
 /// Says what is wrong unless `value` is finite and accepted.
 pub(super) fn number(key: &str, value: f64, accepted: &str, ok: impl Fn(f64) -> bool) -> Result<(), String> {
-    if value.is_finite() && ok(value) { Ok(()) } else { Err(format!("`{key}` is {value}; accepted: {accepted}")) }
+    if value.is_finite() && ok(value) {
+        Ok(())
+    } else {
+        Err(format!("`{key}` is {}; accepted: {accepted}", Given(value)))
+    }
 }
 
 fn count(key: &str, value: usize, low: usize, high: usize) -> Result<(), String> {
@@ -56,6 +74,7 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), String> {
             "`anchors_m` holds {anchor}; accepted: metres within 500 m of the origin (are these millimetres?)"
         ));
     }
+    limits(robot)?;
     number("drag_n_s2_m2", robot.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
     for corner in robot.keep_out.iter().flatten() {
         corner.on(robot.anchors_m.is_planar()).map_err(|why| format!("`keep_out`: {why}"))?;
@@ -77,6 +96,7 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), String> {
             (100.0..=1e7).contains(&v)
         })?;
     }
+    motors(file)?;
     number("current_limit_a", file.motor.current_limit_a, "above 0, at most 500 A", |v| v > 0.0 && v <= 500.0)?;
     if let Some(site) = file.site {
         number("latitude_deg", site.latitude_deg, "-90 to 90", |v| v.abs() <= 90.0)?;
@@ -84,6 +104,38 @@ pub(super) fn robot(file: &RobotFile) -> Result<(), String> {
         number("azimuth_deg", site.azimuth_deg, "-360 to 360", |v| v.abs() <= 360.0)?;
     }
     Ok(())
+}
+
+/// What a robot of this kind has in forces and sizes, with room above: what is beyond has another unit, or lost its decimal point.
+fn limits(robot: &RobotSection) -> Result<(), String> {
+    for tension in robot.tension_limits_n {
+        number("tension_limits_n", tension, "two tensions of 0 to 1e5 N", |v| (0.0..=1e5).contains(&v))?;
+    }
+    if let Some(weight) = robot.net_weight_n {
+        number("net_weight_n", weight, "0 to 1e4 N", |v| (0.0..=1e4).contains(&v))?;
+    }
+    number("ground_m", robot.ground_m, "a height within 500 m of the origin", |v| v.abs() <= 500.0)?;
+    for length in robot.length_limits_m {
+        number("length_limits_m", length, "two lengths above 0, at most 2000 m", |v| v > 0.0 && v <= 2000.0)?;
+    }
+    for coordinate in robot.keep_out.iter().flatten().flat_map(|corner| corner.position_m) {
+        number("keep_out", coordinate, "corners within 1e4 m of the origin", |v| v.abs() <= 1e4)?;
+    }
+    Ok(())
+}
+
+/// Motors and lines beyond what [`cable_robot::motor::Motor::check`] checks.
+fn motors(file: &RobotFile) -> Result<(), String> {
+    for length in &file.lines.routed_length_m {
+        number("routed_length_m", *length, "lengths of 0 to 1000 m", |v| (0.0..=1000.0).contains(&v))?;
+    }
+    let motor = &file.motor;
+    number("force_constant_n_a", motor.force_constant_n_a, "0.001 to 1e5 N/A", |v| (1e-3..=1e5).contains(&v))?;
+    number("resistance_ohm", motor.resistance_ohm, "0 to 1e4 ohm", |v| (0.0..=1e4).contains(&v))?;
+    number("gear_friction", motor.gear_friction, "0 to 100", |v| (0.0..=100.0).contains(&v))?;
+    number("coulomb_n", motor.coulomb_n, "0 to 1e5 N", |v| (0.0..=1e5).contains(&v))?;
+    number("viscous_n_s_m", motor.viscous_n_s_m, "0 to 1e6 N s/m", |v| (0.0..=1e6).contains(&v))?;
+    number("transition_m_s", motor.transition_m_s, "0 to 10 m/s", |v| (0.0..=10.0).contains(&v))
 }
 
 /// A box file for a robot of `cables` cables, whose node may do at most the given speed and acceleration.
@@ -105,6 +157,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     number("estimator.drive_lag_s", file.estimator.drive_lag_s, "0.001 to 1 s", |v| (0.001..=1.0).contains(&v))?;
     let sigma = file.estimator.acceleration_sigma_m_s2;
     number("estimator.acceleration_sigma_m_s2", sigma, "0.001 to 100 m/s²", |v| (0.001..=100.0).contains(&v))?;
+    count("estimator.ttl_cycles", file.estimator.ttl_cycles as usize, 1, 50)?;
     number("estimator.reading_sigma_m", file.estimator.reading_sigma_m, "0.000001 to 0.1 m", |v| {
         (1e-6..=0.1).contains(&v)
     })?;
@@ -114,8 +167,8 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
         v > 0.0 && v <= cable_robot::law::MAX_LENGTH_GAIN
     })?;
     count("controller.horizon_cycles", file.controller.horizon_cycles, 1, 200)?;
-    number("controller.state_weight", file.controller.state_weight, "0 or more", |v| v >= 0.0)?;
-    number("controller.input_weight", file.controller.input_weight, "above 0", |v| v > 0.0)?;
+    number("controller.state_weight", file.controller.state_weight, "0 to 1e9", |v| (0.0..=1e9).contains(&v))?;
+    number("controller.input_weight", file.controller.input_weight, "1e-9 to 1e9", |v| (1e-9..=1e9).contains(&v))?;
     choice("controller.distribution", &file.controller.distribution, &["least-norm", "min-sum", "safest"])?;
     number("controller.redundant_s", file.controller.redundant_s, "0.05 to 60 s", |v| (0.05..=60.0).contains(&v))?;
     number("controller.error_limit_m", file.controller.error_limit_m, "0.01 to 5 m", |v| (0.01..=5.0).contains(&v))?;
@@ -135,10 +188,10 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     number("planner.acceleration_m_s2", file.planner.acceleration_m_s2, &below, |v| v > 0.0 && v <= acceleration)?;
     number("planner.check_step_m", file.planner.check_step_m, "0.001 to 0.5 m", |v| (0.001..=0.5).contains(&v))?;
 
-    number("recorder.segment_s", file.recorder.segment_s, "10 s or more", |v| v >= 10.0 && v.is_finite())?;
-    if file.recorder.segment_bytes < 10_000_000 {
+    number("recorder.segment_s", file.recorder.segment_s, "10 to 1e6 s", |v| (10.0..=1e6).contains(&v))?;
+    if !(10_000_000..=1_000_000_000_000).contains(&file.recorder.segment_bytes) {
         let given = file.recorder.segment_bytes;
-        return Err(format!("`recorder.segment_bytes` is {given}; accepted: 10000000 bytes or more"));
+        return Err(format!("`recorder.segment_bytes` is {given}; accepted: 10000000 to 1000000000000 bytes"));
     }
     number("recorder.flush_s", file.recorder.flush_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
     number("viewer.rate_hz", file.viewer.rate_hz, "1 to 200 samples per second", |v| (1.0..=200.0).contains(&v))?;
@@ -182,12 +235,30 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
     count("motor_io.slack_cycles", section.slack_cycles as usize, 1, 10_000)?;
     number("motor_io.stall_duty", section.stall_duty, "above 0, at most 1", |v| v > 0.0 && v <= 1.0)?;
     count("motor_io.stall_cycles", section.stall_cycles as usize, 1, 10_000)?;
-    number("motor_io.supply_min_v", section.supply_min_v, "0 to 60 V", |v| (0.0..=60.0).contains(&v))
+    number("motor_io.supply_min_v", section.supply_min_v, "0 to 60 V", |v| (0.0..=60.0).contains(&v))?;
+    node_bounds(section)
+}
+
+/// What motor-io holds the node to by itself.
+fn node_bounds(section: &MotorIoSection) -> Result<(), String> {
+    let metres = |v: f64| (0.001..=10.0).contains(&v);
+    number("motor_io.node_speed_margin", section.node_speed_margin, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
+    if let Some(limit) = section.node_acceleration_limit_m_s2 {
+        number("motor_io.node_acceleration_limit_m_s2", limit, "0.001 to 100 m/s²", |v| (0.001..=100.0).contains(&v))?;
+    }
+    if let Some(limit) = section.correction_limit_m_s {
+        number("motor_io.correction_limit_m_s", limit, "0.001 to 10 m/s", metres)?;
+    }
+    number("motor_io.start_bound_m", section.start_bound_m, "0.001 to 10 m", metres)?;
+    number("motor_io.divergence_m", section.divergence_m, "0.001 to 10 m", metres)?;
+    number("motor_io.divergence_s", section.divergence_s, "0.01 to 10 s", |v| (0.01..=10.0).contains(&v))
 }
 
 fn arbiter(section: &ArbiterSection) -> Result<(), String> {
     number("arbiter.qualify_s", section.qualify_s, "0.1 to 60 s", |v| (0.1..=60.0).contains(&v))?;
     number("arbiter.command_bound", section.command_bound, "0.001 to 1", |v| (0.001..=1.0).contains(&v))?;
+    number("arbiter.bias_share", section.bias_share, "0.001 to 1", |v| (0.001..=1.0).contains(&v))?;
+    number("arbiter.bias_bound_m_s", section.bias_bound_m_s, "0.001 to 10 m/s", |v| (0.001..=10.0).contains(&v))?;
     number("arbiter.estimate_bound_m", section.estimate_bound_m, "0.0001 to 1 m", |v| (1e-4..=1.0).contains(&v))?;
     number("arbiter.announce_s", section.announce_s, "0 to 10 s", |v| (0.0..=10.0).contains(&v))?;
     number("arbiter.fade_s", section.fade_s, "0 to 10 s", |v| (0.0..=10.0).contains(&v))?;

@@ -213,15 +213,18 @@ fn of_one(device: &DeviceSection) -> Result<(), String> {
     for value in device.lever_m {
         number("lever_m", value, "three lengths within 10 m", |v| v.abs() <= 10.0)?;
     }
-    number("noise", device.noise, "0 or more", |v| v >= 0.0)?;
+    number("noise", device.noise, "0 to 1e6", |v| (0.0..=1e6).contains(&v))?;
     number("beam_deg", device.beam_deg, "0 to 90 degrees", |v| (0.0..=90.0).contains(&v))?;
     number("resolution_m", device.resolution_m, "0.01 or 0.001 m", |v| v == 0.01 || v == 0.001)?;
     for field in &device.values {
         let slopes = field.slope_per_m.iter();
-        slopes.chain([&field.base]).try_for_each(|v| number("value", *v, "finite numbers", |_| true))?;
+        slopes.chain([&field.base]).try_for_each(|v| number("value", *v, "numbers within 1e9", |v| v.abs() <= 1e9))?;
         if let Some(peak) = field.peak {
-            peak.at_m.iter().chain([&peak.height]).try_for_each(|v| number("peak", *v, "finite numbers", |_| true))?;
-            number("radius_m", peak.radius_m, "above 0", |v| v > 0.0)?;
+            peak.at_m
+                .iter()
+                .chain([&peak.height])
+                .try_for_each(|v| number("peak", *v, "numbers within 1e9", |v| v.abs() <= 1e9))?;
+            number("radius_m", peak.radius_m, "0.001 to 1e4 m", |v| (1e-3..=1e4).contains(&v))?;
         }
     }
     if device.kind != DeviceKind::Tfmini && !(1..=8).contains(&device.values.len()) {

@@ -18,7 +18,12 @@ impl RobotFile {
         let mut file: Self = toml_file::load(path)?;
         file.measured(path)?;
         check::robot(&file).map_err(|problem| ConfigError::value(path, problem))?;
-        Robot::new(file.parts()).map_err(|error| ConfigError::value(path, error.to_string()))?;
+        let robot = Robot::new(file.parts()).map_err(|error| ConfigError::value(path, error.to_string()))?;
+        if robot.anchors().are_on_a_line() {
+            let problem = "`anchors_m` lie on one straight line, so lengths determine no position; move an anchor sideways, or give all \
+                           points as [x, z] for a robot that moves in a plane";
+            return Err(ConfigError::value(path, problem));
+        }
         Ok(file)
     }
 

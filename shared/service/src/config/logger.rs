@@ -102,7 +102,7 @@ pub(super) fn check(section: &SensorLoggerSection) -> Result<(), String> {
             number(&of("lever_m"), value, "within 10 m", |v| v.abs() <= 10.0)?;
         }
         if let Some(value) = sensor.sigma {
-            number(&of("sigma"), value, "above 0", |v| v > 0.0)?;
+            number(&of("sigma"), value, "above 0, at most 1e6", |v| v > 0.0 && v <= 1e6)?;
         }
         number(&of("footprint_m"), sensor.footprint_m, "0 to 100 m", |v| (0.0..=100.0).contains(&v))?;
         if sensor.map_value.is_some_and(|value| value > 8) || sensor.fields.len() > 8 {

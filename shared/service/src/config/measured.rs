@@ -5,6 +5,9 @@ use cable_robot::energy::CurrentTable;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
+/// The box of a run with every key, in the folder of the run: every process of the run reads it.
+pub const RESOLVED: &str = "resolved.toml";
+
 /// A calibration as `nims calibrate --out` writes it; what else is in the file (measurements, residuals) is for people.
 #[derive(Debug, Clone, PartialEq, Deserialize)]
 pub struct CalibrationFile {
@@ -113,8 +116,10 @@ impl MotorTableFile {
 pub(super) fn found(folder: &Path, named: &Path) -> PathBuf {
     let written = super::load::beside(folder, named);
     let bare = named.file_name().map(|name| folder.join(name));
+    // The folder of a run holds copies of its own, wherever the originals stand.
+    let is_run = folder.join(RESOLVED).is_file();
     match bare {
-        Some(bare) if !written.is_file() && bare.is_file() => bare,
+        Some(bare) if (is_run || !written.is_file()) && bare.is_file() => bare,
         _ => written,
     }
 }

@@ -10,17 +10,20 @@ mod logger;
 mod measured;
 mod point;
 mod robot_file;
+mod tuning;
 mod viewer;
 
 pub use box_file::{
     ArbiterSection, BoxFile, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection,
     PortSection, ProcessSection, RealtimeSection, RecorderSection, Role, UnitSection,
 };
+pub use check::Given;
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, PeakSection, PrismSection, SceneFile,
 };
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
-pub use measured::{CalibrationFile, MotorTableFile};
+pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
 pub use point::{Point, Points};
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
+pub use tuning::{TUNABLE, Tunable, Tuned};
 pub use viewer::ViewerSection;

@@ -38,7 +38,7 @@ fn flown(ends: (Vector3<f64>, Vector3<f64>), expected: f64) -> Result<FlownMove>
         line: loss(&line) / loss(&parabola),
         lateral: loss(&lateral) / loss(&parabola),
         expected,
-        complete: [&line, &parabola, &lateral].iter().all(|track| track.done && track.missed == 0),
+        complete: [&line, &parabola, &lateral].iter().all(|track| track.done && track.unsteered == 0),
     })
 }
 

@@ -31,7 +31,8 @@ fn flying() -> Snapshot {
     let mut authority = MotorAuthority {
         mode: MotorAuthority::MODE_FOLLOWING,
         period_s: 0.01,
-        missed: 2,
+        steered: 5000,
+        lost_answer: 2,
         bus_ns: 3_400_000,
         command_age_ns: 12_100_000,
         plan_rate: 1.0,
@@ -84,13 +85,7 @@ fn flying() -> Snapshot {
             ChannelRow { name: "motor/state".to_owned(), hz: 100.0, lost: 0 },
             ChannelRow { name: "energy".to_owned(), hz: 10.0, lost: 7 },
         ],
-        recording: Some(Recording {
-            state: RecorderStatus::STATE_RECORDING,
-            bytes: 2_500_000,
-            lost: 7,
-            free_bytes: 40_000_000_000,
-            stamp_ns: NOW,
-        }),
+        recording: Some(Recording { why: None, bytes: 2_500_000, lost: 7, free_bytes: 40_000_000_000, stamp_ns: NOW }),
         ..Snapshot::default()
     }
 }
@@ -103,7 +98,7 @@ fn everything_that_matters_is_on_one_screen() {
             ("FOLLOWING", "follows its motion"),
             ("node at", "4.800, 3.000, 0.300 m; 1.2 mm from the setpoint"),
             ("mission", "survey, leg 2 of 5, 43 %, 12 s left"),
-            ("12345 at 100 Hz", "2 missed, 0 late, 0 skipped; bus 3.4 ms"),
+            ("12345 at 100 Hz", "2 of 5002 periods not steered (answer 2); bus 3.4 ms"),
             ("recording", "2.5 MB, 7 lost, 40.0 GB left"),
             ("controller a", "preview        The command is good."),
             ("estimator  a", "IN CHARGE lengths agree"),

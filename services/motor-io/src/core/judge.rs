@@ -1,0 +1,95 @@
+//! motor-io judges for itself: the node's speed and acceleration, where a motion begins, and whether commands lead to the set point.
+//!
+//! All of it goes by motor-io's own lengths and by the set point in its input; without a known position only the cables' limits apply.
+
+use super::Core;
+use crate::faults::Faults;
+use crate::limits::NodeLimit;
+use crate::safety::Mode;
+use cable_robot::Vector3;
+use messages::{CABLES, MotorAuthority, MotorInput};
+
+/// A distance that grows more slowly than this does not grow: encoders have steps, m/s.
+const GROWS_M_S: f64 = 0.001;
+
+impl Core {
+    /// The bound on the node's speed and on its change that holds in this cycle.
+    pub(super) fn node_limit(&self) -> Option<NodeLimit<'_>> {
+        Some(NodeLimit {
+            sensitivity: self.node.sensitivity()?,
+            speed_m_s: self.config.node_speed_m_s(),
+            step_m_s: self.config.node_acceleration_m_s2 * self.config.period_s,
+        })
+    }
+
+    /// The set point at the present plan time, and its velocity at the present rate; `None` unless the robot follows one.
+    fn setpoint(&self, input: &MotorInput) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let follows = match self.safety.mode() {
+            Mode::Following => true,
+            Mode::Stopping => !self.stop.open,
+            _ => false,
+        };
+        if !follows || input.setpoint_known == 0 {
+            return None;
+        }
+        let (position, velocity) = (Vector3::from(input.setpoint_m), Vector3::from(input.setpoint_velocity_m_s));
+        let finite = position.iter().chain(velocity.iter()).all(|x| x.is_finite());
+        finite.then_some((position, velocity * self.clock.rate()))
+    }
+
+    /// Keeps what a controller adds to the set point's own velocity within the correction limit.
+    pub(super) fn keep_correction(&self, input: &MotorInput, wanted: [f64; CABLES]) -> [f64; CABLES] {
+        let Some((_, planned_m_s)) = self.setpoint(input) else { return wanted };
+        let (Some(node_m_s), Some(base)) = (self.node.velocity_of(&wanted), self.node.cables_for(&planned_m_s)) else {
+            return wanted;
+        };
+        let correction_m_s = (node_m_s - planned_m_s).norm();
+        if correction_m_s <= self.config.correction_limit_m_s {
+            return wanted;
+        }
+        let share = self.config.correction_limit_m_s / correction_m_s;
+        std::array::from_fn(|i| base[i] + share * (wanted[i] - base[i]))
+    }
+
+    /// A fault if commands have moved the node away from a set point that is far from it already for too long.
+    pub(super) fn judge(&mut self, input: &MotorInput, wanted: &[f64; CABLES]) -> bool {
+        let away = self.setpoint(input).zip(self.node.position_m()).zip(self.node.velocity_of(wanted));
+        let grows = away.is_some_and(|(((setpoint_m, planned_m_s), node_m), node_m_s)| {
+            let off = node_m - setpoint_m;
+            let distance_m = off.norm();
+            distance_m > self.config.divergence_m && off.dot(&(node_m_s - planned_m_s)) > GROWS_M_S * distance_m
+        });
+        // In a cycle without readings nothing is known.
+        if !self.unit_trouble {
+            self.diverging = if grows { self.diverging.saturating_add(1) } else { 0 };
+        }
+        if self.diverging < self.config.cycles(self.config.divergence_s) {
+            return true;
+        }
+        self.diverging = 0;
+        let mut found = Faults::default();
+        found.robot(MotorAuthority::FAULT_DIVERGING);
+        if self.safety.found(&found) {
+            self.abandon();
+        }
+        false
+    }
+
+    /// Whether the motion that is offered begins where the node is. While it does not, the authority says so.
+    pub(super) fn begins_here(&mut self, input: &MotorInput) -> bool {
+        let Some(node_m) = self.node.position_m().filter(|_| input.motion_start_known == 1) else { return true };
+        let off_m = (Vector3::from(input.motion_start_m) - node_m).norm();
+        // Not a number is not here.
+        let here = off_m <= self.config.start_bound_m;
+        if !here {
+            self.safety.note_stop(MotorAuthority::FAULT_OFF_START);
+        }
+        here
+    }
+
+    /// How far the node is from the set point, m; `None` without one.
+    pub(crate) fn setpoint_distance_m(&self, input: &MotorInput) -> Option<f64> {
+        let node_m = self.node.position_m().filter(|_| input.setpoint_known == 1)?;
+        Some((Vector3::from(input.setpoint_m) - node_m).norm())
+    }
+}

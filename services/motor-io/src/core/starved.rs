@@ -1,0 +1,186 @@
+//! Whether the computer kept this program, or those that answer it, from running: by the evidence in `motor/input`, and by the clock.
+//!
+//! What coincides with that is not held against a drive, an estimator or a line: see [`Core::starves`] and `follow`.
+
+use super::{Core, LONGEST_GAP_S};
+use crate::faults::Faults;
+use messages::{MotorAuthority, MotorInput, SEATS, SLOTS};
+
+/// A cycle that begins later after its tick than this share of a period is late: patience for an answer never lasts so long.
+const LATE_SHARE: f64 = 0.5;
+/// Share of a period that estimator and controller need for an answer; a thread that waited longer than this for a processor had no time.
+const CHAIN_SHARE: f64 = 0.3;
+/// A tick that came more than this many periods after the last one was late.
+const LATE_PERIODS: f64 = 1.5;
+/// Evidence older than this does not explain that a command is still missing: who waits for a processor shows it in every cycle, and a
+/// process that has died beside a hiccup does not.
+const RECENT_CYCLES: u32 = 3;
+/// A fault so long after the last evidence does not coincide with it, s.
+const COINCIDES_S: f64 = 0.5;
+/// How long the robot says that it was the computer, after it goes on, s.
+const SAID_S: f64 = 1.0;
+
+/// Faults that a starved computer can bring about by itself: what was not read in time, or not answered in time, looks like each of them.
+const EXPLAINED: u32 = MotorAuthority::FAULT_LOST_UNIT
+    | MotorAuthority::FAULT_SLACK
+    | MotorAuthority::FAULT_STALL
+    | MotorAuthority::FAULT_RUNAWAY
+    | MotorAuthority::FAULT_ENCODER_JUMP
+    | MotorAuthority::FAULT_LENGTH_LIMIT;
+
+/// What one cycle shows. A number that was 0 before was not known.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Evidence {
+    /// This program came too late for the tick.
+    late_tick: bool,
+    /// The exchange with the drives before took so long that estimator and controller had no time for an answer.
+    overrun: bool,
+    /// This program's thread waited for a processor.
+    waited: bool,
+    /// The virtual box left out time for want of a processor.
+    left_out: bool,
+    /// Threads of controllers a, b and estimators a, b waited for a processor.
+    chain: [bool; SEATS],
+}
+
+impl Evidence {
+    /// What the drives did not answer in this cycle may be for want of a processor.
+    pub fn of_drives(&self) -> bool {
+        self.late_tick || self.waited || self.left_out
+    }
+
+    /// What these slots did not answer to the cycle before may be.
+    pub fn of_chain(&self, in_charge: (usize, usize)) -> bool {
+        self.late_tick || self.overrun || self.waited_of(in_charge)
+    }
+
+    /// Evidence of the computer, in whatever was not answered. A long exchange is none if a drive was silent in it (`drive_silent`).
+    fn of_the_computer(&self, in_charge: (usize, usize), drive_silent: bool) -> bool {
+        self.of_drives() || self.overrun && !drive_silent || self.waited_of(in_charge)
+    }
+
+    fn waited_of(&self, (controller, estimator): (usize, usize)) -> bool {
+        self.chain[controller] || self.chain[SLOTS + estimator]
+    }
+}
+
+/// The evidence, cycle by cycle.
+#[derive(Debug, Clone)]
+pub(super) struct Starved {
+    now: Evidence,
+    run_delay_ns: u64,
+    chain_delay_ns: [u64; SEATS],
+    box_left_out_ns: u64,
+    /// Cycles since the last evidence of this program; 0: in this one.
+    own_age: u32,
+    /// The same of this program or the pair in charge: evidence by which the computer is named.
+    named_age: u32,
+    /// The same with exchanges that left the pair no time, also because a drive was silent.
+    age: u32,
+    /// Cycles for which a stop of this cause is still named.
+    said: u32,
+}
+
+impl Default for Starved {
+    fn default() -> Self {
+        Self {
+            now: Evidence::default(),
+            run_delay_ns: 0,
+            chain_delay_ns: [0; SEATS],
+            box_left_out_ns: 0,
+            own_age: u32::MAX,
+            named_age: u32::MAX,
+            age: u32::MAX,
+            said: 0,
+        }
+    }
+}
+
+impl Starved {
+    /// Evidence in this cycle, or in one of so many before it.
+    fn within(&self, cycles: u32) -> bool {
+        self.age <= cycles
+    }
+}
+
+impl Core {
+    /// Takes in the evidence of a cycle. Has to run before `begin_ns` takes this cycle's time, which it compares with the last one's.
+    pub(super) fn note_evidence(&mut self, input: &MotorInput) {
+        let period_s = self.config.period_s;
+        let since_s = |then_ns: u64| input.begin_ns.saturating_sub(then_ns) as f64 * 1e-9;
+        let grown = |now_ns: u64, then_ns: u64| now_ns.saturating_sub(then_ns) as f64 * 1e-9 > CHAIN_SHARE * period_s;
+        let waited = |now_ns: u64, then_ns: u64| then_ns != 0 && grown(now_ns, then_ns);
+        let starved = &mut self.starved;
+        let late_tick = since_s(input.tick_ns) > LATE_SHARE * period_s;
+        starved.now = Evidence {
+            late_tick,
+            overrun: !grown(input.begin_ns, self.end_ns),
+            waited: waited(input.run_delay_ns, starved.run_delay_ns),
+            left_out: grown(input.box_left_out_ns, starved.box_left_out_ns),
+            chain: std::array::from_fn(|seat| waited(input.chain_delay_ns[seat], starved.chain_delay_ns[seat])),
+        };
+        (starved.run_delay_ns, starved.chain_delay_ns) = (input.run_delay_ns, input.chain_delay_ns);
+        starved.box_left_out_ns = input.box_left_out_ns;
+
+        let own = starved.now.of_drives() || since_s(self.begin_ns) > LATE_PERIODS * period_s;
+        let in_charge = self.arbiter.in_charge();
+        let named = own || starved.now.of_the_computer(in_charge, self.account.is_in_trouble());
+        let age = |age: u32, evidence: bool| if evidence { 0 } else { age.saturating_add(1) };
+        starved.own_age = age(starved.own_age, own);
+        starved.named_age = age(starved.named_age, named);
+        starved.age = age(starved.age, named || starved.now.of_chain(in_charge));
+    }
+
+    /// What this cycle shows.
+    pub(super) fn evidence(&self) -> Evidence {
+        self.starved.now
+    }
+
+    /// True where the replies of this cycle say nothing about the drives, because this program did not get to hear them in time.
+    pub(super) fn starves(&self) -> bool {
+        self.starved.own_age <= 1
+    }
+
+    /// True where the estimates of this cycle may come from readings that were late.
+    pub(super) fn chain_starves(&self) -> bool {
+        self.starved.within(1)
+    }
+
+    /// A command is missing for too long: true if that is the computer's doing, and the robot slows down and waits for the next one.
+    pub(super) fn waits_for_the_computer(&mut self) -> bool {
+        let recent = self.missing.min(RECENT_CYCLES);
+        let waits = self.missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
+        // Drives that keep the exchange waiting are named by themselves.
+        if waits && self.starved.named_age <= recent {
+            self.safety.note_stop(MotorAuthority::FAULT_COMPUTER);
+            self.starved.said = self.config.cycles(SAID_S);
+        }
+        waits
+    }
+
+    /// Commands are missing for good: whether the computer is the cause, instead of `cause`.
+    pub(super) fn or_the_computer(&mut self, cause: u32) -> u32 {
+        if self.starved.within(RECENT_CYCLES) {
+            return MotorAuthority::FAULT_COMPUTER;
+        }
+        self.safety.clear_stops(MotorAuthority::FAULT_COMPUTER);
+        cause
+    }
+
+    /// A command is there again.
+    pub(super) fn note_command(&mut self) {
+        if self.starved.said > 0 {
+            self.starved.said -= 1;
+            if self.starved.said == 0 {
+                self.safety.clear_stops(MotorAuthority::FAULT_COMPUTER);
+            }
+        }
+    }
+
+    /// Names the computer beside a fault that it can have brought about.
+    pub(super) fn name_the_computer(&self, found: &mut Faults) {
+        if found.bits & EXPLAINED != 0 && self.starved.named_age <= self.config.cycles(COINCIDES_S) {
+            found.robot(MotorAuthority::FAULT_COMPUTER);
+        }
+    }
+}

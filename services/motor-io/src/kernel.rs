@@ -1,0 +1,148 @@
+//! What the kernel says of this program and of those that answer it, written into [`MotorInput`] once per cycle.
+//!
+//! The numbers are cumulative over a life of this program, never go back, and 0 where the kernel does not tell.
+
+use bus::clock::now_ns;
+use evidence::{Pressure, Thread};
+use messages::{CONTROLLERS, ESTIMATORS, MotorCommand, MotorInput, NodeEstimate, SEATS, SLOTS};
+
+/// The machine's pressure is looked at once in so many cycles: it costs more than a thread, and changes slowly.
+const PRESSURE_EVERY: u64 = 10;
+
+/// See the module's text. Looking does not allocate, but for the first look at another thread.
+#[derive(Debug)]
+pub struct Evidence {
+    own: Option<Thread>,
+    pressure: Option<Pressure>,
+    pressure_us: u64,
+    seats: [Seat; SEATS],
+    /// Per estimator: the cycle of its last estimate, and when it was published, ns.
+    estimated: [(u64, u64); SLOTS],
+}
+
+/// A controller's or an estimator's thread.
+#[derive(Debug, Default)]
+struct Seat {
+    number: u32,
+    thread: Option<Thread>,
+    /// What the kernel had counted for this thread at the last look, ns.
+    counted_ns: Option<u64>,
+    delay_ns: u64,
+}
+
+impl Evidence {
+    /// For the calling thread.
+    #[must_use]
+    pub fn new() -> Self {
+        Self {
+            own: Thread::own().ok(),
+            pressure: Pressure::open(),
+            pressure_us: 0,
+            seats: Default::default(),
+            estimated: [(0, 0); SLOTS],
+        }
+    }
+
+    /// A controller answers.
+    pub fn command(&mut self, slot: usize, command: &MotorCommand) {
+        self.seats[CONTROLLERS * SLOTS + slot].sits(command.thread);
+    }
+
+    /// An estimator answers.
+    pub fn estimate(&mut self, slot: usize, estimate: &NodeEstimate) {
+        self.seats[ESTIMATORS * SLOTS + slot].sits(estimate.thread);
+        self.estimated[slot] = (estimate.header.cycle, estimate.header.published_ns);
+    }
+
+    /// Looks, and writes down what is the case. `published_ns`: when the state of the cycle before was, which is what estimators wait for.
+    pub fn look(&mut self, box_left_out_ns: u64, published_ns: u64, input: &mut MotorInput) {
+        let now_ns = now_ns();
+        if input.header.cycle % PRESSURE_EVERY == 1 {
+            self.pressure_us = self.pressure.as_ref().and_then(Pressure::some_us).unwrap_or(self.pressure_us);
+        }
+        input.pressure_us = self.pressure_us;
+        input.run_delay_ns =
+            self.own.as_mut().and_then(|own| own.look_since(now_ns, None)).map_or(input.run_delay_ns, known);
+        let given_ns = self.given_ns(published_ns, input);
+        for ((delay_ns, seat), given_ns) in input.chain_delay_ns.iter_mut().zip(&mut self.seats).zip(given_ns) {
+            *delay_ns = seat.look(now_ns, given_ns);
+        }
+        input.box_left_out_ns = box_left_out_ns;
+    }
+}
+
+impl Evidence {
+    /// Since when each seat owes an answer to the cycle before, ns: an estimator from the state on, a controller from the first estimate on.
+    fn given_ns(&self, published_ns: u64, input: &MotorInput) -> [Option<u64>; SEATS] {
+        let (life, cycle) = (input.header.life, input.header.cycle);
+        let of_last = |of: u64| of.checked_add(1) == Some(cycle);
+        let estimates = self.estimated.iter().filter(|(of, _)| of_last(*of)).map(|(_, published_ns)| *published_ns);
+        let estimated_ns = estimates.min();
+        std::array::from_fn(|seat| match seat.checked_sub(ESTIMATORS * SLOTS) {
+            Some(slot) => (!of_last(self.estimated[slot].0)).then_some(published_ns),
+            None => {
+                let command = &input.command[seat - CONTROLLERS * SLOTS];
+                let answered = command.header.life == life && of_last(command.based_on_cycle);
+                estimated_ns.filter(|_| !answered)
+            }
+        })
+    }
+}
+
+impl Default for Evidence {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Seat {
+    fn sits(&mut self, number: u32) {
+        if number != self.number {
+            self.number = number;
+            self.thread = if number == 0 { None } else { Thread::of(number).ok() };
+            self.counted_ns = None;
+        }
+    }
+
+    fn look(&mut self, now_ns: u64, given_ns: Option<u64>) -> u64 {
+        let counted_ns = self.thread.as_mut().and_then(|thread| thread.look_since(now_ns, given_ns));
+        if let Some(counted_ns) = counted_ns {
+            let before_ns = self.counted_ns.replace(counted_ns).unwrap_or(counted_ns);
+            self.delay_ns = known(self.delay_ns) + (counted_ns - before_ns);
+        }
+        self.delay_ns
+    }
+}
+
+/// A thread that has never waited is known to have waited for nothing: 1 ns tells that from a kernel that does not tell.
+fn known(delay_ns: u64) -> u64 {
+    delay_ns.max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thread_that_answers_is_looked_at_and_a_dead_one_stays_where_it_was() {
+        let mut evidence = Evidence::new();
+        let mut input = MotorInput::default();
+        let mut child = std::process::Command::new("sleep").arg("100").spawn().unwrap();
+        evidence.estimate(1, &NodeEstimate { thread: child.id(), ..NodeEstimate::default() });
+        input.header.cycle = 1;
+        evidence.look(5, 0, &mut input);
+        let first = input;
+        assert!(first.run_delay_ns > 0 || Thread::own().is_err());
+        assert_eq!((first.box_left_out_ns, first.chain_delay_ns), (5, [0, 0, 0, 1]));
+        child.kill().unwrap();
+        child.wait().unwrap();
+        input.header.cycle = 2;
+        evidence.look(6, 0, &mut input);
+        assert_eq!((input.chain_delay_ns, input.pressure_us), (first.chain_delay_ns, first.pressure_us));
+        assert!(input.run_delay_ns >= first.run_delay_ns);
+        // No such thread is no reason to forget what the last one had waited.
+        evidence.estimate(1, &NodeEstimate { thread: u32::MAX >> 1, ..NodeEstimate::default() });
+        evidence.look(6, 0, &mut input);
+        assert_eq!(input.chain_delay_ns, first.chain_delay_ns);
+    }
+}

@@ -1,0 +1,67 @@
+//! Where motor-io itself believes the node is, and how fast its commands move it.
+//!
+//! motor-io judges motions by this and not by an estimate: an estimator may be late, wrong, or of another life. It is the elastic
+//! equilibrium of its own lengths at rest, computed once a cycle without allocation.
+
+use cable_robot::{CableVec, Jacobian, NodeJacobian, Robot, Vector3, elastic};
+use messages::CABLES;
+
+/// See the module's text.
+#[derive(Debug, Clone)]
+pub struct Node {
+    robot: Robot,
+    known: Option<Known>,
+}
+
+/// A position and what lengths do to it.
+#[derive(Debug, Clone, Copy)]
+struct Known {
+    position_m: Vector3<f64>,
+    sensitivity: NodeJacobian,
+}
+
+impl Node {
+    /// Somewhere.
+    #[must_use]
+    pub fn new(robot: Robot) -> Self {
+        Self { robot, known: None }
+    }
+
+    /// Takes in this cycle's unstretched lengths, m; `known`: they mean something.
+    pub fn observe(&mut self, lengths_m: &[f64; CABLES], known: bool) {
+        let guess = self.known.map(|known| known.position_m);
+        self.known = known.then_some(()).and_then(|()| {
+            let lengths = CableVec::from_array8(lengths_m, self.robot.cable_count());
+            let wrench_n = self.robot.wrench_n(&Vector3::zeros());
+            let found = elastic::equilibrium_under(&self.robot, &lengths, &wrench_n, guess.as_ref()).ok()?;
+            let finite = found.position.iter().all(|x| x.is_finite())
+                && found.sensitivity.iter().all(|column| column.iter().all(|x| x.is_finite()));
+            finite.then_some(Known { position_m: found.position, sensitivity: found.sensitivity })
+        });
+    }
+
+    /// Where the node is, m; `None`: unknown, or the lengths fit no position.
+    #[must_use]
+    pub fn position_m(&self) -> Option<Vector3<f64>> {
+        self.known.map(|known| known.position_m)
+    }
+
+    /// What small changes of the lengths do to the position.
+    #[must_use]
+    pub fn sensitivity(&self) -> Option<&NodeJacobian> {
+        self.known.as_ref().map(|known| &known.sensitivity)
+    }
+
+    /// How fast these cable velocities move the node, m/s.
+    #[must_use]
+    pub fn velocity_of(&self, cables_m_s: &[f64]) -> Option<Vector3<f64>> {
+        self.known.map(|known| known.sensitivity.node_velocity(cables_m_s))
+    }
+
+    /// The cable velocities that move the node like this, m/s: (14), the lines taken as rigid.
+    #[must_use]
+    pub fn cables_for(&self, velocity_m_s: &Vector3<f64>) -> Option<[f64; CABLES]> {
+        let jacobian = Jacobian::at(self.robot.anchors(), &self.known?.position_m).ok()?;
+        Some(jacobian.cable_velocity(velocity_m_s).to_array8())
+    }
+}

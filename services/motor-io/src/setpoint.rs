@@ -1,0 +1,46 @@
+//! The set point by which motor-io judges: from the planner's motion, before the core sees it.
+
+use cable_robot::Motion;
+use messages::{MotorInput, PlanMotion};
+use service::motion::motion_of;
+
+/// The motion that plan/motion last held. The one that the robot is in the middle of outlives its planner.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Setpoints {
+    kept: Option<Kept>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Kept {
+    life: u64,
+    number: u32,
+    beat: u64,
+    motion: Motion,
+}
+
+impl Setpoints {
+    /// Takes in plan/motion; `following` is the number of the motion that the robot follows, 0: none.
+    pub fn take(&mut self, message: &PlanMotion, following: u32) {
+        let of_planner_before = self.kept.is_some_and(|kept| {
+            let other = (message.header.life, message.motion) != (kept.life, kept.number);
+            following != 0 && kept.number == following && (other || message.beat < kept.beat)
+        });
+        if of_planner_before {
+            return;
+        }
+        let (life, number, beat) = (message.header.life, message.motion, message.beat);
+        self.kept = motion_of(message).map(|motion| Kept { life, number, beat, motion });
+    }
+
+    /// Writes the set point at a time of the plan clock into a cycle's input.
+    pub fn write(&self, plan_time_s: f64, input: &mut MotorInput) {
+        let kept = self.kept.filter(|kept| kept.life == input.header.life);
+        input.setpoint_known = u8::from(kept.is_some());
+        input.motion_start_known = u8::from(kept.is_some_and(|kept| kept.number == input.motion));
+        let Some(Kept { motion, .. }) = kept else { return };
+        let at = motion.setpoint(plan_time_s);
+        input.setpoint_m = at.position.into();
+        input.setpoint_velocity_m_s = at.velocity.into();
+        input.motion_start_m = motion.current.path.point(0.0).into();
+    }
+}

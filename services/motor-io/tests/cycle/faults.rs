@@ -1,0 +1,324 @@
+//! What goes wrong with drives, encoders and lines, and what the robot makes of it.
+
+use crate::rig;
+
+use messages::{MotorAuthority as A, MotorInput, MotorState, OperatorRequest as R, UNITS};
+use motor_io::Core;
+use motor_io::inbox::Inbox;
+use rig::Rig;
+
+fn released(rig: &Rig) -> [bool; 3] {
+    let all = rig.last.as_ref().unwrap().sent.released;
+    [all[0], all[1], all[2]]
+}
+
+fn at_rest(rig: &Rig) -> bool {
+    rig.last.as_ref().unwrap().sent.is_hold()
+}
+
+/// Faulted with this bit, naming this cable, everything at rest soon.
+fn expect(rig: &mut Rig, within: u32, bit: u32, cable: Option<usize>) {
+    rig.until(within, |rig| rig.mode() == A::MODE_FAULTED);
+    let authority = rig.seen().authority;
+    assert_eq!(authority.faults, bit);
+    if let Some(cable) = cable {
+        let mut marks = [0; 8];
+        marks[cable] = 1;
+        assert_eq!(authority.fault_cable, marks);
+    }
+    assert_eq!((authority.motion, authority.segment), (0, 0));
+    rig.until(30, at_rest);
+    // It stays, whatever becomes of the cause.
+    rig.steps(20);
+    assert_eq!((rig.mode(), rig.faults() & bit), (A::MODE_FAULTED, bit));
+}
+
+#[test]
+fn a_stalled_cable_is_let_go_and_the_others_hold() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.dead[1] = true;
+    rig.duty[1] = 0.9;
+    expect(&mut rig, 60, A::FAULT_STALL, Some(1));
+    assert_eq!(released(&rig), [false, true, false]);
+    rig.dead[1] = false;
+    rig.duty[1] = 0.1;
+    rig.count_offset[1] = rig.last.as_ref().unwrap().input.counts[1] + (rig.length_m[1] * 10_000.0).round() as i64;
+    rig.steps(5);
+    rig.demand(R::VERB_RESET, &[]);
+    assert_eq!((rig.mode(), released(&rig)), (A::MODE_HOLDING, [false; 3]));
+    // How far it ran meanwhile, nobody knows.
+    assert_eq!(rig.seen().state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+}
+
+#[test]
+fn a_motor_that_pushes_but_moves_is_not_stalled() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.duty = [0.9; 8];
+    rig.steps(200);
+    assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+}
+
+#[test]
+fn a_cable_that_runs_without_command_is_let_go() {
+    let mut rig = Rig::default().ready();
+    for _ in 0..60 {
+        rig.count_offset[2] += 12_000 / 200; // half a metre per second
+        rig.step();
+    }
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_RUNAWAY));
+    assert_eq!(released(&rig), [false, false, true]);
+}
+
+#[test]
+fn an_encoder_glitch_is_refused_and_a_jump_is_a_fault() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.count_offset[0] = 40_000;
+    rig.step();
+    assert_eq!(rig.seen().state.fresh[..3], [0, 1, 1]);
+    rig.count_offset[0] = 0;
+    rig.steps(20);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
+    let length = rig.seen().state.length_m[0];
+    rig.count_offset[0] = 40_000;
+    expect(&mut rig, 5, A::FAULT_ENCODER_JUMP, Some(0));
+    let state = rig.seen().state;
+    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert!((state.length_m[0] - length).abs() < 0.02);
+}
+
+#[test]
+fn a_restarted_unit_has_lost_its_count_but_not_the_lengths() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    let length = rig.seen().state.length_m[2];
+    rig.unit[1] = MotorInput::UNIT_REBOOTED;
+    rig.count_offset[2] = -(rig.length_m[2] * 12_000.0) as i64;
+    rig.step();
+    rig.unit[1] = MotorInput::UNIT_OK;
+    expect(&mut rig, 5, A::FAULT_UNIT_REBOOT, None);
+    assert_eq!(rig.seen().authority.fault_unit[1], 1);
+    let state = rig.seen().state;
+    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert!((state.length_m[2] - length).abs() < 0.02);
+    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(R::VERB_CONFIRM_POSITION, &[]);
+    assert_eq!(rig.seen().state.position_known, MotorState::POSITION_KNOWN);
+}
+
+#[test]
+fn a_lost_unit_is_survived_while_holding_and_nothing_moves_by_itself() {
+    let mut rig = Rig::default().ready();
+    rig.unit[0] = MotorInput::UNIT_LOST;
+    rig.steps(2);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    rig.steps(100);
+    assert_eq!(
+        (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[0]),
+        (A::MODE_FAULTED, A::FAULT_LOST_UNIT, 1)
+    );
+    let (accepted, sentence) = rig.ask(R::VERB_RESET, &[]);
+    assert!(!accepted && sentence.contains("unit 1"), "{sentence}");
+    rig.unit[0] = MotorInput::UNIT_OK;
+    rig.steps(50);
+    assert_eq!(rig.mode(), A::MODE_FAULTED);
+    // The counts agree, so the position is still known.
+    assert_eq!(rig.seen().state.position_known, MotorState::POSITION_KNOWN);
+    rig.demand(R::VERB_RESET, &[]);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+}
+
+#[test]
+fn a_line_that_moved_while_its_unit_was_away_needs_confirmation() {
+    let mut rig = Rig::default().ready();
+    rig.unit[0] = MotorInput::UNIT_LOST;
+    rig.steps(100);
+    rig.length_m[1] += 0.02;
+    rig.unit[0] = MotorInput::UNIT_OK;
+    rig.steps(5);
+    let state = rig.seen().state;
+    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert!((state.length_m[1] - 5.02).abs() < 1e-3);
+}
+
+#[test]
+fn periods_lost_to_noise_slow_the_plan_down_and_count_as_resync() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.unit[0] = MotorInput::UNIT_RESYNC;
+    rig.step();
+    rig.estimate_valid = false;
+    rig.steps(8);
+    let during = rig.seen().authority;
+    assert_eq!((during.mode, during.lost_answer, during.lost_resync, during.faults), (A::MODE_FOLLOWING, 0, 9, 0));
+    assert!(during.plan_rate < 1.0);
+    rig.unit[0] = MotorInput::UNIT_OK;
+    rig.step();
+    rig.estimate_valid = true;
+    rig.steps(60);
+    assert_eq!((rig.seen().authority.lost_answer, rig.seen().authority.plan_rate), (0, 1.0));
+    // For ever is something else.
+    rig.unit[0] = MotorInput::UNIT_RESYNC;
+    rig.estimate_valid = false;
+    expect(&mut rig, 50, A::FAULT_LOST_UNIT, None);
+}
+
+/// This program's own lateness is never taken for the unit's silence.
+#[test]
+fn lateness_of_this_program_stops_the_robot_and_loses_no_unit() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.unit[0] = MotorInput::UNIT_LATE;
+    rig.step();
+    rig.estimate_valid = false;
+    rig.steps(20);
+    let during = rig.seen().authority;
+    assert_eq!((during.mode, during.faults, during.lost_answer), (A::MODE_FOLLOWING, 0, 0));
+    assert_eq!((during.lost_computer, during.unsteered()), (21, 21));
+    assert!(during.plan_rate < 0.7, "{}", during.plan_rate);
+    rig.until(120, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!((rig.faults(), rig.seen().authority.motion), (A::FAULT_LONG_GAP, rig.motion.motion));
+    rig.steps(200);
+    assert_eq!(rig.faults(), A::FAULT_LONG_GAP);
+    rig.unit[0] = MotorInput::UNIT_OK;
+    rig.estimate_valid = true;
+    rig.steps(3);
+    rig.demand(R::VERB_RESUME, &[]);
+    rig.steps(60);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
+}
+
+/// A line that is reeled in without the current that its tension draws.
+#[test]
+fn a_line_without_the_current_of_its_tension_is_slack() {
+    let motor = rig::config().robot.motor().to_owned();
+    for reading_every in [1, 4] {
+        let mut rig = Rig::following([0.05, -0.1, 0.0]);
+        rig.current_a[1] = motor.current_a(10.0, 0.1);
+        rig.steps(300);
+        assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+        rig.current_a[1] = motor.current_a(0.0, 0.1);
+        for cycle in 0..60 {
+            rig.slow = if cycle % reading_every == 0 { MotorInput::SLOW_ALL } else { 0 };
+            rig.step();
+        }
+        expect(&mut rig, 1, A::FAULT_SLACK, Some(1));
+    }
+}
+
+#[test]
+fn one_reading_that_is_not_followed_by_another_is_no_fault() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.current_a[2] = 5.5;
+    rig.step();
+    rig.slow = 0;
+    rig.steps(200);
+    assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+}
+
+#[test]
+fn a_line_that_does_not_come_when_it_is_paid_out_is_slack() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.dead[0] = true;
+    rig.duty[0] = 0.9;
+    expect(&mut rig, 60, A::FAULT_STALL | A::FAULT_SLACK, Some(0));
+}
+
+/// Near its limits the robot becomes slower before it stops.
+#[test]
+fn near_a_limit_the_motion_is_slowed_down() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.tension_n[2] = 68.0; // between the limit of 60 N and the fault at 77 N
+    rig.steps(100);
+    let slowed = rig.seen().authority;
+    assert_eq!((slowed.mode, slowed.faults), (A::MODE_FOLLOWING, 0));
+    assert!((0.4..0.6).contains(&slowed.plan_rate), "{}", slowed.plan_rate);
+    rig.tension_n[2] = 10.0;
+    rig.current_a[2] = 3.45; // a line at its limit draws 3.64 A at most
+    rig.steps(100);
+    assert!((0.3..0.7).contains(&rig.seen().authority.plan_rate));
+    rig.current_a[2] = 0.5;
+    rig.steps(100);
+    assert_eq!(rig.seen().authority.plan_rate, 1.0);
+}
+
+#[test]
+fn slack_and_over_tension_are_faults_while_following_only() {
+    for (tension, bit) in [(0.2, A::FAULT_SLACK), (90.0, A::FAULT_OVER_TENSION)] {
+        let mut rig = Rig::default().ready();
+        rig.tension_n[1] = tension;
+        rig.steps(200);
+        assert_eq!(rig.mode(), A::MODE_HOLDING);
+        let mut rig = Rig::following([0.05, -0.05, 0.0]);
+        rig.tension_n[1] = tension;
+        rig.current_a[1] = rig::config().robot.motor().current_a(tension, 0.05);
+        rig.steps(25);
+        assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+        expect(&mut rig, 20, bit, Some(1));
+    }
+}
+
+#[test]
+fn over_current_and_a_line_beyond_its_limit_are_seen_in_the_current() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.current_a[2] = 5.5;
+    expect(&mut rig, 40, A::FAULT_OVER_CURRENT, Some(2));
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.current_a[2] = 4.8;
+    expect(&mut rig, 40, A::FAULT_OVER_TENSION, Some(2));
+}
+
+#[test]
+fn drive_errors_low_supply_and_the_emergency_input_stop_the_robot() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.status[1] = 0x40;
+    expect(&mut rig, 5, A::FAULT_DRIVE_ERROR, None);
+    assert!(!rig.ask(R::VERB_RESET, &[]).0);
+    rig.status[1] = 0;
+    rig.steps(2);
+    rig.demand(R::VERB_RESET, &[]);
+
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.supply_v = 8.0;
+    expect(&mut rig, 10, A::FAULT_SUPPLY, None);
+
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.status[0] = 1;
+    rig.steps(2);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_EMERGENCY_STOP, A::FAULT_EMERGENCY_INPUT));
+    assert!(at_rest(&rig));
+    assert!(!rig.ask(R::VERB_RESET, &[]).0);
+    rig.status[0] = 0;
+    rig.steps(2);
+    rig.demand(R::VERB_RESET, &[]);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+}
+
+#[test]
+fn a_warning_of_a_drive_is_no_fault() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.status = [0x0010_0000; 8];
+    rig.steps(50);
+    assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+}
+
+/// A sample without a time looks as old as the machine to everyone who judges by age.
+#[test]
+fn what_is_said_before_an_encoder_was_read_is_as_old_as_the_cycle() {
+    let mut core = Core::new(rig::config());
+    let mut inbox = Inbox::new(3, 2);
+    for cycle in 1..=3u64 {
+        let now_ns = 1_000_000_000 + cycle * 10_000_000;
+        let input = inbox.begin(cycle, now_ns, now_ns);
+        core.decide(input);
+        input.unit = [MotorInput::UNIT_RESYNC; UNITS];
+        input.end_ns = now_ns + 5_000_000;
+        if cycle == 3 {
+            // The two encoders of one unit, and not that of the other.
+            input.unit[0] = MotorInput::UNIT_OK;
+            input.sampled_ns[..2].fill(now_ns + 1_000_000);
+        }
+        let seen = core.observe(input);
+        let true_at = if cycle == 3 { now_ns + 1_000_000 } else { now_ns + 5_000_000 };
+        for header in [seen.state.header, seen.energy.header] {
+            assert_eq!((header.cycle, header.stamp_ns, header.oldest_input_ns), (cycle, true_at, true_at));
+        }
+        inbox.finish();
+    }
+}

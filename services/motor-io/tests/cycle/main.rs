@@ -1,0 +1,16 @@
+//! The motor cycle without a clock: who commands, what is checked, what is told.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+mod account;
+mod allocation;
+mod arbiter;
+#[path = "../../../../shared/cable-robot/tests/mathematics/counting/mod.rs"]
+mod counting;
+mod faults;
+mod free_slot;
+mod judge;
+mod jumps;
+mod modes;
+mod properties;
+mod rig;
+mod starved;

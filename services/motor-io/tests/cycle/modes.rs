@@ -1,0 +1,559 @@
+//! What the robot does in each mode, and what it answers.
+
+use crate::rig;
+
+use messages::{MotorAuthority as A, MotorInput, MotorState, OperatorRequest as R};
+use rig::Rig;
+
+fn speed(rig: &Rig) -> f64 {
+    rig.last.as_ref().unwrap().sent.speed_m_s.iter().fold(0.0, |most: f64, v| most.max(v.abs()))
+}
+
+#[test]
+fn it_starts_disarmed_and_lets_go() {
+    let mut rig = Rig::default();
+    rig.steps(5);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_DISARMED, 0));
+    assert_eq!(rig.last.as_ref().unwrap().sent.released, [true; 8]);
+    assert_eq!(rig.seen().state.position_known, MotorState::POSITION_UNKNOWN);
+}
+
+#[test]
+fn arming_is_refused_while_a_unit_is_missing_and_says_which() {
+    let mut rig = Rig::default();
+    rig.unit[1] = MotorInput::UNIT_LOST;
+    rig.steps(10);
+    assert_eq!(
+        (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[1]),
+        (A::MODE_DISARMED, A::FAULT_LOST_UNIT, 1)
+    );
+    let (accepted, sentence) = rig.ask(R::VERB_ARM, &[]);
+    assert!(!accepted && sentence.contains("unit 2"), "{sentence}");
+    rig.unit[1] = MotorInput::UNIT_OK;
+    rig.steps(5);
+    assert_eq!(rig.faults(), 0);
+    rig.demand(R::VERB_ARM, &[]);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    assert_eq!(rig.last.as_ref().unwrap().sent.released[..3], [false; 3]);
+}
+
+#[test]
+fn a_motion_is_followed_from_its_start_to_rest() {
+    let mut rig = Rig::default().ready();
+    rig.offer(2.0);
+    rig.controller = Some([0.05, -0.05, 0.02, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    let began = rig.seen().authority.plan_time_s;
+    rig.until(5, |rig| rig.mode() == A::MODE_FOLLOWING);
+    rig.until(300, |rig| rig.seen().authority.plan_time_s >= began + 2.0);
+    rig.controller = Some([0.0; 8]);
+    rig.until(120, |rig| rig.mode() == A::MODE_HOLDING);
+    let authority = rig.seen().authority;
+    assert_eq!((authority.motion, authority.faults, authority.lost_answer), (0, 0, 0));
+    // It is over: the same motion does not begin again.
+    rig.steps(50);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    // A new one does.
+    rig.offer(2.0);
+    rig.until(5, |rig| rig.mode() == A::MODE_FOLLOWING);
+}
+
+#[test]
+fn a_motion_that_grows_is_one_motion() {
+    let mut rig = Rig::following([0.01, 0.0, -0.01]);
+    let started = rig.seen().authority.plan_time_s;
+    rig.motion.current.start_s = started + 5.0;
+    rig.motion.current.id += 1;
+    rig.motion.end_s += 5.0;
+    rig.steps(300);
+    assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+    assert!((rig.seen().authority.plan_time_s - started - 3.0).abs() < 1e-9);
+}
+
+#[test]
+fn nothing_starts_without_position_epoch_controller_or_a_new_start() {
+    let start = |spoil: fn(&mut Rig)| {
+        let mut rig = Rig::default().ready();
+        rig.offer(5.0);
+        spoil(&mut rig);
+        rig.steps(50);
+        rig.mode() == A::MODE_FOLLOWING
+    };
+    assert!(start(|_| {}));
+    assert!(!start(|rig| rig.motion.epoch += 1));
+    assert!(!start(|rig| rig.motion.motion = 0));
+    assert!(!start(|rig| rig.motion.current.start_s -= 1.0));
+    assert!(!start(|rig| rig.motion.end_s = f64::NAN));
+    assert!(!start(|rig| rig.controller = None));
+    assert!(!start(|rig| rig.estimate_valid = false));
+    let mut unknown = Rig::default();
+    unknown.steps(3);
+    unknown.demand(R::VERB_ARM, &[]);
+    unknown.offer(5.0);
+    unknown.steps(20);
+    assert_eq!(unknown.mode(), A::MODE_HOLDING);
+}
+
+#[test]
+fn pause_keeps_the_motion_and_resume_goes_on() {
+    let mut rig = Rig::following([0.02, -0.02, 0.0]);
+    let epoch = rig.seen().authority.epoch;
+    rig.demand(R::VERB_PAUSE, &[]);
+    rig.until(100, |rig| rig.seen().authority.plan_rate == 0.0);
+    rig.controller = Some([0.0; 8]);
+    rig.until(100, |rig| rig.mode() == A::MODE_HOLDING);
+    let paused = rig.seen().authority;
+    assert_eq!((paused.epoch, paused.motion), (epoch, rig.motion.motion));
+    rig.steps(100);
+    assert_eq!((rig.mode(), rig.seen().authority.plan_time_s), (A::MODE_HOLDING, paused.plan_time_s));
+    rig.demand(R::VERB_RESUME, &[]);
+    rig.until(70, |rig| rig.seen().authority.plan_rate == 1.0);
+    assert_eq!(rig.mode(), A::MODE_FOLLOWING);
+}
+
+#[test]
+fn stop_gives_the_motion_up_on_the_path() {
+    let mut rig = Rig::following([0.02, -0.02, 0.0]);
+    let epoch = rig.seen().authority.epoch;
+    rig.demand(R::VERB_STOP, &[]);
+    assert_eq!(rig.mode(), A::MODE_STOPPING);
+    let cycles = rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
+    assert!(cycles < 60, "{cycles}");
+    assert!(rig.seen().authority.epoch > epoch);
+    rig.steps(50);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    let (accepted, sentence) = rig.ask(R::VERB_RESUME, &[]);
+    assert!(!accepted, "{sentence}");
+}
+
+#[test]
+fn the_speed_is_a_ramp_of_the_plan_clock() {
+    let mut rig = Rig::following([0.02, 0.0, 0.0]);
+    rig.demand(R::VERB_SPEED, &[0.25]);
+    rig.steps(60);
+    assert_eq!(rig.seen().authority.plan_rate, 0.25);
+    for bad in [0.0, 0.01, 1.5, f64::NAN] {
+        let (accepted, sentence) = rig.ask(R::VERB_SPEED, &[bad]);
+        assert!(!accepted && sentence.contains("accepted"), "{sentence}");
+    }
+}
+
+#[test]
+fn a_dead_controller_stops_the_robot_on_the_path_and_the_motion_can_go_on() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.controller = None;
+    rig.until(20, |rig| rig.mode() == A::MODE_STOPPING);
+    // Two cycles are bridged, and the third is the stop; all of them count.
+    assert_eq!(rig.seen().authority.lost_answer, 3);
+    rig.until(30, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_COMMAND_LOST);
+    let (accepted, sentence) = rig.ask(R::VERB_RESUME, &[]);
+    assert!(!accepted && sentence.contains("controller"), "{sentence}");
+    // A new controller may go on, but only when told to.
+    rig.incarnation += 1;
+    rig.controller = Some([0.0; 8]);
+    rig.steps(100);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    rig.demand(R::VERB_RESUME, &[]);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
+}
+
+#[test]
+fn one_missing_command_is_bridged_and_counted() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    let velocity = rig.controller.take();
+    rig.step();
+    rig.controller = velocity;
+    rig.steps(20);
+    assert_eq!((rig.mode(), rig.seen().authority.lost_answer, rig.faults()), (A::MODE_FOLLOWING, 1, 0));
+}
+
+#[test]
+fn an_invalid_estimate_is_told_apart_from_a_dead_controller() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.estimate_valid = false;
+    rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_ESTIMATE_LOST);
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.controller = Some([f64::NAN; 8]);
+    rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_COMMAND_REFUSED);
+}
+
+#[test]
+fn a_lost_supervisor_stops_the_robot_on_its_path() {
+    let mut rig = Rig::following([0.02, 0.0, 0.0]);
+    rig.supervisor = None;
+    let cycles = rig.until(300, |rig| rig.mode() == A::MODE_STOPPING);
+    assert!((190..=210).contains(&cycles), "{cycles}");
+    rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_SUPERVISOR_LOST);
+}
+
+#[test]
+fn a_lost_planner_lets_what_is_known_be_finished() {
+    let mut rig = Rig::default().ready();
+    rig.offer(4.0);
+    // The mission goes on after the segments that are known.
+    rig.motion.end_s += 100.0;
+    rig.controller = Some([0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    rig.until(5, |rig| rig.mode() == A::MODE_FOLLOWING);
+    rig.steps(30);
+    rig.planner = false;
+    rig.steps(250);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, A::FAULT_PLANNER_LOST));
+    rig.until(400, |rig| rig.mode() == A::MODE_HOLDING);
+    assert!(rig.seen().authority.plan_time_s >= 4.0 && rig.seen().authority.plan_time_s < 5.0);
+    assert_eq!(rig.faults(), A::FAULT_PLANNER_LOST);
+}
+
+#[test]
+fn a_planner_started_anew_does_not_take_the_motion_over() {
+    let mut rig = Rig::following([0.05, 0.0, 0.0]);
+    // Another life of the planner: other motion, other segments, and the controller follows them.
+    rig.motion.motion = 900;
+    rig.motion.current.id = 901;
+    rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_PLANNER_LOST);
+}
+
+#[test]
+fn jogging_moves_one_cable_the_distance_and_no_other() {
+    let mut rig = Rig::default();
+    rig.steps(3);
+    rig.demand(R::VERB_ARM, &[]);
+    let before = rig.length_m;
+    rig.demand(R::VERB_JOG, &[2.0, -0.123]);
+    assert_eq!(rig.mode(), A::MODE_JOGGING);
+    rig.until(600, |rig| rig.mode() == A::MODE_HOLDING);
+    rig.steps(50);
+    assert!((rig.length_m[1] - before[1] + 0.123).abs() < 1e-4, "{}", rig.length_m[1] - before[1]);
+    assert_eq!((rig.length_m[0], rig.length_m[2]), (before[0], before[2]));
+    for (args, word) in [
+        ([0.0, 0.1], "no cable"),
+        ([4.0, 0.1], "no cable"),
+        ([1.5, 0.1], "no cable"),
+        ([1.0, 2.5], "no distance"),
+        ([1.0, f64::NAN], "no distance"),
+    ] {
+        let (accepted, sentence) = rig.ask(R::VERB_JOG, &args);
+        assert!(!accepted && sentence.contains(word), "{sentence}");
+    }
+    rig.demand(R::VERB_JOG, &[1.0, 1.0]);
+    rig.steps(20);
+    rig.demand(R::VERB_HOLD, &[]);
+    rig.until(20, |rig| rig.mode() == A::MODE_HOLDING);
+}
+
+#[test]
+fn a_jog_beyond_the_length_limit_is_refused_once_lengths_are_known() {
+    let mut rig = Rig::default().ready();
+    rig.demand(R::VERB_ZERO_LENGTHS, &[13.5, 5.0, 5.0]);
+    let (accepted, sentence) = rig.ask(R::VERB_JOG, &[1.0, 0.8]);
+    assert!(!accepted && sentence.contains("14"), "{sentence}");
+    rig.demand(R::VERB_JOG, &[1.0, -0.2]);
+}
+
+#[test]
+fn running_into_a_length_limit_stops_everything_and_the_way_back_is_open() {
+    let mut rig = Rig::default().ready();
+    rig.demand(R::VERB_ZERO_LENGTHS, &[13.5, 5.0, 5.0]);
+    rig.offer(100.0);
+    rig.controller = Some([0.3, -0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    rig.until(300, |rig| rig.mode() == A::MODE_FAULTED);
+    assert_eq!((rig.faults(), rig.seen().authority.fault_cable[0]), (A::FAULT_LENGTH_LIMIT, 1));
+    rig.until(30, |rig| speed(rig) == 0.0);
+    assert!(rig.seen().state.length_m[0] < 14.0);
+    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(R::VERB_JOG, &[1.0, -0.3]);
+    rig.until(900, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), 0);
+}
+
+#[test]
+fn the_emergency_stop_is_at_once_and_stays_until_reset() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.demand(R::VERB_ESTOP, &[]);
+    assert_eq!((rig.mode(), speed(&rig)), (A::MODE_EMERGENCY_STOP, 0.0));
+    assert_eq!(rig.last.as_ref().unwrap().sent.released[..3], [false; 3]);
+    for verb in [R::VERB_ARM, R::VERB_JOG, R::VERB_RESUME, R::VERB_ZERO_LENGTHS] {
+        assert!(!rig.ask(verb, &[1.0, 0.1, 5.0]).0);
+        assert_eq!(rig.mode(), A::MODE_EMERGENCY_STOP);
+    }
+    rig.demand(R::VERB_RESET, &[]);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    // Pressed while the drives were off, it does not switch them on.
+    let mut rig = Rig::default();
+    rig.steps(3);
+    rig.demand(R::VERB_ESTOP, &[]);
+    assert_eq!(rig.last.as_ref().unwrap().sent.released, [true; 8]);
+    rig.demand(R::VERB_RESET, &[]);
+    assert_eq!(rig.mode(), A::MODE_DISARMED);
+}
+
+#[test]
+fn disarming_needs_rest() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    let (accepted, sentence) = rig.ask(R::VERB_DISARM, &[]);
+    assert!(!accepted && sentence.contains("stop first"), "{sentence}");
+    rig.demand(R::VERB_STOP, &[]);
+    rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
+    rig.demand(R::VERB_DISARM, &[]);
+    assert_eq!(rig.mode(), A::MODE_DISARMED);
+}
+
+#[test]
+fn zeroing_at_a_position_gives_unstretched_lengths() {
+    let mut rig = Rig::default();
+    rig.steps(3);
+    rig.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    let state = rig.seen().state;
+    assert_eq!(state.position_known, MotorState::POSITION_KNOWN);
+    // By hand: straight length, tension from the 3 x 3 system, then (L + Lx) / (1 + T / EA) - Lx.
+    let anchors = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
+    let rows: Vec<[f64; 3]> = anchors.iter().map(|a| [a[0] - 4.8, a[1] - 3.0, a[2] - 0.3]).collect();
+    let length = |r: &[f64; 3]| (r[0] * r[0] + r[1] * r[1] + r[2] * r[2]).sqrt();
+    let det = |c: &[[f64; 3]; 3]| {
+        c[0][0] * (c[1][1] * c[2][2] - c[1][2] * c[2][1]) - c[0][1] * (c[1][0] * c[2][2] - c[1][2] * c[2][0])
+            + c[0][2] * (c[1][0] * c[2][1] - c[1][1] * c[2][0])
+    };
+    let unit: Vec<[f64; 3]> = rows.iter().map(|r| r.map(|v| v / length(r))).collect();
+    let columns: [[f64; 3]; 3] = std::array::from_fn(|axis| std::array::from_fn(|cable| unit[cable][axis]));
+    for cable in 0..3 {
+        let mut replaced = columns;
+        for (axis, row) in replaced.iter_mut().enumerate() {
+            row[cable] = if axis == 2 { 1.2 * 9.80665 } else { 0.0 };
+        }
+        let tension = det(&replaced) / det(&columns);
+        let wanted = (length(&rows[cable]) + 6.0) / (1.0 + tension / 6000.0) - 6.0;
+        assert!((state.length_m[cable] - wanted).abs() < 1e-9, "{} {wanted}", state.length_m[cable]);
+    }
+    for bad in [[4.8, 3.0, 5.0], [50.0, 50.0, 1.0], [f64::NAN, 0.0, 0.0]] {
+        let (accepted, sentence) = rig.ask(R::VERB_ZERO_AT, &bad);
+        assert!(!accepted && sentence.starts_with("Not zeroed"), "{sentence}");
+    }
+}
+
+#[test]
+fn the_position_from_before_the_cut_has_to_be_confirmed() {
+    let mut rig = Rig::default();
+    // Unit 1 was running all the time, and its encoder 1 has counted on for 0.1 m; unit 2 has been switched off and starts elsewhere.
+    rig.alive[0] = 1;
+    rig.inbox.first(99, Some(([4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], [49_000, -50_000, 900_000, 0, 0, 0, 0, 0])));
+    rig.steps(2);
+    let state = rig.seen().state;
+    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert!((state.length_m[0] - 4.1).abs() < 1e-9 && (state.length_m[2] - 6.0).abs() < 1e-9);
+    assert_eq!(rig.seen().authority.epoch, 99);
+    rig.demand(R::VERB_ARM, &[]);
+    rig.offer(5.0);
+    rig.steps(20);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    rig.demand(R::VERB_CONFIRM_POSITION, &[]);
+    rig.offer(5.0);
+    rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
+}
+
+#[test]
+fn a_freeze_is_the_computers_and_the_plan_keeps_up_with_the_drives() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    let before = rig.seen().authority;
+    rig.step_after(190_000_000, 190_000_000);
+    let after = rig.seen().authority;
+    // Its command was fresh all the same. What was lost is the periods that never ran, and the next tick shows them.
+    assert_eq!((after.mode, after.period, after.unsteered()), (A::MODE_FOLLOWING, A::PERIOD_STEERED, 0));
+    rig.step();
+    let then = rig.seen().authority;
+    assert_eq!((then.lost_computer, then.unsteered(), then.periods), (19, 19, before.periods + 21));
+    assert!((after.plan_time_s - before.plan_time_s - 0.2).abs() < 0.02, "{}", after.plan_time_s - before.plan_time_s);
+}
+
+#[test]
+fn a_command_that_is_missing_because_the_machine_stood_still_is_the_computers_too() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    let before = rig.seen().authority;
+    let velocity = rig.controller.take();
+    rig.step_after(30_000_000, 30_000_000);
+    let after = rig.seen().authority;
+    assert_eq!((after.mode, after.lost_answer, after.lost_computer), (A::MODE_FOLLOWING, 0, before.lost_computer + 1));
+    // Back on the grid at once: whoever answers had no time for it since the state was published.
+    rig.step_after(-5_000_000, 50_000);
+    let after = rig.seen().authority;
+    // Two periods never ran.
+    assert_eq!((after.mode, after.lost_answer, after.lost_computer), (A::MODE_FOLLOWING, 0, before.lost_computer + 4));
+    // From here on it has.
+    rig.controller = velocity;
+    rig.step();
+    rig.controller = None;
+    rig.step();
+    assert_eq!((rig.seen().authority.lost_answer, rig.seen().authority.lost_computer), (1, before.lost_computer + 4));
+}
+
+#[test]
+fn a_freeze_of_the_drives_too_is_not_caught_up_with() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    let before = rig.seen().authority;
+    let frozen = rig.length_m;
+    rig.step_after(190_000_000, 190_000_000);
+    // What the drives did is taken back, as in a virtual box that stood still as well.
+    let mut rig = {
+        rig.length_m = frozen;
+        rig
+    };
+    rig.steps(3);
+    assert!(rig.seen().authority.plan_time_s - before.plan_time_s < 0.25);
+}
+
+#[test]
+fn after_a_gap_beyond_the_watchdog_the_robot_waits_and_goes_on_by_itself() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.velocity_m_s = [0.0; 8];
+    rig.step_after(500_000_000, 500_000_000);
+    let authority = rig.seen().authority;
+    assert_eq!((authority.mode, authority.plan_rate), (A::MODE_FOLLOWING, 0.0));
+    assert_eq!(authority.faults, A::FAULT_LONG_GAP);
+    rig.steps(160);
+    assert_eq!((rig.faults(), rig.seen().authority.plan_rate, rig.mode()), (0, 1.0, A::MODE_FOLLOWING));
+}
+
+#[test]
+fn after_a_long_gap_the_robot_holds_until_somebody_resumes() {
+    let mut rig = Rig::following([0.1, -0.1, 0.05]);
+    rig.velocity_m_s = [0.0; 8];
+    rig.step_after(1_500_000_000, 1_500_000_000);
+    rig.steps(300);
+    let authority = rig.seen().authority;
+    assert_eq!((authority.mode, authority.plan_rate, authority.faults), (A::MODE_HOLDING, 0.0, A::FAULT_LONG_GAP));
+    assert_eq!(authority.motion, rig.motion.motion);
+    rig.demand(R::VERB_RESUME, &[]);
+    rig.steps(100);
+    assert_eq!((rig.faults(), rig.mode()), (0, A::MODE_FOLLOWING));
+}
+
+#[test]
+fn a_request_that_comes_too_late_may_only_calm_the_robot() {
+    for (verb, args) in
+        [(R::VERB_ARM, [0.0; 8]), (R::VERB_JOG, [1.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), (R::VERB_RESUME, [0.0; 8])]
+    {
+        let mut rig = Rig::default().ready();
+        let made_ns = rig.now_ns;
+        rig.steps(600);
+        assert!(rig.inbox.request_made(1, verb, &args, made_ns));
+        let answer = rig.step().answers[0];
+        assert!(!answer.is_accepted() && answer.sentence.contains("ask again"), "{}", answer.sentence);
+        assert_eq!(rig.mode(), A::MODE_HOLDING);
+    }
+    let mut rig = Rig::following([0.02, 0.0, 0.0]);
+    let made_ns = rig.now_ns;
+    rig.steps(600);
+    assert!(rig.inbox.request_made(1, R::VERB_STOP, &[0.0; 8], made_ns));
+    assert!(rig.step().answers[0].is_accepted());
+    assert_eq!(rig.mode(), A::MODE_STOPPING);
+}
+
+#[test]
+fn a_dead_estimator_is_not_called_a_dead_controller() {
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.estimator_alone = false;
+    rig.controller = None;
+    rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_ESTIMATE_LOST);
+    let mut rig = Rig::following([0.05, -0.05, 0.0]);
+    rig.controller = None;
+    rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_COMMAND_LOST);
+}
+
+#[test]
+fn a_jog_up_to_the_length_limit_is_made() {
+    let mut rig = Rig::default();
+    rig.steps(3);
+    rig.demand(R::VERB_ZERO_LENGTHS, &[13.9, 5.0, 5.0]);
+    rig.demand(R::VERB_ARM, &[]);
+    let (accepted, sentence) = rig.ask(R::VERB_JOG, &[1.0, 0.11]);
+    assert!(!accepted && sentence.contains("14"), "{sentence}");
+    rig.demand(R::VERB_JOG, &[1.0, 0.1]);
+    rig.until(600, |rig| rig.mode() == A::MODE_HOLDING);
+    rig.steps(30);
+    assert_eq!(rig.faults(), 0);
+    assert!((rig.seen().state.length_m[0] - 14.0).abs() < 0.002, "{}", rig.seen().state.length_m[0]);
+}
+
+#[test]
+fn without_its_supervisor_nothing_is_jogged_or_begun() {
+    let mut rig = Rig::default().ready();
+    rig.demand(R::VERB_JOG, &[1.0, 1.5]);
+    rig.steps(50);
+    let beat = rig.supervisor.take();
+    rig.until(260, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_SUPERVISOR_LOST);
+    let (accepted, sentence) = rig.ask(R::VERB_JOG, &[1.0, 0.1]);
+    assert!(!accepted && sentence.contains("supervisor"), "{sentence}");
+    rig.offer(5.0);
+    rig.steps(50);
+    assert_eq!(rig.mode(), A::MODE_HOLDING);
+    rig.supervisor = beat;
+    rig.steps(3);
+    rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
+}
+
+#[test]
+fn a_planner_that_was_started_anew_is_named_and_what_it_had_planned_is_flown() {
+    let mut rig = Rig::default().ready();
+    rig.offer(3.0);
+    let mut all = [0.0; 8];
+    all[0] = 0.02;
+    rig.controller = Some(all);
+    rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
+    rig.steps(100);
+    let kept = rig.motion.current.id;
+    rig.motion = messages::PlanMotion { beat: 0, ..Default::default() };
+    rig.segment = Some(kept);
+    rig.steps(10);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, A::FAULT_PLANNER_LOST));
+    rig.until(400, |rig| rig.seen().authority.plan_rate == 0.0);
+    rig.controller = Some([0.0; 8]);
+    rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
+    assert_eq!(rig.faults(), A::FAULT_PLANNER_LOST);
+    assert!(rig.seen().authority.plan_time_s >= 3.0);
+}
+
+#[test]
+fn every_request_is_answered_with_a_sentence_in_every_mode() {
+    let modes: [fn() -> Rig; 6] = [
+        || {
+            let mut rig = Rig::default();
+            rig.steps(3);
+            rig
+        },
+        || Rig::default().ready(),
+        || {
+            let mut rig = Rig::default().ready();
+            rig.demand(R::VERB_JOG, &[1.0, 0.5]);
+            rig
+        },
+        || Rig::following([0.1, 0.0, 0.0]),
+        || {
+            let mut rig = Rig::following([0.1, 0.0, 0.0]);
+            rig.status[0] = 0x40;
+            rig.steps(30);
+            assert_eq!(rig.mode(), A::MODE_FAULTED);
+            rig
+        },
+        || {
+            let mut rig = Rig::following([0.1, 0.0, 0.0]);
+            rig.demand(R::VERB_ESTOP, &[]);
+            rig
+        },
+    ];
+    for make in modes {
+        for verb in 1..=255 {
+            let mut rig = make();
+            let mode = rig.mode();
+            let (_, sentence) = rig.ask(verb, &[1.0, 0.1, 5.0]);
+            assert!(sentence.len() > 5 && sentence.ends_with('.'), "verb {verb} in mode {mode}: {sentence}");
+            if verb > 30 {
+                break;
+            }
+        }
+    }
+}

@@ -1,0 +1,148 @@
+//! What is the computer's fault is called that, and what is not, is not.
+
+use crate::rig;
+
+use messages::{MotorAuthority as A, MotorInput, OperatorRequest as R, SLOTS};
+use rig::Rig;
+
+const PERIOD_NS: u64 = 10_000_000;
+const CONTROLLER_A: usize = 0;
+const ESTIMATOR_A: usize = SLOTS;
+
+fn following() -> Rig {
+    Rig::following([0.1, -0.1, 0.05])
+}
+
+fn waits(rig: &mut Rig, seat: usize, cycles: u32) {
+    for _ in 0..cycles {
+        rig.chain_delay_ns[seat] += PERIOD_NS;
+        rig.step();
+    }
+}
+
+#[test]
+fn a_starved_chain_slows_the_robot_down_and_it_goes_on_by_itself() {
+    for seat in [CONTROLLER_A, ESTIMATOR_A] {
+        let mut rig = following();
+        let velocity = rig.controller.take();
+        waits(&mut rig, seat, 60);
+        let during = rig.seen().authority;
+        assert_eq!((during.mode, during.faults, during.plan_rate), (A::MODE_FOLLOWING, A::FAULT_COMPUTER, 0.0));
+        assert!(rig.last.as_ref().unwrap().sent.is_hold());
+        rig.controller = velocity;
+        rig.steps(20);
+        assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, A::FAULT_COMPUTER));
+        // It is said for a second, and then it is over.
+        rig.steps(90);
+        assert_eq!((rig.mode(), rig.faults(), rig.seen().authority.plan_rate), (A::MODE_FOLLOWING, 0, 1.0));
+    }
+}
+
+#[test]
+fn starved_for_longer_it_holds_by_that_name_and_can_be_resumed() {
+    let mut rig = following();
+    let velocity = rig.controller.take();
+    for _ in 0..150 {
+        waits(&mut rig, ESTIMATOR_A, 1);
+    }
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMPUTER));
+    rig.controller = velocity;
+    rig.steps(3);
+    rig.demand(R::VERB_RESUME, &[]);
+    rig.steps(60);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
+}
+
+#[test]
+fn a_dead_controller_is_no_busy_computer_even_where_it_was_one_a_moment_ago() {
+    let mut rig = following();
+    rig.controller = None;
+    rig.steps(30);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMMAND_LOST));
+
+    let mut rig = following();
+    rig.controller = None;
+    waits(&mut rig, CONTROLLER_A, 2);
+    // One that waits for a processor shows it in every cycle; soon it is known that this one does not.
+    rig.steps(60);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMMAND_LOST));
+}
+
+/// The seat that waits is not the one in charge.
+#[test]
+fn a_starved_standby_excuses_nothing() {
+    let mut rig = following();
+    rig.controller = None;
+    waits(&mut rig, CONTROLLER_A + 1, 30);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMMAND_LOST));
+}
+
+#[test]
+fn a_line_out_of_step_is_not_lost_while_this_program_starves() {
+    let mut rig = following();
+    rig.unit[0] = MotorInput::UNIT_RESYNC;
+    rig.estimate_valid = false;
+    for _ in 0..80 {
+        rig.run_delay_ns += PERIOD_NS;
+        rig.step();
+    }
+    assert_eq!((rig.mode(), rig.faults() & A::FAULT_LOST_UNIT), (A::MODE_FOLLOWING, 0));
+    // Once it has the processor, the same silence is the unit's.
+    rig.until(60, |rig| rig.mode() == A::MODE_FAULTED);
+    assert_eq!(rig.faults() & A::FAULT_LOST_UNIT, A::FAULT_LOST_UNIT);
+}
+
+#[test]
+fn a_silent_drive_is_a_silent_drive_and_beside_a_busy_computer_both_are_said() {
+    let mut rig = following();
+    rig.unit[1] = MotorInput::UNIT_LOST;
+    rig.until(10, |rig| rig.mode() == A::MODE_FAULTED);
+    assert_eq!((rig.faults(), rig.seen().authority.fault_unit[1]), (A::FAULT_LOST_UNIT, 1));
+
+    // The chain starves, this program does not: nothing excuses the drive.
+    let mut rig = following();
+    rig.unit[1] = MotorInput::UNIT_LOST;
+    waits(&mut rig, ESTIMATOR_A, 5);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_LOST_UNIT | A::FAULT_COMPUTER));
+
+    // However busy the computer is: a drive that never answers is gone.
+    let mut rig = following();
+    rig.unit[1] = MotorInput::UNIT_LOST;
+    for _ in 0..400 {
+        rig.run_delay_ns += PERIOD_NS;
+        rig.step();
+    }
+    assert_eq!(rig.faults() & (A::FAULT_LOST_UNIT | A::FAULT_COMPUTER), A::FAULT_LOST_UNIT | A::FAULT_COMPUTER);
+}
+
+/// Waiting for a silent drive takes the time that estimator and controller need, but no processor was missing.
+#[test]
+fn silent_drives_that_delay_the_chain_are_no_busy_computer() {
+    let mut rig = following();
+    rig.controller = None;
+    rig.exchange_ns = 8 * PERIOD_NS / 10;
+    rig.unit[..2].fill(MotorInput::UNIT_SILENT);
+    for _ in 0..100 {
+        rig.step();
+        assert_eq!(rig.faults() & A::FAULT_COMPUTER, 0, "mode {}, faults {:#x}", rig.mode(), rig.faults());
+    }
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_LOST_UNIT));
+}
+
+#[test]
+fn tensions_from_late_readings_make_no_line_slack() {
+    let mut rig = following();
+    rig.tension_n[2] = 0.1;
+    for _ in 0..60 {
+        rig.run_delay_ns += PERIOD_NS;
+        rig.step();
+    }
+    assert_eq!((rig.mode(), rig.faults() & A::FAULT_SLACK), (A::MODE_FOLLOWING, 0));
+    rig.until(60, |rig| rig.mode() == A::MODE_FAULTED);
+    assert_eq!(rig.faults(), A::FAULT_SLACK | A::FAULT_COMPUTER);
+    // Without any evidence it is the line alone.
+    let mut rig = following();
+    rig.tension_n[2] = 0.1;
+    rig.until(60, |rig| rig.mode() == A::MODE_FAULTED);
+    assert_eq!(rig.faults(), A::FAULT_SLACK);
+}

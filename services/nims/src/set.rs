@@ -1,0 +1,122 @@
+//! `nims set`: another value of a parameter while the robot runs.
+
+use crate::cli::Set;
+use crate::failure::{Answer, Failure};
+use crate::live;
+use crate::operate;
+use crate::supervisor::{self, Asked};
+use bus::{Bus, Subscriber, clock};
+use messages::{SystemConfig, text_of};
+use serde_json::{Value, json};
+use service::Slot;
+use service::TUNED_CHANNEL;
+use service::config::{BoxFile, RobotFile, Role, TUNABLE, Tuned};
+use std::time::Duration;
+
+/// How long a process may take to say that it has taken a change up, ns: it is announced a tenth of a second ahead.
+const TAKEN_NS: u64 = 5_000_000_000;
+/// How long the supervisor may take to say what is set.
+const SAID: Duration = Duration::from_secs(1);
+
+/// The parameters that can be set, as the help shows them and `docs/tuning.md` has them.
+#[must_use]
+pub fn table() -> String {
+    let rows = TUNABLE.iter().map(|one| format!("  {:<36} {:<30} {}\n", one.key, one.accepted, one.what));
+    rows.collect()
+}
+
+/// The help behind the arguments.
+#[must_use]
+pub fn help() -> String {
+    format!("Parameters, and the values that they take:\n{}", table())
+}
+
+/// Sets, shows one, or shows all.
+///
+/// # Errors
+/// Refused, with the reason, or a process does not take it up.
+pub fn set(domain: Option<&str>, asked: &Set) -> Answer<(Value, String)> {
+    let bus = live::join(domain)?;
+    let Some(key) = &asked.key else { return show(&bus, None) };
+    let Some(value) = &asked.value else { return show(&bus, Some(key)) };
+    let mut followers = followers(&bus, key)?;
+    let request = Asked::Set { key: key.clone(), value: value.clone() }.to_request()?;
+    let sentence = operate::send(&bus, supervisor::NAME, &request)?;
+    let said = live::newest::<SystemConfig>(&bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
+    follow(&bus, &mut followers, said.changes)?;
+    let value = json!({ "accepted": true, "answer": sentence, "key": key, "changes": said.changes,
+        "from_cycle": said.from_cycle, "taken_up_by": followers.iter().map(|one| &one.name).collect::<Vec<_>>() });
+    Ok((value, format!("{sentence}.")))
+}
+
+/// A process that has to take the change up.
+struct Follower {
+    name: String,
+    said: Subscriber<SystemConfig>,
+    changes: u32,
+}
+
+/// The processes of the parameter's role that run.
+fn followers(bus: &Bus, key: &str) -> Answer<Vec<Follower>> {
+    let roles = [Role::Controller, Role::Estimator].into_iter();
+    let alive: Vec<String> = bus.domain().alive().into_iter().map(|node| node.name).collect();
+    let mut followers = Vec::new();
+    for role in roles.filter(|role| key.split('.').next() == Some(role.name())) {
+        for name in [Slot::A, Slot::B].map(|slot| role.process_name(slot)) {
+            if alive.contains(&name) {
+                let said = bus.subscriber(&format!("system/config/{name}"))?;
+                followers.push(Follower { name, said, changes: 0 });
+            }
+        }
+    }
+    Ok(followers)
+}
+
+/// Waits until each says that it works with this change. One that has ended meanwhile will begin with it.
+fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
+    let give_up = clock::now_ns() + TAKEN_NS;
+    loop {
+        for one in followers.iter_mut() {
+            one.changes = one.said.latest()?.map_or(one.changes, |said| said.changes);
+        }
+        let late: Vec<&str> =
+            followers.iter().filter(|one| one.changes < changes).map(|one| one.name.as_str()).collect();
+        if late.is_empty() {
+            return Ok(());
+        }
+        if clock::now_ns() >= give_up {
+            let alive: Vec<String> = bus.domain().alive().into_iter().map(|node| node.name).collect();
+            let late: Vec<&str> = late.into_iter().filter(|name| alive.iter().any(|one| one == name)).collect();
+            if late.is_empty() {
+                return Ok(());
+            }
+            return Err(Failure::NotNow(format!(
+                "it is set, but {} has not taken it up: look at its log, or start it again with `nims restart`",
+                late.join(", ")
+            )));
+        }
+        clock::sleep_until(clock::now_ns() + 10_000_000);
+    }
+}
+
+/// What the parameters are now.
+fn show(bus: &Bus, key: Option<&str>) -> Answer<(Value, String)> {
+    let begun = operate::box_of(bus)?;
+    let robot: RobotFile = begun.robot_file().map_err(Failure::not_now)?;
+    let said = live::newest::<SystemConfig>(bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
+    let tuned = Tuned::parse(&text_of(&said.parameters)).map_err(Failure::NotNow)?;
+    let file: BoxFile = begun.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
+    if let Some(key) = key {
+        // The reason why not, in the words of a change.
+        tuned.with(key, "0").map_err(Failure::BadInput)?;
+    }
+    let (mut value, mut lines) = (json!({}), Vec::new());
+    for one in TUNABLE.iter().filter(|one| key.is_none_or(|key| key == one.key)) {
+        let (was, is) = (begun.value_of(one.key), file.value_of(one.key));
+        let shown = |value: &str| if value.is_empty() { "not given".to_owned() } else { value.to_owned() };
+        let set = if was == is { String::new() } else { format!("  (set; the file says {})", shown(&was)) };
+        lines.push(format!("{:<36} {:<12} {}{set}", one.key, shown(&is), one.what));
+        value[one.key] = json!({ "value": is, "file": was, "accepted": one.accepted });
+    }
+    Ok((value, lines.join("\n")))
+}

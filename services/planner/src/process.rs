@@ -1,0 +1,107 @@
+//! The process around the planner: answers requests, publishes `plan/motion` and `plan/status`.
+
+use bus::{Bus, Subscriber, clock::now_ns};
+use messages::{
+    FieldMap, MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, Rule, SLOT_NAMES, blended_estimate, newer,
+};
+use service::{Args, Chassis};
+
+use crate::progress::{Keeper, Progress};
+use crate::{Planner, PlannerConfig, Seen, requests};
+
+/// Twenty times a second, so that a slide to the next segment is seen long before the one after it is needed.
+const PERIOD_NS: u64 = 50_000_000;
+
+/// The map that the planner waits for, and the newest of it.
+struct Map {
+    name: String,
+    /// `None` where there was no room for it: the mission that waits for it ends with its own reason.
+    channel: Option<Subscriber<FieldMap>>,
+    newest: Option<Box<FieldMap>>,
+}
+
+impl Map {
+    fn of(bus: &Bus, name: &str) -> Self {
+        let channel = bus.subscriber(&format!("map/{name}")).inspect_err(|error| tracing::warn!("{error}")).ok();
+        Self { name: name.to_owned(), channel, newest: None }
+    }
+
+    fn look(&mut self) -> anyhow::Result<Option<&FieldMap>> {
+        if let Some(channel) = &mut self.channel
+            && let Some(map) = channel.latest()?
+        {
+            self.newest = Some(Box::new(map));
+        }
+        Ok(self.newest.as_deref())
+    }
+}
+
+/// Runs until the chassis is told to end.
+///
+/// # Errors
+/// Those of the files and of the bus.
+pub fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+    let file = chassis.box_file()?.clone();
+    let mut planner = Planner::new(PlannerConfig::of(&file, file.robot_file()?.robot()?));
+    let (folder, name) = (file.state_folder(), file.state_name(chassis.bus().domain().name()));
+    let missions = file.planner.missions.as_path();
+    let rule = Rule::Live { ttl_cycles: file.estimator.ttl_cycles };
+    match Progress::load(&folder, &name) {
+        Ok(progress) => progress.into_iter().for_each(|progress| planner.remember(progress)),
+        Err(error) => tracing::warn!("{error}"),
+    }
+    // Without it missions are flown as well, only not continued.
+    let mut keeper = Keeper::start(&folder, &name).inspect_err(|error| tracing::warn!("{error}")).ok();
+    let bus = chassis.bus();
+    let mut authorities = bus.subscriber::<MotorAuthority>("motor/authority")?;
+    let [a, b] = SLOT_NAMES.map(|slot| bus.subscriber::<NodeEstimate>(&format!("node/estimate/{slot}")));
+    let mut estimates = [a?, b?];
+    let mut motions = bus.publisher::<PlanMotion>("plan/motion")?;
+    let mut statuses = bus.publisher::<PlanStatus>("plan/status")?;
+    let mut server = bus.server(chassis.name())?;
+    let mut waiter = chassis.waiter(&[server.event()])?;
+    let mut maps: Option<Map> = None;
+    let (mut authority, mut newest, mut state) = (None::<MotorAuthority>, [None::<NodeEstimate>; 2], 0);
+    let mut due_ns = now_ns();
+    chassis.ready()?;
+    while chassis.running() {
+        chassis.wait(&mut waiter, Some(due_ns))?;
+        authority = newer(authority, authorities.latest()?);
+        for (newest, estimates) in newest.iter_mut().zip(&mut estimates) {
+            // The newest that arrived, whatever it claims: what may not be acted on is left out below, and displaces nothing for longer
+            // than until the next one.
+            *newest = estimates.latest()?.or(*newest);
+        }
+        let estimate = blended_estimate(authority.as_ref(), [newest[0].as_ref(), newest[1].as_ref()], rule);
+        if planner.wants_map() != maps.as_ref().map(|map| map.name.as_str()) {
+            maps = planner.wants_map().map(|name| Map::of(chassis.bus(), name));
+        }
+        let map = maps.as_mut().map(Map::look).transpose()?.flatten();
+        let seen = Seen { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref(), map };
+        let mut asked = false;
+        while let Some(call) = server.try_next()? {
+            let (request, awaited) = (&call.request, || call.is_awaited());
+            let (accepted, sentence) = requests::answer(&mut planner, request, awaited, missions, &seen);
+            tracing::info!("{sentence}");
+            call.answer(accepted, &sentence)?;
+            asked = true;
+        }
+        if asked || now_ns() >= due_ns {
+            chassis.pass_begin();
+            let (mut motion, mut status) = planner.step(&seen);
+            motions.send(&mut motion)?;
+            statuses.send(&mut status)?;
+            if let Some(keeper) = &mut keeper {
+                keeper.keep(planner.progress(), seen.now_ns);
+            }
+            chassis.pass_end();
+            if status.state != state {
+                state = status.state;
+                tracing::info!("mission \"{}\" {}", messages::text_of(&status.mission), crate::state_text(&status));
+            }
+            due_ns = now_ns() + PERIOD_NS;
+        }
+        chassis.report_lost(authorities.lost() + estimates[0].lost() + estimates[1].lost());
+    }
+    Ok(())
+}

@@ -1,0 +1,362 @@
+//! Scanning missions: what they come to, what is refused of them, and that a mission that was broken off goes on where it was.
+
+use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
+use messages::{
+    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, put_text,
+};
+use planner::mission::Mission;
+use planner::plan::Plan;
+use planner::{Planner, PlannerConfig, Progress, Seen, dry_run, requests};
+use proptest::prelude::*;
+
+const START_M: [f64; 3] = [4.8, 3.0, 0.5];
+
+fn config() -> PlannerConfig {
+    let robot = Robot::new(RobotParts {
+        anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
+        node_mass_kg: 1.2,
+        tension_limits_n: [2.0, 60.0],
+        speed_limit_m_s: 0.4,
+        acceleration_limit_m_s2: 0.5,
+        ..RobotParts::default()
+    })
+    .unwrap();
+    PlannerConfig {
+        robot,
+        distribution: Distribution::Unique,
+        speed_m_s: 0.2,
+        acceleration_m_s2: 0.3,
+        check_step_m: 0.02,
+    }
+}
+
+fn mission(text: &str) -> Mission {
+    Mission::parse(&format!("name = \"scan\"\n{text}")).unwrap()
+}
+
+const EVERYTHING: &str = r#"
+[[leg]]
+raster = { corner_m = [4.2, 2.6, 0.8], opposite_m = [5.4, 3.4, 0.8], pitch_m = 0.3, overlap = 0.25 }
+[[leg]]
+dwell_points = { points_m = [[4.6, 3.0, 0.6], [5.0, 3.2, 0.6]], duration_s = 1.5 }
+[[leg]]
+parabola = { to_m = [4.2, 2.8, 0.9], mu_per_m = 0.1 }
+[[leg]]
+transect = { from_m = [4.2, 2.8, 0.9], to_m = [5.2, 3.2, 0.9], step_m = 0.4, dwell_s = 1.0 }
+[[leg]]
+profile = { at_m = [4.8, 3.0, 1.2], rise_m = -0.8, step_m = 0.4, dwell_s = 0.7 }
+[[leg]]
+spiral = { rise_m = 0.4, radius_m = 0.3, turns = 2.0 }
+"#;
+
+/// A robot that holds at a place, or follows.
+struct World {
+    authority: MotorAuthority,
+    estimate: NodeEstimate,
+    /// How much of its mission the planner said to be done.
+    share: f64,
+}
+
+impl World {
+    fn at(position_m: [f64; 3]) -> Self {
+        let header = Header { cycle: 1000, seq: 1000, ..Header::at(10_000_000_000) };
+        let authority = MotorAuthority {
+            header,
+            plan_time_s: 2.0,
+            epoch: 6,
+            mode: MotorAuthority::MODE_HOLDING,
+            position_known: MotorState::POSITION_KNOWN,
+            ..MotorAuthority::default()
+        };
+        let estimate = NodeEstimate { header, position_m, valid: 1, ..NodeEstimate::default() };
+        Self { authority, estimate, share: 0.0 }
+    }
+
+    fn seen(&self) -> Seen<'_> {
+        let now_ns = self.authority.header.stamp_ns + 1_000_000;
+        Seen { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
+    }
+
+    /// One pass of the planner, which never says that less is done than before.
+    fn step(&mut self, planner: &mut Planner) -> (PlanMotion, PlanStatus) {
+        let (motion, status) = planner.step(&self.seen());
+        assert!((self.share..=1.0).contains(&status.progress), "{} after {}", status.progress, self.share);
+        self.share = status.progress;
+        (motion, status)
+    }
+
+    /// Flies the planner's motion until a time on the plan clock, and gives it up there or lets it end.
+    fn fly(&mut self, planner: &mut Planner, until_s: f64) -> PlanStatus {
+        let (motion, _) = self.step(planner);
+        self.authority.motion = motion.motion;
+        (self.authority.plan_rate, self.authority.plan_rate_target) = (1.0, 1.0);
+        self.authority.mode = MotorAuthority::MODE_FOLLOWING;
+        let begun_s = self.authority.plan_time_s;
+        for step in 0..=20 {
+            self.authority.plan_time_s = begun_s + (until_s - begun_s) * f64::from(step) / 20.0;
+            self.step(planner);
+        }
+        self.authority.mode = MotorAuthority::MODE_HOLDING;
+        self.authority.motion = 0;
+        if until_s < motion.end_s {
+            self.authority.epoch += 1;
+        }
+        self.step(planner).1
+    }
+}
+
+fn position(segments: &[Segment], time_s: f64) -> Vector3<f64> {
+    let segment = segments.iter().rfind(|segment| segment.start_s <= time_s).unwrap();
+    segment.setpoint(time_s).position
+}
+
+fn measured_m(segments: &[Segment]) -> f64 {
+    segments.iter().map(|segment| segment.path.length()).sum()
+}
+
+fn dwelt_s(segments: &[Segment]) -> f64 {
+    let dwells = segments.iter().filter(|segment| matches!(segment.path, Path::Dwell(_)));
+    dwells.map(|segment| segment.profile.duration()).sum()
+}
+
+#[test]
+fn a_scan_says_before_what_it_comes_to() {
+    let summary = dry_run(&mission(EVERYTHING), &config(), START_M).unwrap();
+    // four lines of 1.2 m, 0.2 m apart
+    let raster = dry_run(
+        &mission("[[leg]]\nraster = { corner_m = [4.2, 2.6, 0.8], opposite_m = [5.4, 3.4, 0.8], pitch_m = 0.2 }"),
+        &config(),
+        [4.2, 2.7, 0.8],
+    )
+    .unwrap();
+    assert!((raster.length_m - (4.0 * 1.2 + 3.0 * 0.2)).abs() < 1e-9, "{raster:?}");
+    assert_eq!(raster.segments, 7);
+    assert!(summary.duration_s > raster.duration_s + 2.0 * 1.5 + 4.0 * 1.0 + 3.0 * 0.7);
+    let (all_j, part_j) = (summary.energy_j.unwrap(), raster.energy_j.unwrap());
+    assert!(part_j > 0.0 && all_j > part_j);
+    // Holding costs too: a stay of ten seconds about a third of ten stays of three.
+    let dwell = |duration_s: f64| {
+        let text = format!("[[leg]]\ndwell = {{ duration_s = {duration_s} }}");
+        dry_run(&mission(&text), &config(), START_M).unwrap().energy_j.unwrap()
+    };
+    assert!(dwell(10.0) > 0.0 && (dwell(30.0) - 3.0 * dwell(10.0)).abs() < 1e-9);
+}
+
+#[test]
+fn what_a_scan_cannot_reach_is_refused_with_where_and_how_much() {
+    for (text, says) in [
+        (
+            "raster = { corner_m = [4, 3, 0.5], opposite_m = [9.7, 4, 0.5], pitch_m = 0.2 }",
+            &["leg 1", "cable", "limit"][..],
+        ),
+        (
+            "raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.6], pitch_m = 0.2 }",
+            &["leg 1", "opposite_m", "level"],
+        ),
+        (
+            "raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.2, along = \"z\" }",
+            &["along is z"],
+        ),
+        ("raster = { corner_m = [4, 3, 0.5], opposite_m = [5, 4, 0.5], pitch_m = 0.001 }", &["1000 lines", "pitch_m"]),
+        ("raster = { corner_m = [4, 0.5], opposite_m = [5, 1.5], pitch_m = 0.2 }", &["leg 1", "moves in space"]),
+        ("profile = { at_m = [4.8, 3, 0.5], rise_m = -0.9 }", &["leg 1", "ground"]),
+        ("transect = { from_m = [4.8, 3, 0.5], to_m = [4.8, 3, 2.95], dwell_s = 1 }", &["leg 1", "60.00 N"]),
+        ("dwell_points = { points_m = [[4.8, 3, 0.5], [5, 3, -0.5]], duration_s = 1 }", &["leg 1", "ground"]),
+    ] {
+        let sentence = dry_run(&mission(&format!("[[leg]]\n{text}")), &config(), START_M).unwrap_err().to_string();
+        for word in says {
+            assert!(sentence.contains(word), "{word:?} is not in {sentence:?}");
+        }
+    }
+}
+
+#[test]
+fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
+    let scan = mission(EVERYTHING);
+    let mut world = World::at(START_M);
+    let mut planner = Planner::new(config());
+    let refused = |planner: &mut Planner, world: &World, mission: &Mission| {
+        planner.go_on(mission, &world.seen()).unwrap_err().to_string()
+    };
+    assert!(refused(&mut planner, &world, &scan).contains("was not begun"));
+    planner.run(&scan, &world.seen()).unwrap();
+    assert_eq!(world.fly(&mut planner, 20.0).state, PlanStatus::STATE_ABORTED);
+    // a single move in between changes nothing
+    let share = std::mem::take(&mut world.share);
+    planner.goto([4.9, 3.0, 0.6], 0.0, planner::mission::PathShape::Line, 0.0, &world.seen()).unwrap();
+    let end_s = planner.step(&world.seen()).0.end_s;
+    assert_eq!(world.fly(&mut planner, end_s + 0.1).state, PlanStatus::STATE_DONE);
+    (world.estimate.position_m, world.share) = ([4.9, 3.0, 0.6], share);
+    let other = Mission { speed_m_s: Some(0.1), ..scan.clone() };
+    assert!(refused(&mut planner, &world, &other).contains("was changed"));
+    let mut elsewhere = Planner::new(PlannerConfig { check_step_m: 0.05, ..config() });
+    let moved = Progress { at_m: [1.0, 1.0, 1.0], ..planner.progress().unwrap().clone() };
+    elsewhere.remember(moved);
+    assert!(refused(&mut elsewhere, &world, &scan).contains("configured otherwise"));
+    // by request, by its file
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("scan.toml"), toml::to_string(&scan).unwrap()).unwrap();
+    let mut request = OperatorRequest { verb: OperatorRequest::VERB_RUN, ..OperatorRequest::default() };
+    request.args[0] = OperatorRequest::RUN_CONTINUE;
+    put_text(&mut request.text, "scan");
+    let (accepted, sentence) = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
+    assert!(accepted == OperatorRequest::ACCEPTED && sentence.contains("goes on"), "{sentence}");
+    let end_s = planner.step(&world.seen()).0.end_s;
+    let done = world.fly(&mut planner, end_s + 0.1);
+    assert_eq!((done.state, done.progress), (PlanStatus::STATE_DONE, 1.0));
+    assert!(refused(&mut planner, &world, &scan).contains("is done"));
+}
+
+const ADAPTIVE: &str = r#"
+[[leg]]
+raster = { corner_m = [4.2, 2.6, 0.8], opposite_m = [5.7, 3.8, 0.8], pitch_m = 0.3, along = "x" }
+[[leg]]
+adaptive = { map = "height", corner_m = [4.2, 2.6, 0.8], opposite_m = [5.7, 3.8, 0.8], pitch_m = 0.05, tile_m = 0.15, speed_m_s = 0.3 }
+[[leg]]
+line = { to_m = [4.8, 3.0, 0.5] }
+"#;
+
+/// A map of level ground with a block on it from (4.6, 3.0) on to x = 5.2 and y = 3.5.
+fn block(stamp_ns: u64) -> Box<FieldMap> {
+    let mut map =
+        Box::new(FieldMap { origin_m: [4.0, 2.5], cell_m: 0.05, columns: 40, rows: 30, ..FieldMap::default() });
+    map.header.stamp_ns = stamp_ns;
+    for at in 0..1200 {
+        let (x, y) = (4.025 + 0.05 * (at % 40) as f64, 2.525 + 0.05 * (at / 40) as f64);
+        map.value[at] = if (4.6..5.2).contains(&x) && (3.0..3.5).contains(&y) { 0.3 } else { 0.0 };
+        map.sigma[at] = 0.01;
+    }
+    map
+}
+
+#[test]
+fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an_interruption() {
+    let (scan, config) = (mission(ADAPTIVE), config());
+    let mut world = World::at(START_M);
+    let mut planner = Planner::new(config);
+    let sentence = planner.run(&scan, &world.seen()).unwrap();
+    assert!(sentence.contains("at most") && planner.wants_map() == Some("height"), "{sentence}");
+    let all_j = dry_run(&scan, &config, START_M).unwrap().energy_j.unwrap();
+    assert!(sentence.ends_with(&format!(", {all_j:.0} J in all")), "{sentence}");
+    let (first, status) = planner.step(&world.seen());
+    assert_eq!((status.leg, status.legs), (1, 3));
+    let waiting = world.fly(&mut planner, first.end_s + 0.1);
+    assert!(waiting.state == PlanStatus::STATE_RUNNING && waiting.progress < 1.0 && waiting.time_left_s > 0.0);
+    // a map that was made before the legs had ended does not know all of them
+    let now_ns = world.seen().now_ns;
+    let old = block(now_ns - 1);
+    assert_eq!(planner.step(&Seen { map: Some(&old), ..world.seen() }).0.motion, first.motion);
+    let mut none = planner.clone();
+    let new = block(now_ns + 1);
+    let (motion, status) = planner.step(&Seen { map: Some(&new), ..world.seen() });
+    assert_eq!((motion.motion, planner.wants_map()), (first.motion + 1, None));
+    assert_eq!((status.leg, status.legs, status.state), (2, 3, PlanStatus::STATE_READY));
+    let coarse_s = first.end_s - first.current.start_s;
+    assert!(status.progress >= waiting.progress && (status.elapsed_s - coarse_s).abs() < 1e-9, "{status:?}");
+    let second = planner.segments().to_vec();
+    let whole = dry_run(&scan, &config, START_M).unwrap();
+    let (coarse_m, fine_m) = (4.0 * 1.5 + 3.0 * 0.3, measured_m(&second));
+    assert!(fine_m + coarse_m < 0.75 * whole.length_m, "{fine_m} m of {} m", whole.length_m);
+    for edge in [[4.6, 3.2], [5.2, 3.2], [4.9, 3.0], [4.9, 3.5]] {
+        let at = Vector3::new(edge[0], edge[1], 0.8);
+        let from = |segment: &Segment| {
+            let steps = 0..=(segment.path.length() / 0.01) as usize;
+            steps.map(|step| (segment.path.point(0.01 * step as f64) - at).norm()).fold(f64::INFINITY, f64::min)
+        };
+        assert!(second.iter().map(from).fold(f64::INFINITY, f64::min) < 0.04, "{edge:?} is not looked at again");
+    }
+    // broken off in the middle of the fine lines, and everything ends
+    world.estimate.position_m = second[0].path.start().into();
+    let until_s = 0.5 * (motion.current.start_s + motion.end_s);
+    let broken = world.fly(&mut planner, until_s);
+    assert_eq!(broken.state, PlanStatus::STATE_ABORTED);
+    let kept = toml::to_string(planner.progress().unwrap()).unwrap();
+    let mut again = Planner::new(config);
+    again.remember(toml::from_str(&kept).unwrap());
+    let here = position(&second, until_s);
+    world = World { share: world.share, ..World::at(here.into()) };
+    let sentence = again.go_on(&scan, &world.seen()).unwrap();
+    assert!(sentence.contains("goes on") && again.wants_map().is_none(), "{sentence}");
+    let (_, status) = world.step(&mut again);
+    assert!((status.elapsed_s - broken.elapsed_s).abs() < 1e-6 && status.progress > 0.5, "{status:?}");
+    let rest = again.segments().to_vec();
+    assert!((rest[0].path.start() - here).norm() < 0.002);
+    let flown_m: f64 = second
+        .iter()
+        .filter(|segment| segment.start_s < until_s)
+        .map(|segment| segment.profile.at((until_s - segment.start_s).min(segment.profile.duration())).s_m)
+        .sum();
+    assert!((measured_m(&rest) - (fine_m - flown_m)).abs() < 0.005);
+    let end_s = again.step(&world.seen()).0.end_s;
+    assert_eq!(world.fly(&mut again, end_s + 0.1).state, PlanStatus::STATE_DONE);
+    assert!(again.progress().unwrap().done);
+    // nobody makes a map
+    let still = World::at(START_M);
+    let late = Seen { now_ns: now_ns + 60_000_000_000, ..still.seen() };
+    let mut authority = MotorAuthority { plan_time_s: first.end_s + 1.0, ..still.authority };
+    authority.header.stamp_ns = late.now_ns;
+    let (_, status) = none.step(&Seen { authority: Some(&authority), ..late });
+    assert_eq!(status.state, PlanStatus::STATE_ABORTED);
+    assert!(messages::text_of(&status.reason).contains("sensor-logger"));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(60))]
+
+    /// Broken off twice anywhere, by whatever, and found elsewhere: what is flown then is what was left, no more and no less.
+    #[test]
+    fn what_is_flown_after_an_interruption_is_what_was_left(
+        first in 0.0..1.0f64,
+        second in 0.0..1.0f64,
+        away in prop_oneof![Just(0.0), 0.0..0.003f64, 0.003..0.3f64],
+    ) {
+        let (scan, config) = (mission(EVERYTHING), config());
+        let whole = Plan::new(&scan, &config, Vector3::from(START_M), 2.0, 1).unwrap();
+        let mut world = World::at(START_M);
+        let mut planner = Planner::new(config);
+        planner.run(&scan, &world.seen()).unwrap();
+        let mut left_m = measured_m(&whole.segments);
+        let mut left_s = dwelt_s(&whole.segments);
+        let mut segments = whole.segments.clone();
+        for share in [first, second] {
+            let (begin_s, end_s) = (segments[0].start_s, segments[segments.len() - 1].end_s());
+            let until_s = begin_s + share * (end_s - begin_s);
+            let status = world.fly(&mut planner, until_s);
+            prop_assert!(status.state == PlanStatus::STATE_ABORTED);
+            let stopped_at = position(&segments, until_s);
+            let text = toml::to_string(planner.progress().unwrap()).unwrap();
+            // everything ends; another planner knows what was kept
+            planner = Planner::new(config);
+            planner.remember(toml::from_str(&text).unwrap());
+            world = World { share: world.share, ..World::at([stopped_at.x, stopped_at.y, stopped_at.z + away]) };
+            if let Err(refusal) = planner.go_on(&scan, &world.seen()) {
+                prop_assert!(refusal.to_string().contains("is done") && (stopped_at - whole.end()).norm() < 0.002);
+                return Ok(());
+            }
+            let rest = planner.segments().to_vec();
+            let here = Vector3::from(world.estimate.position_m);
+            // From where it is there is a way back, but not for less than a millimetre; what is left may be less than that, too.
+            let off_m = (rest[0].path.start() - here).norm();
+            let back = usize::from(away > 0.0 && off_m < 1e-9);
+            prop_assert!(off_m < 0.001 && (back == 1 || away < 0.002), "begins {off_m} m off");
+            let done = planner.progress().unwrap().at_m;
+            // The way back goes to where it was, unless what is left there is shorter than a millimetre or a stay too short to fly.
+            let begins = rest[back].path.start();
+            prop_assert!((begins - Vector3::from(done)).norm() < 0.002, "{begins:?} {done:?}");
+            let (now_m, now_s) = (measured_m(&rest[back..]), dwelt_s(&rest));
+            let passed: f64 = segments.iter().filter(|s| s.start_s < until_s).map(|s| {
+                if matches!(s.path, Path::Dwell(_)) { 0.0 } else { s.profile.at((until_s - s.start_s).min(s.profile.duration())).s_m }
+            }).sum();
+            let way_back_m = measured_m(&segments) - left_m;
+            let flown_m = (passed - way_back_m).max(0.0);
+            prop_assert!((now_m - (left_m - flown_m)).abs() < 0.003, "{now_m} of {left_m}, flown {flown_m}");
+            prop_assert!(now_s <= left_s + 1e-9);
+            for pair in rest.windows(2) {
+                prop_assert!((pair[0].path.end() - pair[1].path.start()).norm() < 1e-9);
+                prop_assert!((pair[0].end_s() - pair[1].start_s).abs() < 1e-9);
+            }
+            prop_assert!((rest[rest.len() - 1].path.end() - whole.end()).norm() < 1e-9);
+            (left_m, left_s, segments) = (now_m, now_s, rest);
+        }
+    }
+}

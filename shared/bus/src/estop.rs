@@ -1,0 +1,191 @@
+//! An emergency stop that always gets through.
+//!
+//! A request takes a node, places on a service and an event, and shared memory; where one of these is used up, it cannot even be made. So an
+//! emergency stop has a way of its own that takes none of them: a datagram to a socket in the domain's folder, which motor-io reads at the
+//! beginning of each cycle without waiting. The folder is its user's alone, and so is the socket. The answer comes back as a datagram too.
+//!
+//! A datagram is its magic, a number that the answer repeats, and the request as it lies in memory. What stands in the request is for the
+//! record: one of another build, or none at all, stops the robot just the same.
+
+use std::io;
+use std::os::linux::net::SocketAddrExt;
+use std::os::unix::net::{SocketAddr, UnixDatagram};
+use std::time::Duration;
+
+use arrayvec::ArrayVec;
+use messages::{OperatorRequest, put_sentence};
+
+use crate::clock::{now_ns, sleep_until};
+use crate::node::seconds;
+use crate::requester::sign_from_memory;
+use crate::{BusError, Domain};
+
+/// The socket in the domain's folder.
+pub(crate) const SOCKET: &str = "estop";
+const MAGIC: [u8; 16] = *b"nims emergency 1";
+const NUMBER: std::ops::Range<usize> = 16..24;
+const BODY: usize = 24;
+/// A datagram with a request; also long enough for an answer, which is `accepted` and a sentence.
+const LONGEST: usize = BODY + size_of::<OperatorRequest>();
+const ANSWER: usize = BODY + 1 + 512;
+/// Stops that are answered in one cycle; one stop is enough for the robot, the others are answered with it or in the next cycle.
+pub const AT_ONCE: usize = 8;
+/// How often a sender looks for the answer, and tries again where the queue is full: a queue holds about ten.
+const LOOK_NS: u64 = 1_000_000;
+/// How often it sends again: motor-io may just be starting.
+const AGAIN_NS: u64 = 100_000_000;
+
+/// Where emergency stops arrive.
+#[derive(Debug)]
+pub struct Receiver {
+    socket: UnixDatagram,
+}
+
+/// An emergency stop that has arrived.
+#[derive(Debug)]
+pub struct Stop {
+    /// As the sender filled it in, with [`OperatorRequest::VERB_ESTOP`] in any case.
+    pub request: OperatorRequest,
+    number: [u8; 8],
+    from: Option<SocketAddr>,
+}
+
+impl Receiver {
+    /// Takes the place of a predecessor that has gone: for the process that holds the drives, and only once it does.
+    ///
+    /// # Errors
+    /// [`BusError::DomainFolder`] if the socket cannot be made.
+    pub fn open(domain: &Domain) -> Result<Self, BusError> {
+        let path = domain.root().join(SOCKET);
+        let unusable = |error: io::Error| BusError::DomainFolder { path: path.clone(), why: error.to_string() };
+        match std::fs::remove_file(&path) {
+            Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(unusable(error)),
+            _ => {}
+        }
+        let socket = UnixDatagram::bind(&path).map_err(unusable)?;
+        socket.set_nonblocking(true).map_err(unusable)?;
+        Ok(Self { socket })
+    }
+
+    /// What has arrived, [`AT_ONCE`] at most; never waits, never allocates.
+    pub fn take(&mut self) -> ArrayVec<Stop, AT_ONCE> {
+        let mut stops = ArrayVec::new();
+        let mut bytes = [0_u8; LONGEST];
+        // what is no emergency stop is passed over, but not for ever
+        for _ in 0..2 * AT_ONCE {
+            if stops.is_full() {
+                break;
+            }
+            let Ok((length, from)) = self.socket.recv_from(&mut bytes) else { break };
+            let Some((magic, rest)) = bytes[..length].split_at_checked(MAGIC.len()) else { continue };
+            if magic != MAGIC {
+                continue;
+            }
+            let mut number = [0; 8];
+            let given = rest.len().min(number.len());
+            number[..given].copy_from_slice(&rest[..given]);
+            let mut request = match bytes.get(BODY..length) {
+                Some(body) if body.len() == size_of::<OperatorRequest>() => bytemuck::pod_read_unaligned(body),
+                _ => OperatorRequest::default(),
+            };
+            request.verb = OperatorRequest::VERB_ESTOP;
+            if request.id == 0 {
+                request.id = u64::from_ne_bytes(number).max(1);
+            }
+            stops.push(Stop { request, number, from: Some(from) });
+        }
+        stops
+    }
+
+    /// Answers with one sentence, as [`crate::Call::answer`] does. A sender that has gone is no error.
+    pub fn answer(&self, stop: &Stop, accepted: u8, sentence: &str) {
+        let Some(to) = &stop.from else { return };
+        let mut bytes = [0_u8; ANSWER];
+        bytes[..MAGIC.len()].copy_from_slice(&MAGIC);
+        bytes[NUMBER].copy_from_slice(&stop.number);
+        bytes[BODY] = accepted;
+        let length = sentence.len().min(ANSWER - BODY - 1);
+        bytes[BODY + 1..][..length].copy_from_slice(&sentence.as_bytes()[..length]);
+        let _ = self.socket.send_to_addr(&bytes[..BODY + 1 + length], to);
+    }
+}
+
+/// Whether a motor-io has listened in this domain; it may have been killed since.
+#[must_use]
+pub fn is_heard(domain: &Domain) -> bool {
+    domain.root().join(SOCKET).exists()
+}
+
+/// Sends an emergency stop and waits for its answer: the request with `answered`, `accepted` and `answer` filled in. Goes on sending until
+/// then, and calls `uneasy` once if there is no answer after `patience`. Whatever happens, what was sent waits for a motor-io that stands still.
+///
+/// # Errors
+/// [`BusError::NoServer`] if no process listens, [`BusError::NoAnswer`] after `timeout`, [`BusError::Failed`] if this process has no room for
+/// a socket.
+pub fn send(
+    domain: &Domain,
+    request: &OperatorRequest,
+    timeout: Duration,
+    patience: Duration,
+    uneasy: impl FnOnce(),
+) -> Result<OperatorRequest, BusError> {
+    let failed =
+        |error: io::Error| BusError::Failed { channel: SOCKET.to_owned(), what: "be sent", why: error.to_string() };
+    let absent = || BusError::NoServer { process: "motor-io".to_owned(), domain: domain.name().to_owned() };
+    let mut sent = *request;
+    sign_from_memory(&mut sent);
+    let begun = sent.header.stamp_ns;
+    // an abstract name takes no room in any file system
+    let own = SocketAddr::from_abstract_name(format!("nims-estop-{}-{:x}", sent.pid, sent.id)).map_err(failed)?;
+    let socket = UnixDatagram::bind_addr(&own).map_err(failed)?;
+    socket.set_nonblocking(true).map_err(failed)?;
+    let mut datagram = Vec::with_capacity(LONGEST);
+    datagram.extend_from_slice(&MAGIC);
+    // another user cannot guess it, and so cannot answer in motor-io's name
+    let number = secret().unwrap_or(sent.id.to_ne_bytes());
+    datagram.extend_from_slice(&number);
+    datagram.extend_from_slice(bytemuck::bytes_of(&sent));
+
+    let path = domain.root().join(SOCKET);
+    let after = |time: Duration| begun + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
+    let (deadline, uneasy_at, mut again_ns) = (after(timeout), after(patience), 0);
+    let (mut uneasy, mut got_through) = (Some(uneasy), false);
+    let mut bytes = [0_u8; ANSWER];
+    loop {
+        let now = now_ns();
+        if now >= again_ns {
+            match socket.send_to(&datagram, &path) {
+                Ok(_) => (got_through, again_ns) = (true, now + AGAIN_NS),
+                // its queue is full: somebody else's stop is in it, but this one wants an answer
+                Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
+                Err(_) if got_through => again_ns = now + AGAIN_NS,
+                Err(_) => return Err(absent()),
+            }
+        }
+        while let Ok(length) = socket.recv(&mut bytes) {
+            if length > BODY && bytes[..MAGIC.len()] == MAGIC && bytes[NUMBER] == number {
+                let mut answer = sent;
+                (answer.answered, answer.accepted) = (1, bytes[BODY]);
+                put_sentence(&mut answer.answer, &String::from_utf8_lossy(&bytes[BODY + 1..length]));
+                return Ok(answer);
+            }
+        }
+        if now >= deadline {
+            let why = "is busy or has died";
+            return Err(BusError::NoAnswer { process: "motor-io".to_owned(), seconds: seconds(timeout), why });
+        }
+        if now >= uneasy_at
+            && let Some(say) = uneasy.take()
+        {
+            say();
+        }
+        sleep_until(now + LOOK_NS);
+    }
+}
+
+fn secret() -> Option<[u8; 8]> {
+    use std::io::Read;
+    let mut bytes = [0; 8];
+    std::fs::File::open("/dev/urandom").and_then(|mut file| file.read_exact(&mut bytes)).ok()?;
+    Some(bytes)
+}

@@ -1,0 +1,148 @@
+//! Places kept free: who only looks on never takes the last place of who controls.
+//!
+//! A channel has a fixed number of places, and a process that hangs keeps its own. So each kind of participant leaves some to the kinds after
+//! it. The kind stands in the name of a port, where every other process reads it.
+
+use std::time::Duration;
+
+use iceoryx2::prelude::{PortName, SemanticStringError};
+
+use crate::Bus;
+
+/// Who takes a place.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
+pub enum Party {
+    /// Looks on: `nims channel echo`, `nims top`, the viewer.
+    Guest,
+    /// An operator's command, for as long as it takes: `nims status`, `nims swap`.
+    Command,
+    /// A process of the robot, and what stops it.
+    #[default]
+    Member,
+}
+
+impl Party {
+    /// Of so many places, how many this kind and those before it may have together.
+    #[must_use]
+    pub const fn ceiling(self, limit: usize) -> usize {
+        match self {
+            Self::Guest => limit * 2 / 5,
+            Self::Command => limit * 2 / 3,
+            Self::Member => limit,
+        }
+    }
+
+    /// Shared memory that has to be left after it has taken what it needs, bytes.
+    pub(crate) const fn margin(self) -> u64 {
+        match self {
+            Self::Guest => 4 << 20,
+            Self::Command => 2 << 20,
+            Self::Member => 1 << 20,
+        }
+    }
+
+    pub(crate) fn port_name(self, process: &str) -> Result<PortName, SemanticStringError> {
+        match self.mark() {
+            Some(mark) => PortName::new(&format!("{mark}{process}")),
+            None => PortName::new(process),
+        }
+    }
+
+    /// What stands before the name of its ports.
+    const fn mark(self) -> Option<char> {
+        match self {
+            Self::Guest => Some('?'),
+            Self::Command => Some('>'),
+            Self::Member => None,
+        }
+    }
+
+    fn of(name: &PortName) -> Self {
+        [Self::Guest, Self::Command]
+            .into_iter()
+            .find(|party| party.mark().is_some_and(|mark| name.as_str().starts_with(mark)))
+            .unwrap_or_default()
+    }
+
+    /// Whether so many ports of these names are within what this kind may have; a member is only bound by the limit itself.
+    fn within(self, names: &[PortName], limit: usize, coming: usize) -> bool {
+        let taken = names.iter().filter(|name| Self::of(name) <= self).count();
+        self == Self::Member || taken + coming <= self.ceiling(limit)
+    }
+}
+
+/// Why there is no port.
+pub(crate) enum Refused<E> {
+    /// This kind has its places already: so many.
+    NoPlace(usize),
+    /// iceoryx2 refused.
+    Error(E),
+}
+
+/// Another process may just be leaving, or finding out that it has no place: so often it is tried again, after so long.
+const ATTEMPTS: usize = 10;
+const PAUSE: Duration = Duration::from_millis(20);
+
+impl Bus {
+    /// Makes a port if this process's kind has a place left, among those whose names `taken` gives.
+    pub(crate) fn take_place<R, E>(
+        &self,
+        limit: usize,
+        taken: impl Fn() -> Vec<PortName>,
+        make: impl Fn() -> Result<R, E>,
+    ) -> Result<R, Refused<E>> {
+        let party = self.party;
+        // a place may be held by a process that has died since this one joined
+        if !party.within(&taken(), limit, 1) {
+            self.clean();
+            if !party.within(&taken(), limit, 1) {
+                return Err(Refused::NoPlace(party.ceiling(limit)));
+            }
+        }
+        let mut port = make().or_else(|_| self.after_cleaning(&make));
+        for _ in 0..if party == Party::Guest { 0 } else { ATTEMPTS } {
+            if port.is_ok() || taken().len() < limit {
+                break;
+            }
+            std::thread::sleep(PAUSE);
+            port = make();
+        }
+        let port = port.map_err(Refused::Error)?;
+        // several may have come at once
+        if party.within(&taken(), limit, 0) { Ok(port) } else { Err(Refused::NoPlace(party.ceiling(limit))) }
+    }
+}
+
+/// What a listing of ports gives.
+pub(crate) fn listed<T>(list: impl FnOnce(&mut dyn FnMut(T))) -> Vec<T> {
+    let mut ports = Vec::new();
+    list(&mut |port| ports.push(port));
+    ports
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn port(party: Party) -> PortName {
+        party.port_name("x").unwrap_or_else(|_| PortName::new_empty())
+    }
+
+    #[test]
+    fn each_kind_leaves_places_to_the_next() {
+        for limit in 1..100 {
+            let [guests, commands, all] = [Party::Guest, Party::Command, Party::Member].map(|one| one.ceiling(limit));
+            assert!(guests <= commands && commands <= all && all == limit);
+            assert!(limit < 8 || (guests >= 3 && commands - guests >= 2 && all - commands >= 3), "{limit}");
+        }
+    }
+
+    #[test]
+    fn a_kind_counts_itself_and_those_before_it() {
+        let taken: Vec<PortName> =
+            [Party::Guest, Party::Guest, Party::Guest, Party::Command, Party::Member].map(port).to_vec();
+        assert!(!Party::Guest.within(&taken, 8, 1) && Party::Guest.within(&taken, 8, 0));
+        assert!(Party::Command.within(&taken, 8, 1) && !Party::Command.within(&taken, 8, 2));
+        assert!(Party::Member.within(&taken, 5, 1), "iceoryx2 itself says that it is full");
+    }
+}

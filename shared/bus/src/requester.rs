@@ -1,0 +1,77 @@
+//! Who asks: what a request says of the process that sends it.
+
+use std::sync::OnceLock;
+
+use messages::{OperatorRequest, put_text};
+use rustix::process::geteuid;
+
+use crate::clock::now_ns;
+
+/// Where the names of a machine's own users stand; those of a directory service are shown by their number.
+const USERS: &str = "/etc/passwd";
+
+/// The name of this process's user, once somebody has looked it up.
+static NAME: OnceLock<String> = OnceLock::new();
+
+/// Completes a request that is sent now: time, process, user with name, and a number where it has none. A name that is there stays.
+pub(crate) fn sign(request: &mut OperatorRequest) {
+    if request.requester[0] == 0 {
+        put_text(&mut request.requester, NAME.get_or_init(|| user_name(geteuid().as_raw())));
+    }
+    sign_from_memory(request);
+}
+
+/// [`sign`] without reading a file, which can hang: a user whose name is not known yet is named by its number.
+pub(crate) fn sign_from_memory(request: &mut OperatorRequest) {
+    let now = now_ns();
+    (request.header.stamp_ns, request.header.oldest_input_ns) = (now, now);
+    request.pid = std::process::id();
+    request.uid = geteuid().as_raw();
+    if request.requester[0] == 0 {
+        match NAME.get() {
+            Some(name) => put_text(&mut request.requester, name),
+            None => put_text(&mut request.requester, &request.uid.to_string()),
+        }
+    }
+    if request.id == 0 {
+        request.id = now ^ (u64::from(request.pid) << 32);
+    }
+}
+
+fn user_name(uid: u32) -> String {
+    let users = std::fs::read_to_string(USERS).unwrap_or_default();
+    name_in(&users, uid).map_or_else(|| uid.to_string(), str::to_owned)
+}
+
+/// passwd(5): `name:password:UID:...`.
+fn name_in(users: &str, uid: u32) -> Option<&str> {
+    users.lines().find_map(|line| {
+        let mut fields = line.split(':');
+        let name = fields.next()?;
+        (fields.nth(1)?.parse() == Ok(uid)).then_some(name)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::text_of;
+
+    #[test]
+    fn users_are_named_as_the_machine_names_them() {
+        let users = "root:x:0:0:root:/root:/bin/bash\nbroken\nada:x:1000:1000::/home/ada:/bin/sh\n";
+        assert_eq!((name_in(users, 1000), name_in(users, 0), name_in(users, 7)), (Some("ada"), Some("root"), None));
+    }
+
+    #[test]
+    fn a_request_says_who_asks_and_keeps_the_name_it_has() {
+        let mut request = OperatorRequest::default();
+        sign(&mut request);
+        assert_eq!((request.pid, request.uid), (std::process::id(), geteuid().as_raw()));
+        assert!(request.id != 0 && request.header.stamp_ns > 0 && !text_of(&request.requester).is_empty());
+        put_text(&mut request.requester, "planner");
+        let id = request.id;
+        sign(&mut request);
+        assert_eq!((text_of(&request.requester).as_str(), request.id), ("planner", id));
+    }
+}

@@ -1,0 +1,11 @@
+//! Calibration against simulated truth, an independent minimiser, the published figures and data that determine nothing.
+
+#![allow(clippy::needless_range_loop, reason = "anchors are compared by index")]
+
+mod heights;
+mod joint;
+mod paper;
+mod refusals;
+mod regions;
+mod stand_in;
+mod survey;

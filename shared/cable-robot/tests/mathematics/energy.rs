@@ -1,0 +1,374 @@
+//! Cost of moves against an independent reference: the ratios of Tables V and VIII for stand-in configurations, computed by
+//! another implementation in another language. The paper's own tables are lost.
+
+use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, EnergyError, Hoist};
+use cable_robot::motor::Motor;
+use cable_robot::path::{Parabola, Path};
+use cable_robot::profile::{Profile, ProfileLimits};
+use cable_robot::tension::general::{GeneralStructure, hold};
+use cable_robot::{Distribution, StructureMatrix, Vector3};
+use proptest::prelude::*;
+
+/// 2 kg with the g of the reference.
+const WEIGHT: Vector3<f64> = Vector3::new(0.0, 0.0, 19.62);
+const GROUND: Bounds = Bounds { ground_m: Some(0.0), time_weight_w: 0.0 };
+
+fn ideal() -> Motor {
+    Motor::ideal(40.0, 1.2)
+}
+
+/// Anchors on a square of 10 m at a height of 6 m.
+fn square() -> [Vector3<f64>; 4] {
+    [[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]].map(Vector3::from)
+}
+
+/// The corners of the square that is flown, at a height of 4 m.
+fn corners() -> [Vector3<f64>; 4] {
+    [[2.5, 2.5, 4.0], [7.5, 2.5, 4.0], [7.5, 7.5, 4.0], [2.5, 7.5, 4.0]].map(Vector3::from)
+}
+
+/// Anchors of a triangle of 9.1, 9.8 and 9.4 m.
+fn triangle() -> [Vector3<f64>; 3] {
+    let (d1, d2, d3) = (9.1f64, 9.8f64, 9.4f64);
+    let x3 = (d1 * d1 + d2 * d2 - d3 * d3) / (2.0 * d2);
+    [[0.0, 0.0, 3.20], [d2, 0.0, 3.45], [x3, (d1 * d1 - x3 * x3).sqrt(), 3.05]].map(Vector3::from)
+}
+
+fn hoist<'a>(anchors: &'a [Vector3<f64>], method: Distribution, current: &'a dyn Current) -> Hoist<'a> {
+    Hoist { anchors, planar: false, wrench_n: WEIGHT, drag_n_s2_m2: 0.0, limits_n: [1.0, 150.0], method, current }
+}
+
+fn ratios(best: &Best) -> (f64, f64) {
+    let line = best.line.unwrap();
+    (best.cost.energy_j / line.energy_j, best.cost.duration_s / line.duration_s)
+}
+
+/// Asserts a figure that the reference gives with this many decimals.
+fn close(value: f64, expected: f64, decimals: i32) {
+    assert!((value - expected).abs() < 0.6 * 10f64.powi(-decimals), "{value} {expected}");
+}
+
+#[test]
+fn table_5_gains_depend_on_the_region_and_power_falls_more_than_energy() {
+    let cases = [
+        (0.0, ideal(), [(0.449, 1.59), (0.479, 1.55), (0.423, 1.61)]),
+        (0.0, Motor::default(), [(0.455, 1.84), (0.499, 1.48), (0.455, 1.33)]),
+        (0.5, ideal(), [(0.633, 1.36), (0.659, 1.33), (0.613, 1.38)]),
+        (0.5, Motor::default(), [(0.656, 1.26), (0.682, 1.28), (0.647, 1.19)]),
+    ];
+    let anchors = triangle();
+    for (lower, motor, expected) in cases {
+        let points = [[3.30, 1.60, 2.45], [6.60, 1.90, 2.35], [4.90, 4.60, 2.30]]
+            .map(|p| Vector3::from(p) - Vector3::new(0.0, 0.0, lower));
+        let hoist = hoist(&anchors, Distribution::Unique, &motor);
+        for (k, (energy, time)) in expected.into_iter().enumerate() {
+            let best = hoist.best_parabola(&points[k], &points[(k + 1) % 3], 0.2, 64, &GROUND).unwrap();
+            let (e, t) = ratios(&best);
+            close(e, energy, 3);
+            close(t, time, 2);
+            let line = best.line.unwrap();
+            assert!(best.cost.mean_power_w() / line.mean_power_w() < e && e < 1.0 && t > 1.0);
+        }
+    }
+}
+
+#[test]
+fn table_8_least_norm_and_parabolas_save_most_together() {
+    let anchors = square();
+    for (motor, base, ln_line, lp_parabola, ln_parabola, mu, time) in [
+        (ideal(), 28.23, 0.746, 0.659, 0.485, 0.306, 1.31),
+        (Motor::default(), 62.83, 0.804, 0.649, 0.537, 0.534, 1.75),
+    ] {
+        for side in 0..4 {
+            let (a, b) = (corners()[side], corners()[(side + 1) % 4]);
+            let lp = hoist(&anchors, Distribution::MinSum, &motor).best_parabola(&a, &b, 0.2, 64, &GROUND).unwrap();
+            let ln = hoist(&anchors, Distribution::LeastNorm, &motor).best_parabola(&a, &b, 0.2, 64, &GROUND).unwrap();
+            let reference = lp.line.unwrap().energy_j;
+            close(reference, base, 2);
+            close(ln.line.unwrap().energy_j / reference, ln_line, 3);
+            close(lp.cost.energy_j / reference, lp_parabola, 3);
+            close(ln.cost.energy_j / reference, ln_parabola, 3);
+            close(ln.mu_per_m, mu, 3);
+            close(ratios(&ln).1, time, 2);
+        }
+    }
+}
+
+#[test]
+fn figures_14_to_16_least_sum_jumps_and_least_norm_does_not() {
+    let anchors = square();
+    let path = Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.1 };
+    let at = |u: f64, method| {
+        let position = cable_robot::energy::parabola::at_fraction(&path, u).position;
+        hold(&anchors, false, &position, &WEIGHT, [1.0, 150.0], method).unwrap().tensions_n
+    };
+    let (before, after) = (at(0.5 - 1e-9, Distribution::MinSum), at(0.5 + 1e-9, Distribution::MinSum));
+    close((before[0] - after[0]).abs(), 10.2, 1);
+    close((before[2] - after[2]).abs(), 15.5, 1);
+    let mut last = at(0.0, Distribution::LeastNorm);
+    for i in 1..=2000 {
+        let u = f64::from(i) / 2000.0;
+        let (now, sum) = (at(u, Distribution::LeastNorm), at(u, Distribution::MinSum));
+        assert!(now.zip_map(&last, |a, b| a - b).max_abs() <= 0.0115, "{u}");
+        assert!(now.sum() < 1.05 * sum.sum() && now.norm_squared() <= sum.norm_squared() * (1.0 + 1e-12));
+        assert!(i == 1000 || sum.iter().any(|t| (t - 1.0).abs() < 1e-9), "at a limit");
+        last = now;
+    }
+    // c = 0 at the midpoint: a tie, answered by the least norm.
+    assert!(at(0.5, Distribution::MinSum).zip_map(&at(0.5, Distribution::LeastNorm), |a, b| a - b).max_abs() < 1e-9);
+}
+
+#[test]
+fn simpson_converges_as_the_smooth_sign_lets_it() {
+    let anchors = square();
+    // Half way the third line goes from being reeled in to being paid out.
+    let path = Parabola { from: Vector3::new(1.0, 6.0, 3.0), to: Vector3::new(9.0, 3.0, 4.0), mu_per_m: 0.05 };
+    let energy = |motor: &Motor, n| {
+        hoist(&anchors, Distribution::LeastNorm, motor).constant_speed(&path, 0.2, n).unwrap().energy_j
+    };
+    let error = |motor: &Motor, n| (energy(motor, n) / energy(motor, 8192) - 1.0).abs();
+    for motor in [ideal(), Motor::default()] {
+        assert!(error(&motor, 16) < 1e-3 && error(&motor, 32) < 1e-4 && error(&motor, 64) < 5e-6);
+    }
+    let hard = Motor { transition_m_s: 0.0, ..Motor::default() };
+    let worst = (100..=128).map(|half| error(&hard, 2 * half)).fold(0.0, f64::max);
+    assert!((3e-5..3e-3).contains(&worst), "a hard sign converges slowly: {worst}");
+}
+
+/// A scan of µ that shares only the integrand with the optimisation.
+fn scanned(hoist: &Hoist, from: Vector3<f64>, to: Vector3<f64>, weight: f64, deepest: f64) -> f64 {
+    (0..=1500)
+        .filter_map(|i| {
+            let mu_per_m = deepest * f64::from(i) / 1500.0;
+            hoist.constant_speed(&Parabola { from, to, mu_per_m }, 0.2, 32).ok()
+        })
+        .map(|c| c.energy_j + weight * c.duration_s)
+        .fold(f64::INFINITY, f64::min)
+}
+
+fn inside(height: std::ops::Range<f64>) -> impl Strategy<Value = Vector3<f64>> {
+    [1.5..8.5f64, 1.5..8.5f64, height].prop_map(Vector3::from)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn no_finer_scan_finds_less(from in inside(0.2..5.2), to in inside(0.2..5.2), real in any::<bool>(), weight in prop_oneof![Just(0.0), 0.0..5.0f64], high in 15.0..60.0f64, lp in any::<bool>()) {
+        let anchors = square();
+        let motor = if real { Motor::default() } else { ideal() };
+        let method = if lp { Distribution::MinSum } else { Distribution::LeastNorm };
+        let hoist = Hoist { limits_n: [1.0, high], ..hoist(&anchors, method, &motor) };
+        let deepest = cable_robot::energy::parabola::mu_limit(&from, &to, 0.1).unwrap().unwrap();
+        let bounds = Bounds { ground_m: Some(0.1), time_weight_w: weight };
+        let least = scanned(&hoist, from, to, weight, deepest);
+        match hoist.best_parabola(&from, &to, 0.2, 32, &bounds) {
+            Ok(best) => {
+                let found = best.cost.energy_j + weight * best.cost.duration_s;
+                // Least sum makes the cost jump.
+                let slack = if lp { 5e-3 } else { 1e-7 };
+                prop_assert!(found <= least * (1.0 + slack), "{found} {least} {best:?}");
+                prop_assert!(best.mu_per_m <= deepest && best.cost.peak_tension_n <= high + 1e-6 && best.cost.margin_n > -1e-6);
+                if let Some(line) = best.line {
+                    prop_assert!(found <= line.energy_j + weight * line.duration_s);
+                }
+            }
+            Err(error) => {
+                prop_assert!(!least.is_finite(), "{error} {least}");
+                prop_assert_eq!(error.kind(), "infeasible");
+            }
+        }
+    }
+
+    #[test]
+    fn a_long_trapezoid_costs_what_constant_speed_costs(from in inside(1.0..4.0), to in inside(1.0..4.0), mu_per_m in 0.0..0.05f64) {
+        prop_assume!((to - from).xy().norm() > 2.0);
+        let anchors = square();
+        let motor = Motor::default();
+        let hoist = hoist(&anchors, Distribution::LeastNorm, &motor);
+        let parabola = Parabola { from, to, mu_per_m };
+        let path = Path::Parabola(parabola);
+        let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.05, 2.0)).unwrap();
+        let (a, b) = (hoist.along_profile(&path, &profile, 2.0, 64).unwrap(), hoist.constant_speed(&parabola, 0.05, 64).unwrap());
+        prop_assert!((a.energy_j / b.energy_j - 1.0).abs() < 0.01 && (a.duration_s / b.duration_s - 1.0).abs() < 0.01, "{a:?} {b:?}");
+    }
+
+    #[test]
+    fn cost_along_a_profile_is_that_of_a_fine_sum(from in inside(1.0..4.0), to in inside(1.0..4.0), mu_per_m in 0.0..0.2f64) {
+        prop_assume!((to - from).xy().norm() > 1.0);
+        let anchors = square();
+        let motor = Motor::default();
+        let hoist = hoist(&anchors, Distribution::LeastNorm, &motor);
+        let path = Path::Parabola(Parabola { from, to, mu_per_m });
+        let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.3, 0.4)).unwrap();
+        let n = 20_000;
+        let step = profile.duration() / f64::from(n);
+        let mut energy = 0.0;
+        for i in 0..n {
+            let along = profile.at((f64::from(i) + 0.5) * step);
+            let point = path.at(along.s_m);
+            let (v, a) = (point.tangent * along.v_m_s, point.tangent * along.a_m_s2 + point.curvature * along.v_m_s * along.v_m_s);
+            let held = hold(&anchors, false, &point.position, &(WEIGHT + a * 2.0), [1.0, 150.0], Distribution::LeastNorm).unwrap();
+            for (anchor, tension) in anchors.iter().zip(held.tensions_n.iter()) {
+                let current = motor.current_a(*tension, (anchor - point.position).normalize().dot(&v));
+                energy += motor.resistance_ohm * current * current * step;
+            }
+        }
+        let cost: Cost = hoist.along_profile(&path, &profile, 2.0, 256).unwrap();
+        prop_assert!((cost.energy_j / energy - 1.0).abs() < 2e-3, "{} {energy}", cost.energy_j);
+        prop_assert!((cost.duration_s - profile.duration()).abs() < 1e-12);
+    }
+}
+
+#[test]
+fn several_minima_are_told_apart() {
+    // Two valleys, the deeper one narrow and at the far end.
+    let anchors = square();
+    let motor = ideal();
+    let base = hoist(&anchors, Distribution::LeastNorm, &motor)
+        .constant_speed(&Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.0 }, 0.2, 16)
+        .unwrap();
+    let best = cable_robot::energy::optimum::best(&corners()[0], &corners()[1], &GROUND, |path, _| {
+        let near = (path.mu_per_m - 0.05) * 20.0;
+        let far = (path.mu_per_m - 0.55) * 60.0;
+        Ok(Cost { energy_j: 3.0 - 1.0 / (1.0 + near * near) - 1.2 / (1.0 + far * far), ..base })
+    })
+    .unwrap();
+    assert!((best.mu_per_m - 0.55).abs() < 1e-3, "{best:?}");
+}
+
+/// Any landscape of a few valleys that are wider than the scan's points are apart, with forbidden stretches between: nothing that a
+/// fine scan finds is missed. What motors cost has up to three.
+fn landscape(valleys: &[(f64, f64, f64)], mu: f64) -> f64 {
+    valleys.iter().fold(10.0, |sum, (at, width, depth)| {
+        let off = (mu - at) / width;
+        sum - depth / (1.0 + off * off)
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn no_landscape_of_valleys_hides_the_deepest(
+        // The deepest sag that the ground allows here is 0.64 1/m.
+        valleys in proptest::collection::vec((0.0..0.64f64, 0.015..0.1f64, 0.2..2.0f64), 2..4),
+        forbidden in proptest::option::of((0.0..0.6f64, 0.02..0.3f64)),
+    ) {
+        let anchors = square();
+        let motor = ideal();
+        let base = hoist(&anchors, Distribution::LeastNorm, &motor)
+            .constant_speed(&Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.0 }, 0.2, 16)
+            .unwrap();
+        let deepest = cable_robot::energy::parabola::mu_limit(&corners()[0], &corners()[1], 0.0).unwrap().unwrap();
+        let barred = |mu: f64| forbidden.is_some_and(|(from, width)| mu > from && mu < from + width);
+        let best = cable_robot::energy::optimum::best(&corners()[0], &corners()[1], &GROUND, |path, _| {
+            if barred(path.mu_per_m) {
+                let why = cable_robot::tension::TensionError::Infeasible(cable_robot::tension::Violation {
+                    cable: 0, tension_n: 200.0, limit_n: 150.0,
+                });
+                return Err(EnergyError::Tension { x: 0.0, y: 0.0, z: 0.0, why });
+            }
+            Ok(Cost { energy_j: landscape(&valleys, path.mu_per_m), ..base })
+        });
+        let least = (0..=40_000)
+            .map(|i| deepest * f64::from(i) / 40_000.0)
+            .filter(|mu| !barred(*mu))
+            .map(|mu| landscape(&valleys, mu))
+            .fold(f64::INFINITY, f64::min);
+        match best {
+            Ok(best) => {
+                prop_assert!(!barred(best.mu_per_m));
+                prop_assert!(best.cost.energy_j <= least + 0.002 * (10.0 - least), "{} {least} {best:?}", best.cost.energy_j);
+            }
+            Err(error) => prop_assert!(!least.is_finite(), "{error}"),
+        }
+    }
+}
+
+#[test]
+fn a_line_that_cannot_be_flown_has_no_cost_but_a_parabola_may() {
+    let anchors = square();
+    let motor = ideal();
+    let (from, to) = (Vector3::new(0.6, 0.6, 4.5), Vector3::new(9.4, 0.6, 4.5));
+    let tight = Hoist { limits_n: [1.0, 28.0], ..hoist(&anchors, Distribution::LeastNorm, &motor) };
+    let best = tight.best_parabola(&from, &to, 0.2, 64, &GROUND).unwrap();
+    assert!(best.line.is_none() && best.mu_per_m > 0.0 && best.cost.peak_tension_n <= 28.0 + 1e-6, "{best:?}");
+    let tighter = Hoist { limits_n: [1.0, 12.0], ..tight };
+    assert_eq!(tighter.best_parabola(&from, &to, 0.2, 64, &GROUND).unwrap_err().kind(), "infeasible");
+}
+
+#[test]
+fn time_has_its_price() {
+    let anchors = square();
+    let motor = Motor::default();
+    let hoist = hoist(&anchors, Distribution::LeastNorm, &motor);
+    let mut last = f64::INFINITY;
+    for time_weight_w in [0.0, 0.5, 1.0, 2.0, 5.0, 50.0] {
+        let bounds = Bounds { time_weight_w, ..GROUND };
+        let best = hoist.best_parabola(&corners()[0], &corners()[1], 0.2, 64, &bounds).unwrap();
+        assert!(best.cost.duration_s <= last + 1e-6, "{time_weight_w}");
+        last = best.cost.duration_s;
+    }
+    assert!(last < 25.2, "with a high price it is nearly the line: {last}");
+}
+
+#[test]
+fn a_vertical_move_is_the_line_and_its_cost_that_of_a_fine_sum() {
+    let anchors = triangle();
+    let motor = Motor::default();
+    let hoist = hoist(&anchors, Distribution::Unique, &motor);
+    let (from, to) = (Vector3::new(4.0, 2.5, 0.5), Vector3::new(4.0, 2.5, 1.5));
+    let best = hoist.best_parabola(&from, &to, 0.2, 64, &GROUND).unwrap();
+    assert_eq!((best.mu_per_m, Some(best.cost)), (0.0, best.line));
+    // Raising costs more than lowering.
+    let down = hoist.constant_speed(&Parabola { from: to, to: from, mu_per_m: 0.0 }, 0.2, 64).unwrap();
+    assert!(best.cost.energy_j > 5.0 * down.energy_j);
+    assert_eq!(best.cost.duration_s, 5.0);
+}
+
+#[test]
+fn a_measured_table_gives_what_the_motor_gives_and_never_extrapolates() {
+    let motor = Motor::default();
+    let speeds: Vec<f64> = (-250..=250).map(|i| f64::from(i) * 1e-3).collect();
+    let tensions: Vec<f64> = (0..=80).map(f64::from).collect();
+    let rows: Vec<Vec<f64>> =
+        speeds.iter().map(|v| tensions.iter().map(|t| motor.current_a(*t, *v)).collect()).collect();
+    let table = CurrentTable::new(speeds, tensions, &rows, motor.resistance_ohm).unwrap();
+    let anchors = square();
+    let path = Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.2 };
+    let cost = |current: &dyn Current, speed| {
+        hoist(&anchors, Distribution::LeastNorm, current).constant_speed(&path, speed, 64)
+    };
+    let (a, b) = (cost(&table, 0.2).unwrap().energy_j, cost(&motor, 0.2).unwrap().energy_j);
+    assert!((a / b - 1.0).abs() < 1e-3, "{a} {b}");
+    assert_eq!(cost(&table, 0.4).unwrap_err().kind(), "out_of_range");
+}
+
+#[test]
+fn arguments_out_of_range_are_refused() {
+    let anchors = square();
+    let motor = ideal();
+    let hoist = hoist(&anchors, Distribution::LeastNorm, &motor);
+    let path = Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.1 };
+    let kind = |result: Result<Cost, EnergyError>| result.unwrap_err().kind();
+    for speed in [0.0, -0.2, f64::NAN, f64::INFINITY] {
+        assert_eq!(kind(hoist.constant_speed(&path, speed, 64)), "invalid_argument");
+    }
+    for intervals in [0, 1, 63, 1_000_000] {
+        assert_eq!(kind(hoist.constant_speed(&path, 0.2, intervals)), "invalid_argument");
+    }
+    assert_eq!(kind(hoist.constant_speed(&Parabola { to: path.from, ..path }, 0.2, 64)), "degenerate_geometry");
+    let in_plane = Vector3::new(2.0, 3.0, 6.0);
+    assert_eq!(kind(hoist.constant_speed(&Parabola { from: in_plane, ..path }, 0.2, 64)), "singular");
+    for weight in [-1.0, f64::NAN] {
+        let bounds = Bounds { time_weight_w: weight, ..GROUND };
+        assert_eq!(hoist.best_parabola(&path.from, &path.to, 0.2, 64, &bounds).unwrap_err().kind(), "invalid_argument");
+    }
+    let below = Bounds { ground_m: Some(4.5), ..GROUND };
+    assert_eq!(hoist.best_parabola(&path.from, &path.to, 0.2, 64, &below).unwrap_err().kind(), "invalid_argument");
+    assert_eq!(
+        StructureMatrix::from_columns(&anchors).len(),
+        GeneralStructure::from(&StructureMatrix::from_columns(&anchors)).cables()
+    );
+}

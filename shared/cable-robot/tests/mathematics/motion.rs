@@ -1,0 +1,190 @@
+//! Motions: setpoints over time, and refusals that say where, which cable and how much.
+
+use cable_robot::motion::Cause;
+use cable_robot::path::{Parabola, Spiral};
+use cable_robot::profile::ProfileLimits;
+use cable_robot::{Distribution, Motion, Path, Profile, Robot, RobotParts, Segment, Vector3, kinematics, tension};
+use proptest::prelude::*;
+
+fn parts() -> RobotParts {
+    RobotParts {
+        anchors_m: vec![[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]],
+        node_mass_kg: 1.2,
+        tension_limits_n: [1.0, 60.0],
+        speed_limit_m_s: 0.4,
+        acceleration_limit_m_s2: 0.5,
+        stiffness_n: Some(6000.0),
+        routed_length_m: Some(vec![6.0; 3]),
+        ..RobotParts::default()
+    }
+}
+
+fn segment(id: u64, path: Path, start_s: f64) -> Segment {
+    let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.4)).unwrap();
+    Segment { id, path, profile, start_s }
+}
+
+fn at(x: f64, y: f64, z: f64) -> Vector3<f64> {
+    Vector3::new(x, y, z)
+}
+
+fn check(parts: RobotParts, segment: &Segment) -> Result<cable_robot::motion::Report, cable_robot::motion::Refusal> {
+    segment.check(&Robot::new(parts).unwrap(), Distribution::Unique, 0.01)
+}
+
+fn paths() -> impl Strategy<Value = Path> {
+    let point = || [3.0..6.0f64, 2.0..4.0f64, 0.3..1.5f64].prop_map(Vector3::from);
+    prop_oneof![
+        (point(), point()).prop_map(|(a, b)| Path::line(a, b)),
+        (point(), point(), 0.0..0.2f64).prop_map(|(from, to, mu_per_m)| Path::Parabola(Parabola {
+            from,
+            to,
+            mu_per_m
+        })),
+        (point(), 0.1..3.0f64).prop_map(|(centre, turns)| Path::Spiral(Spiral {
+            centre,
+            start_radius_m: 0.0,
+            end_radius_m: 0.6,
+            turns,
+            rise_m: 0.5,
+            start_angle_rad: 1.0
+        })),
+    ]
+    .prop_filter("a path", |p| p.check().is_ok() && p.length() > 0.1)
+}
+
+proptest! {
+    #[test]
+    fn velocity_and_acceleration_are_the_derivatives(path in paths(), u in 0.001..0.999f64) {
+        let s = segment(1, path, 3.0);
+        let t = 3.0 + u * s.profile.duration();
+        let h = 1e-5;
+        let (a, m, b) = (s.setpoint(t - h), s.setpoint(t), s.setpoint(t + h));
+        prop_assert!(((b.position - a.position) / (2.0 * h) - m.velocity).norm() < 1e-4);
+        // Acceleration steps at knots; elsewhere it is the derivative.
+        if (a.acceleration - b.acceleration).norm() < 1e-2 {
+            prop_assert!(((b.velocity - a.velocity) / (2.0 * h) - m.acceleration).norm() < 2e-2);
+        }
+        prop_assert!(m.velocity.norm() <= 0.2 + 1e-9 && m.acceleration.norm() <= 0.4 * 1.01);
+        prop_assert!(!m.at_rest);
+    }
+
+    #[test]
+    fn no_setpoint_jumps(path in paths(), next in paths()) {
+        // The successor starts where the first ends.
+        let first = segment(1, path, 1.0);
+        let shifted = Path::line(path.end(), path.end() + (next.end() - next.start()).normalize() * 0.3);
+        let second = segment(2, shifted, first.end_s() + 0.5);
+        let motion = Motion { current: first, next: Some(second) };
+        let end = motion.end_s() + 1.0;
+        let n = 3000;
+        let mut before = motion.setpoint(0.0);
+        for i in 1..=n {
+            let now = motion.setpoint(end * i as f64 / n as f64);
+            let dt = end / n as f64;
+            prop_assert!((now.position - before.position).norm() <= 0.2 * dt + 1e-9);
+            prop_assert!((now.velocity - before.velocity).norm() <= 0.45 * dt + 1e-6);
+            before = now;
+        }
+        prop_assert!((before.position - shifted.end()).norm() < 1e-12 && before.at_rest);
+        prop_assert_eq!(before.velocity, Vector3::zeros());
+    }
+
+    #[test]
+    fn what_is_accepted_keeps_its_limits_everywhere(path in paths()) {
+        let robot = Robot::new(parts()).unwrap();
+        let s = segment(1, path, 0.0);
+        let Ok(report) = s.check(&robot, Distribution::Unique, 0.01) else { return Ok(()) };
+        for i in 0..=500 {
+            let p = s.setpoint(s.profile.duration() * i as f64 / 500.0);
+            let t = tension::at(&robot, &p.position, &p.acceleration, Distribution::Unique).unwrap().tensions_n;
+            for rate in [0.0, 0.3, 0.7] {
+                let slowed = p.acceleration * (rate * rate);
+                prop_assert!(tension::at(&robot, &p.position, &slowed, Distribution::Unique).is_ok());
+            }
+            prop_assert!(t.iter().all(|t| *t <= report.peak_tension_n * 1.02 && *t >= report.least_tension_n * 0.98));
+            let speeds = kinematics::Jacobian::at(robot.anchors(), &p.position).unwrap().cable_velocity(&p.velocity);
+            prop_assert!(speeds.max_abs() <= report.peak_cable_speed_m_s * 1.01 + 1e-9);
+        }
+    }
+}
+
+#[test]
+fn a_motion_rests_before_its_start_and_after_its_end() {
+    let path = Path::line(at(4.0, 2.0, 1.0), at(5.0, 3.0, 1.2));
+    let motion = Motion { current: segment(7, path, 10.0), next: None };
+    let before = motion.setpoint(-5.0);
+    assert_eq!(
+        (before.position, before.velocity, before.acceleration),
+        (at(4.0, 2.0, 1.0), Vector3::zeros(), Vector3::zeros())
+    );
+    assert!(before.at_rest && before.segment_id == 7);
+    let after = motion.setpoint(1e6);
+    assert_eq!(
+        (after.position, after.velocity, after.acceleration),
+        (at(5.0, 3.0, 1.2), Vector3::zeros(), Vector3::zeros())
+    );
+    assert!(after.at_rest && (after.path_s_m - path.length()).abs() < 1e-12);
+    // Not even a clock that is no number moves it away.
+    assert_eq!(motion.setpoint(f64::NAN).velocity, Vector3::zeros());
+}
+
+#[test]
+fn a_good_segment_is_accepted_with_its_margins() {
+    let report = check(parts(), &segment(1, Path::line(at(4.0, 2.0, 0.5), at(5.5, 3.5, 1.0)), 0.0)).unwrap();
+    assert!(report.least_tension_n >= 1.0 && report.peak_tension_n <= 60.0);
+    assert!(report.peak_cable_speed_m_s <= 0.2 && report.peak_cable_speed_m_s > 0.05);
+    assert!(report.shortest_m.iter().zip(report.longest_m.iter()).all(|(a, b)| a < b && *a > 1.0));
+}
+
+#[test]
+fn every_refusal_names_its_place_and_cause() {
+    let fine = segment(1, Path::line(at(4.0, 2.0, 0.5), at(5.5, 3.5, 1.0)), 0.0);
+    let up = segment(1, Path::line(at(4.5, 3.0, 1.0), at(4.5, 3.0, 2.95)), 0.0);
+    let out = segment(1, Path::line(at(4.5, 3.0, 1.0), at(4.5, -3.0, 1.0)), 0.0);
+    let down = segment(1, Path::line(at(4.5, 3.0, 1.0), at(4.5, 3.0, -0.2)), 0.0);
+    let dwell =
+        Segment { id: 1, path: Path::Dwell(at(4.5, 3.0, -0.2)), profile: Profile::dwell(2.0).unwrap(), start_s: 0.0 };
+    let boxed = RobotParts { keep_out_m: vec![[[9.0; 3], [9.5; 3]], [[4.7, 2.7, 0.6], [4.72, 2.72, 0.9]]], ..parts() };
+    let slow = RobotParts { speed_limit_m_s: 0.1, ..parts() };
+    let reluctant = RobotParts { cable_speed_limit_m_s: Some(0.1), ..parts() };
+    let gentle = RobotParts { acceleration_limit_m_s2: 0.2, ..parts() };
+    let short = RobotParts { length_limits_m: Some(vec![[0.5, 5.5]; 3]), ..parts() };
+    let cases = [
+        (check(parts(), &up), "above the upper limit of 60.00 N"),
+        (check(parts(), &out), "below the lower limit of 1.00 N"),
+        (check(parts(), &down), "below the ground limit of 0.000 m"),
+        (check(parts(), &dwell), "below the ground limit of 0.000 m"),
+        (check(boxed, &fine), "keep-out box 2"),
+        (check(slow, &fine), "the speed limit is 0.100 m/s"),
+        (check(reluctant, &fine), "m/s, and cable_speed_limit_m_s is 0.100 m/s"),
+        (check(gentle, &fine), "the limit is 0.200 m/s²"),
+        (check(short, &fine), "its length limits are 0.500 to 5.500 m"),
+        (check(parts(), &Segment { profile: up.profile, ..fine }), "plan the profile for this path"),
+        (check(parts(), &Segment { start_s: f64::NAN, ..fine }), "give a finite time"),
+    ];
+    for (result, expected) in cases {
+        let sentence = result.unwrap_err().to_string();
+        assert!(sentence.starts_with("at (") && sentence.contains(expected), "{sentence}");
+        assert!(sentence.contains(" m along the segment: "), "{sentence}");
+    }
+}
+
+#[test]
+fn the_place_of_a_refusal_is_the_first_bad_one() {
+    let up = segment(1, Path::line(at(4.5, 3.0, 1.0), at(4.5, 3.0, 2.95)), 0.0);
+    let robot = Robot::new(parts()).unwrap();
+    let refusal = up.check(&robot, Distribution::Unique, 0.001).unwrap_err();
+    let Cause::Tension(violation) = refusal.cause else { panic!("{refusal}") };
+    assert!(violation.excess_n() < 1.0 && violation.limit_n == 60.0, "{refusal}");
+    let just_before = refusal.position - at(0.0, 0.0, 0.01);
+    assert!(tension::at(&robot, &just_before, &Vector3::zeros(), Distribution::Unique).is_ok());
+}
+
+#[test]
+fn a_thin_box_between_samples_is_not_jumped_over() {
+    let fine = segment(1, Path::line(at(4.0, 2.0, 0.5), at(5.5, 3.5, 1.0)), 0.0);
+    let thin = RobotParts { keep_out_m: vec![[[4.7503, 2.0, 0.0], [4.7504, 3.5, 3.0]]], ..parts() };
+    let refusal = fine.check(&Robot::new(thin).unwrap(), Distribution::Unique, 0.2).unwrap_err();
+    assert_eq!(refusal.cause, Cause::KeepOut { number: 0 });
+}

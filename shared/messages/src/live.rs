@@ -1,0 +1,213 @@
+//! Which samples of the control chain count: the one place where a sample's life, cycle and age are judged.
+//!
+//! A sample of the chain says in its header which life of motor-io and which cycle it belongs to. motor-io counts its cycles from 1 in
+//! every life, and a channel may still hold what a dead process left, or hold what a broken one invents. A consumer that acts on samples
+//! therefore asks [`standing`] and acts only on [`Standing::Live`]; one that keeps history, such as the sensor logger or an analysis,
+//! asks [`same_life`]; the recorder records everything.
+
+use crate::{ESTIMATORS, Header, Message, MotorAuthority, NodeEstimate, SLOTS};
+
+/// Cycles by which motor/authority may lag behind a sample: it is published just after motor/state, so one is ordinary, and a
+/// consumer may be woken while it is on its way.
+pub const AUTHORITY_LAG: u64 = 3;
+
+/// How a sample of the chain stands to the newest motor/authority.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// It may be acted on.
+    Live,
+    /// It belongs to another life of motor-io.
+    OtherLife,
+    /// It claims a cycle that cannot have been yet.
+    Ahead,
+    /// It is older than its time to live.
+    Expired,
+}
+
+/// How a sample stands to the newest motor/authority; both are known by their headers.
+#[must_use]
+pub fn standing(sample: &Header, authority: &Header, ttl_cycles: u32) -> Standing {
+    match () {
+        () if !same_life(sample, authority) => Standing::OtherLife,
+        () if sample.cycle > authority.cycle.saturating_add(AUTHORITY_LAG) => Standing::Ahead,
+        () if sample.cycle.saturating_add(ttl_cycles.into()) < authority.cycle => Standing::Expired,
+        () => Standing::Live,
+    }
+}
+
+/// The rule for consumers of history: cycles and slots mean something only within one life.
+#[must_use]
+pub fn same_life(one: &Header, other: &Header) -> bool {
+    one.life == other.life
+}
+
+/// The newer of a kept sample and one that has just arrived, by life and cycle: what a dead motor-io left may arrive after the first
+/// samples of its successor.
+#[must_use]
+pub fn newer<T: Message>(kept: Option<T>, arrived: Option<T>) -> Option<T> {
+    let age = |sample: &T| (sample.header().life, sample.header().cycle);
+    match (kept, arrived) {
+        (Some(kept), Some(arrived)) if age(&arrived) < age(&kept) => Some(kept),
+        (kept, arrived) => arrived.or(kept),
+    }
+}
+
+/// Which estimates count beside an authority.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Rule {
+    /// Those that may be acted on now; see [`standing`].
+    Live {
+        /// Time to live of an estimate, cycles.
+        ttl_cycles: u32,
+    },
+    /// Those of the same life.
+    History,
+}
+
+/// The estimate to act on: the one whose command motor-io uses; while motor-io fades from one slot to the other, both, mixed in the
+/// same proportion as the commands. `None` without an authority, or where no estimate counts; the result may be one that is not `valid`.
+///
+/// `authority` is the newest one; `estimates` are the newest of each slot.
+#[must_use]
+pub fn blended_estimate(
+    authority: Option<&MotorAuthority>,
+    estimates: [Option<&NodeEstimate>; SLOTS],
+    rule: Rule,
+) -> Option<NodeEstimate> {
+    // History without an authority is that of a recording that lacks it: slot a, of the latest life.
+    let unknown = || {
+        let life = estimates.iter().flatten().map(|estimate| estimate.header.life).max().unwrap_or(0);
+        let header = Header { life, ..Header::default() };
+        MotorAuthority { header, fade: [1.0; crate::ROLES], ..MotorAuthority::default() }
+    };
+    let authority = match (authority, rule) {
+        (Some(authority), _) => *authority,
+        (None, Rule::History) => unknown(),
+        (None, Rule::Live { .. }) => return None,
+    };
+    let counts = |estimate: &&NodeEstimate| match rule {
+        Rule::Live { ttl_cycles } => standing(&estimate.header, &authority.header, ttl_cycles) == Standing::Live,
+        Rule::History => same_life(&estimate.header, &authority.header),
+    };
+    let active = usize::from(authority.active_estimator).min(SLOTS - 1);
+    let share = authority.fade[ESTIMATORS];
+    let fades = (0.0..1.0).contains(&share);
+    // After a fade a live consumer ignores the free slot, whatever is published there: motor-io says when it is in charge.
+    let other = |estimate: &&NodeEstimate| (fades || rule == Rule::History) && counts(estimate);
+    let (first, second) = (estimates[active].filter(counts), estimates[1 - active].filter(other));
+    let valid = |one: &&NodeEstimate| one.valid == 1;
+    let (Some(new), Some(old)) = (first.filter(valid), second.filter(valid)) else {
+        return first.filter(valid).or(second.filter(valid)).or(first).or(second).copied();
+    };
+    if !fades || new.header.cycle != old.header.cycle {
+        return Some(*new);
+    }
+    let mut mixed = *new;
+    mix(&mut mixed.position_m, &old.position_m, share);
+    mix(&mut mixed.velocity_m_s, &old.velocity_m_s, share);
+    mix(&mut mixed.covariance_m2, &old.covariance_m2, share);
+    mix(&mut mixed.predicted_m, &old.predicted_m, share);
+    mix(&mut mixed.cable_velocity_m_s, &old.cable_velocity_m_s, share);
+    mix(&mut mixed.tension_n, &old.tension_n, share);
+    mixed.header.oldest_input_ns = new.header.oldest_input_ns.min(old.header.oldest_input_ns);
+    Some(mixed)
+}
+
+fn mix<const N: usize>(new: &mut [f64; N], old: &[f64; N], share: f64) {
+    for (new, old) in new.iter_mut().zip(old) {
+        *new = old + share * (*new - old);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LIVE: Rule = Rule::Live { ttl_cycles: 3 };
+
+    fn header(life: u64, cycle: u64) -> Header {
+        Header { life, cycle, ..Header::default() }
+    }
+
+    fn estimate(cycle: u64, x: f64, valid: u8) -> NodeEstimate {
+        NodeEstimate { header: header(5, cycle), position_m: [x, 0.0, 0.0], valid, ..NodeEstimate::default() }
+    }
+
+    fn authority(active_estimator: u8, fade: f64) -> MotorAuthority {
+        MotorAuthority { header: header(5, 9), active_estimator, fade: [1.0, fade], ..MotorAuthority::default() }
+    }
+
+    fn x(authority: &MotorAuthority, estimates: [Option<&NodeEstimate>; 2]) -> Option<f64> {
+        blended_estimate(Some(authority), estimates, LIVE).map(|estimate| estimate.position_m[0])
+    }
+
+    #[test]
+    fn a_sample_stands_by_life_then_cycle_then_age() {
+        let now = header(5, 100);
+        for (life, cycle, expected) in [
+            (5, 100, Standing::Live),
+            (5, 103, Standing::Live),
+            (5, 104, Standing::Ahead),
+            (5, 1 << 63, Standing::Ahead),
+            (5, u64::MAX, Standing::Ahead),
+            (5, 97, Standing::Live),
+            (5, 96, Standing::Expired),
+            (5, 0, Standing::Expired),
+            (4, 100, Standing::OtherLife),
+            (6, 100, Standing::OtherLife),
+            (0, u64::MAX, Standing::OtherLife),
+        ] {
+            assert_eq!(standing(&header(life, cycle), &now, 3), expected, "life {life}, cycle {cycle}");
+        }
+    }
+
+    #[test]
+    fn a_later_life_is_newer_whatever_its_cycle() {
+        let of = |life, cycle| Some(NodeEstimate { header: header(life, cycle), ..NodeEstimate::default() });
+        assert_eq!(newer(of(1, 5000), of(2, 1)), of(2, 1));
+        assert_eq!(newer(of(2, 1), of(1, 5000)), of(2, 1));
+        assert_eq!(newer(of(2, 1), of(2, 2)), of(2, 2));
+        assert_eq!(newer(of(2, 1), None), of(2, 1));
+    }
+
+    #[test]
+    fn the_slot_in_use_counts_and_a_fade_mixes() {
+        let (a, b) = (estimate(9, 1.0, 1), estimate(9, 2.0, 1));
+        assert_eq!(x(&authority(1, 1.0), [Some(&a), Some(&b)]), Some(2.0));
+        assert_eq!(x(&authority(1, 0.25), [Some(&a), Some(&b)]), Some(1.25));
+        assert_eq!(x(&authority(0, 0.25), [Some(&a), Some(&b)]), Some(1.75));
+        assert_eq!(blended_estimate(None, [Some(&a), Some(&b)], LIVE), None);
+    }
+
+    #[test]
+    fn one_that_is_gone_or_not_valid_is_left_out() {
+        let authority = authority(0, 0.5);
+        let (gone, bad, good) = (estimate(5, 1.0, 1), estimate(9, 3.0, 0), estimate(9, 2.0, 1));
+        assert_eq!(x(&authority, [Some(&gone), Some(&good)]), Some(2.0));
+        assert_eq!(x(&authority, [Some(&bad), Some(&good)]), Some(2.0));
+        assert_eq!(x(&authority, [Some(&bad), None]), Some(3.0));
+        assert_eq!(x(&authority, [Some(&gone), None]), None);
+        assert_eq!(x(&authority, [None, None]), None);
+    }
+
+    #[test]
+    fn history_looks_at_lives_only() {
+        let authority = authority(0, 1.0);
+        let old = estimate(2, 1.0, 1);
+        let other = NodeEstimate { header: header(4, 9), ..estimate(9, 7.0, 1) };
+        let of = |estimates| blended_estimate(Some(&authority), estimates, Rule::History).map(|one| one.position_m[0]);
+        assert_eq!(of([Some(&old), None]), Some(1.0));
+        assert_eq!(of([Some(&other), None]), None);
+    }
+
+    #[test]
+    fn no_sample_of_the_free_slot_displaces_the_slot_in_use() {
+        let authority = authority(0, 1.0);
+        let lead = estimate(9, 1.0, 1);
+        for cycle in [0, 8, 9, 10, 12, 13, 1 << 63, u64::MAX] {
+            let forged = estimate(cycle, 7.0, 1);
+            assert_eq!(x(&authority, [Some(&lead), Some(&forged)]), Some(1.0), "cycle {cycle}");
+            assert_eq!(x(&authority, [None, Some(&forged)]), None, "cycle {cycle}, alone");
+        }
+    }
+}

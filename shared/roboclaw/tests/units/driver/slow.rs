@@ -1,0 +1,109 @@
+//! Units and computers that are slow.
+
+use roboclaw::driver::WIRE_MARGIN_NS;
+use roboclaw::unit::{Unit, UnitLine, UnitOptions};
+use roboclaw::{Bus, Drive};
+use serial::{Pipe, Transport};
+use std::sync::{Arc, Mutex};
+
+use super::clockwork::*;
+
+/// A pipe whose clock goes on by a microsecond whenever it is read, as a computer's does.
+struct Ticking {
+    pipe: Mutex<Pipe<Clockwork>>,
+    name: Arc<str>,
+}
+
+impl Ticking {
+    fn pipe(&mut self) -> &mut Pipe<Clockwork> {
+        self.pipe.get_mut().unwrap()
+    }
+}
+
+impl Transport for Ticking {
+    fn name(&self) -> &Arc<str> {
+        &self.name
+    }
+    fn now_ns(&self) -> u64 {
+        let mut pipe = self.pipe.lock().unwrap();
+        let now_ns = pipe.now_ns() + 1_000;
+        pipe.wait_until(now_ns);
+        now_ns
+    }
+    fn wait_until(&mut self, until_ns: u64) {
+        self.pipe().wait_until(until_ns);
+    }
+    fn connection(&mut self) -> Result<u32, serial::Error> {
+        self.pipe().connection()
+    }
+    fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), serial::Error> {
+        self.pipe().write_all(bytes, deadline_ns)
+    }
+    fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, serial::Error> {
+        self.pipe().read(buffer, deadline_ns)
+    }
+    fn pending(&mut self) -> Result<usize, serial::Error> {
+        self.pipe().pending()
+    }
+    fn clear(&mut self) -> Result<(), serial::Error> {
+        self.pipe().clear()
+    }
+    fn is_on(&mut self, pin: serial::StatusPin) -> Result<bool, serial::Error> {
+        self.pipe().is_on(pin)
+    }
+}
+
+#[test]
+fn answers_that_were_slow_once_do_not_keep_a_unit_from_being_set_up() {
+    let line = UnitLine::new([0x80, 0x81].map(|address| Unit::new(UnitOptions::new(address))).into());
+    let pipe = Mutex::new(Pipe::new("test line", BAUD, Clockwork { line, told: vec![Vec::new(); 2] }));
+    let units = vec![unit_config(0x80), unit_config(0x81)];
+    let mut bus = Bus::new(Ticking { pipe, name: "test line".into() }, &config(units)).unwrap();
+    for unit in bus.line_mut().pipe().device_mut().line.units_mut() {
+        unit.answer_late(3, WIRE_MARGIN_NS - MS);
+    }
+    let until_ns = 2_000 * MS;
+    while !bus.is_settled() {
+        // The fleet's steps between two cycles are this short.
+        let _ = bus.settle(bus.line().now_ns() + 5 * MS);
+        assert!(bus.line().now_ns() < until_ns, "never set up");
+    }
+}
+
+/// A starved computer, or a slow adapter, answers later than the margin every time: it takes longer, but the units come into use.
+#[test]
+fn answers_that_are_always_late_are_waited_for_longer_until_they_are_not() {
+    let mut bus = two_units();
+    for unit in units(&mut bus) {
+        unit.answer_late(u32::MAX, 3 * WIRE_MARGIN_NS);
+    }
+    let until_ns = 2_500 * MS;
+    while !bus.is_settled() {
+        let _ = bus.settle(bus.line().now_ns() + 5 * MS);
+        assert!(bus.line().now_ns() < until_ns, "never set up: {bus:?}");
+    }
+    println!("set up after {} ms", bus.line().now_ns() / MS);
+    // A cycle waits no longer than before.
+    let mut run = Run { answers: bus.blank_answers(), tick_ns: bus.line().now_ns().next_multiple_of(PERIOD_NS), bus };
+    let start_ns = run.tick_ns;
+    assert!(run.cycle(Drive::HOLD)[0].outcome.is_err());
+    assert!(run.bus.line().now_ns() <= start_ns + BUDGET_NS + WIRE_MARGIN_NS);
+    for unit in units(&mut run.bus) {
+        unit.answer_late(0, 0);
+    }
+    // Cycles have no time for answers that were so slow: between them the fleet goes on by itself.
+    while run.bus.settle(run.bus.line().now_ns() + 5 * MS).is_err() {
+        assert!(run.bus.line().now_ns() < start_ns + 1_000 * MS, "not in use again: {:?}", run.bus);
+    }
+    run.tick_ns = run.bus.line().now_ns().next_multiple_of(PERIOD_NS);
+    run.recover();
+    for _ in 0..10 {
+        run.cycle(Drive::HOLD);
+    }
+    // The patience is gone: what costs the most now is a fence that is lost, as with a unit that was never late.
+    let silent_until_ns = run.tick_ns + 30 * MS;
+    run.bus.line_mut().silence_until(silent_until_ns);
+    assert!(run.cycle(Drive::HOLD)[0].outcome.is_err());
+    let cycles = run.recover();
+    assert!(cycles <= 7, "{cycles}");
+}

@@ -1,0 +1,206 @@
+//! Several ports with a thread each: real pseudo-terminals for plugging, simulated lines for everything that has to be exact.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+
+use roboclaw::driver::WIRE_MARGIN_NS;
+use roboclaw::unit::{Unit, UnitLine, UnitOptions};
+use roboclaw::{BusConfig, Drive, Error, Fleet, FleetCommand, FleetReply, PortConfig, UnitConfig};
+use serial::{Device, Jack, Paced, Pipe, monotonic_ns, sleep_until};
+
+const MS: u64 = 1_000_000;
+/// Long enough that a machine which stands still for a quarter of a second makes no test fail.
+const PATIENCE_NS: u64 = 400 * MS;
+
+/// Units behind a jack, answered by a thread.
+struct Socket {
+    jack: Arc<Mutex<Jack>>,
+    line: Arc<Mutex<UnitLine>>,
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+    folder: PathBuf,
+}
+
+impl Socket {
+    fn new(addresses: &[u8]) -> Socket {
+        static NEXT: AtomicU32 = AtomicU32::new(0);
+        let name = format!("nims-fleet-{}-{}", std::process::id(), NEXT.fetch_add(1, Ordering::Relaxed));
+        let folder = std::env::temp_dir().join(name);
+        let mut jack = Jack::new(&folder.join("port"));
+        jack.plug().unwrap();
+        let units = addresses.iter().map(|&address| Unit::new(UnitOptions::new(address))).collect();
+        let jack = Arc::new(Mutex::new(jack));
+        let line = Arc::new(Mutex::new(UnitLine::new(units)));
+        let stop = Arc::new(AtomicBool::new(false));
+        let thread = std::thread::spawn({
+            let (jack, line, stop) = (Arc::clone(&jack), Arc::clone(&line), Arc::clone(&stop));
+            move || serve(&jack, &line, &stop)
+        });
+        Socket { jack, line, stop, thread: Some(thread), folder }
+    }
+
+    fn config(&self, addresses: &[u8]) -> PortConfig {
+        PortConfig { path: self.link().to_str().unwrap().into(), bus: bus_config(addresses, PATIENCE_NS) }
+    }
+
+    fn link(&self) -> PathBuf {
+        self.jack.lock().unwrap().link().to_owned()
+    }
+}
+
+impl Drop for Socket {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            let _ = thread.join();
+        }
+        self.jack.lock().unwrap().unplug();
+        let _ = std::fs::remove_dir_all(&self.folder);
+    }
+}
+
+fn serve(jack: &Mutex<Jack>, line: &Mutex<UnitLine>, stop: &AtomicBool) {
+    let mut reply = Paced::new(0);
+    while !stop.load(Ordering::Relaxed) {
+        let now_ns = monotonic_ns();
+        if let Some(pty) = jack.lock().unwrap().pty() {
+            let mut buffer = [0; 256];
+            let n = pty.read(&mut buffer).unwrap();
+            let mut line = line.lock().unwrap();
+            line.advance(now_ns);
+            for &byte in &buffer[..n] {
+                line.receive(now_ns, byte, &mut reply);
+            }
+            while let Some((_, byte)) = reply.pop(u64::MAX) {
+                pty.write(&[byte]).unwrap();
+            }
+        }
+        sleep_until(now_ns + MS / 4);
+    }
+}
+
+fn bus_config(addresses: &[u8], margin_ns: u64) -> BusConfig {
+    let unit = |&address| UnitConfig { address, watchdog_tenths: 30, fastest_counts_s: 0 };
+    BusConfig { baud: 0, margin_ns, units: addresses.iter().map(unit).collect(), stop_pin: None }
+}
+
+fn all(drive: Drive, cycle: u64) -> FleetCommand {
+    FleetCommand { cycle, drives: [[drive; 2]; 8] }
+}
+
+/// Cycles until a reply is as wanted; the number of cycles is bounded, not the time.
+fn until(fleet: &mut Fleet, budget_ns: u64, drive: Drive, wanted: impl Fn(&FleetReply) -> bool) -> FleetReply {
+    for cycle in 1..2000 {
+        let start_ns = monotonic_ns();
+        let reply = fleet.exchange(&all(drive, cycle), start_ns + budget_ns);
+        assert_eq!(reply.cycle, cycle);
+        if wanted(reply) {
+            return reply.clone();
+        }
+        sleep_until(start_ns + 5 * MS);
+    }
+    panic!("never as wanted: {:?}", fleet.exchange(&all(drive, 0), monotonic_ns() + budget_ns));
+}
+
+fn well(reply: &FleetReply) -> bool {
+    reply.units.iter().all(|unit| unit.outcome.is_ok())
+}
+
+#[test]
+fn ports_come_up_go_and_come_back_one_by_one() {
+    let (one, two) = (Socket::new(&[0x80, 0x81]), Socket::new(&[0x80]));
+    let mut fleet = Fleet::open(&[one.config(&[0x80, 0x81]), two.config(&[0x80])]).unwrap();
+    assert_eq!(fleet.unit_count(), 3);
+    assert_eq!([0, 1, 2].map(|unit| fleet.port_of(unit)), [Some(0), Some(0), Some(1)]);
+    until(&mut fleet, PATIENCE_NS, Drive::HOLD, well);
+    assert!(fleet.identities().iter().all(|unit| unit.version.is_some()));
+    let reply = until(&mut fleet, PATIENCE_NS, Drive::Speed(100), well);
+    assert!(reply.ports.iter().all(|port| port.lost.is_none() && port.counters.connections == 1));
+
+    two.jack.lock().unwrap().unplug();
+    let reply = until(&mut fleet, PATIENCE_NS, Drive::Speed(100), |reply| reply.ports[1].lost.is_some());
+    assert!(reply.units[2].outcome.as_ref().is_err_and(Error::is_lost), "{reply:?}");
+    assert!(reply.units[..2].iter().all(|unit| unit.outcome.is_ok()), "the other port goes on");
+
+    two.jack.lock().unwrap().plug().unwrap();
+    let interlocked = |reply: &FleetReply| {
+        matches!(reply.units[2].outcome, Err(Error::Interlocked { .. })) && reply.ports[1].lost.is_none()
+    };
+    let reply = until(&mut fleet, PATIENCE_NS, Drive::Speed(100), interlocked);
+    assert_eq!(reply.ports[1].counters.connections, 2);
+    assert_eq!(reply.units[2].report.reboots, 0);
+    until(&mut fleet, PATIENCE_NS, Drive::HOLD, well);
+    until(&mut fleet, PATIENCE_NS, Drive::Speed(100), well);
+}
+
+#[test]
+fn a_restart_is_found_out_on_a_real_terminal() {
+    let socket = Socket::new(&[0x80]);
+    let mut fleet = Fleet::open(&[socket.config(&[0x80])]).unwrap();
+    until(&mut fleet, PATIENCE_NS, Drive::HOLD, well);
+    socket.line.lock().unwrap().units_mut()[0].reboot(0);
+    let reply = until(&mut fleet, PATIENCE_NS, Drive::Speed(100), |reply| reply.units[0].report.reboots == 1);
+    assert!(reply.units[0].outcome.is_err() || reply.units[0].report.reboots == 1);
+}
+
+#[test]
+fn a_port_that_was_never_there_is_missing_in_words() {
+    let missing = std::env::temp_dir().join(format!("nims-no-such-port-{}", std::process::id()));
+    let config = PortConfig { path: missing.to_str().unwrap().into(), bus: bus_config(&[0x80], PATIENCE_NS) };
+    let mut fleet = Fleet::open(&[config]).unwrap();
+    let reply = until(&mut fleet, PATIENCE_NS, Drive::HOLD, |reply| reply.ports[0].lost.is_some());
+    let words = reply.units[0].outcome.clone().unwrap_err().to_string();
+    assert!(words.contains("no such device") && words.contains(missing.to_str().unwrap()), "{words}");
+}
+
+#[test]
+fn a_silent_port_is_busy_at_the_deadline_and_the_other_has_answered() {
+    let line = |mute_until_ns| {
+        let mut unit = Unit::new(UnitOptions::new(0x80));
+        unit.mute_until(mute_until_ns);
+        UnitLine::new(vec![unit])
+    };
+    // Simulated lines jump over the waiting, so this is exact whatever the machine does.
+    let lines = vec![
+        (Pipe::new("good", 0, line(0)), bus_config(&[0x80], WIRE_MARGIN_NS)),
+        (Pipe::new("silent", 0, line(u64::MAX)), bus_config(&[0x80], WIRE_MARGIN_NS)),
+    ];
+    let mut fleet = Fleet::over(lines).unwrap();
+    let reply = until(&mut fleet, PATIENCE_NS, Drive::HOLD, |reply| {
+        reply.units[0].outcome.is_ok() && matches!(reply.units[1].outcome, Err(Error::Silent { .. }))
+    });
+    assert_eq!(reply.ports[0].counters.timeouts, 0);
+    assert!(reply.ports[1].counters.timeouts > 0);
+}
+
+/// Never answers, and takes its time over it.
+struct Stuck;
+
+impl Device for Stuck {
+    fn receive(&mut self, _now_ns: u64, _byte: u8, _reply: &mut Paced) {
+        sleep_until(monotonic_ns() + 200 * MS);
+    }
+}
+
+#[test]
+fn a_port_that_hangs_does_not_hold_up_the_caller() {
+    let mut fleet = Fleet::over(vec![(Pipe::new("stuck", 0, Stuck), bus_config(&[0x80], WIRE_MARGIN_NS))]).unwrap();
+    // One exchange with it takes most of a second; every call ends by its own deadline all the same, and says what the port is at.
+    for cycle in 1..20 {
+        let reply = fleet.exchange(&all(Drive::HOLD, cycle), monotonic_ns() + 2 * MS);
+        assert!(matches!(reply.units[0].outcome, Err(Error::Resynchronising { .. })), "{reply:?}");
+    }
+}
+
+#[test]
+fn ports_and_units_are_counted_and_named_once() {
+    let config = |path: &str, units: usize| PortConfig {
+        path: path.into(),
+        bus: bus_config(&(0..units as u8).map(|unit| 0x80 + unit).collect::<Vec<_>>(), WIRE_MARGIN_NS),
+    };
+    let refuse = |ports: &[PortConfig]| Fleet::open(ports).map(|_| ()).unwrap_err().to_string();
+    assert!(refuse(&[config("/dev/a", 1), config("/dev/a", 1)]).contains("named twice"));
+    assert!(refuse(&[config("/dev/a", 5), config("/dev/b", 4)]).contains("more than 8 units"));
+}

@@ -1,0 +1,120 @@
+//! How the bytes of a recorded sample become a type of this build: as they are or, where the definition has changed since, field by field
+//! by name. What is new is zero.
+
+use messages::Message;
+use messages::schema::{Schema, SchemaField, Value};
+
+/// From the definition in a run file to that of this build.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Conversion {
+    same: bool,
+    spans: Vec<Span>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Span {
+    from: usize,
+    to: usize,
+    bytes: usize,
+}
+
+impl Conversion {
+    /// `None` if it is another type altogether, or its definition cannot be read. `type_name` is e.g. `nims_msgs/MotorState/1a2b3c4d`.
+    #[must_use]
+    pub fn of<T: Message>(type_name: &str, schema: &str) -> Option<Self> {
+        if schema == T::schema() {
+            return Some(Self { same: true, spans: Vec::new() });
+        }
+        let mut names = type_name.split('/');
+        if (names.next(), names.next()) != (Some("nims_msgs"), Some(T::NAME)) {
+            return None;
+        }
+        let (was, is) = (Schema::parse(schema).ok()?, Schema::parse(T::schema()).ok()?);
+        let span = |field: &SchemaField| {
+            let old = was.field(&field.path).filter(|old| old.primitive == field.primitive)?;
+            Some(Span { from: old.offset, to: field.offset, bytes: field.size().min(old.size()) })
+        };
+        Some(Self { same: false, spans: is.fields().iter().filter_map(span).collect() })
+    }
+
+    /// Whether the definition is that of this build.
+    #[must_use]
+    pub fn is_same(&self) -> bool {
+        self.same
+    }
+
+    /// The sample as this build knows it; `None` if bytes are missing.
+    #[must_use]
+    pub fn take<T: Message>(&self, sample: &[u8]) -> Option<T> {
+        if self.same {
+            return (sample.len() == size_of::<T>()).then(|| bytemuck::pod_read_unaligned(sample));
+        }
+        let mut value = T::zeroed();
+        let bytes = bytemuck::bytes_of_mut(&mut value);
+        for span in &self.spans {
+            let from = sample.get(span.from..span.from + span.bytes)?;
+            bytes.get_mut(span.to..span.to + span.bytes)?.copy_from_slice(from);
+        }
+        Some(value)
+    }
+
+    /// Whether two samples of this build's type agree in everything that was recorded.
+    #[must_use]
+    pub fn agree(&self, was: &[u8], is: &[u8]) -> bool {
+        if self.same { was == is } else { self.spans.iter().all(|span| span.of(was) == span.of(is)) }
+    }
+
+    /// The first field in which they do not: its name, and both values.
+    #[must_use]
+    pub fn first_difference<T: Message>(&self, was: &[u8], is: &[u8]) -> Option<(String, String, String)> {
+        let schema = Schema::parse(T::schema()).ok()?;
+        schema.fields().iter().find_map(|field| {
+            if !self.same && !self.spans.iter().any(|span| span.to == field.offset) {
+                return None;
+            }
+            let bytes = field.offset..field.offset + field.size();
+            let (old, new) = (was.get(bytes.clone())?, is.get(bytes)?);
+            let at =
+                old.chunks(field.primitive.size()).zip(new.chunks(field.primitive.size())).position(|(a, b)| a != b)?;
+            let shown = |sample| Value::of(field, sample)?.numbers().nth(at).map(|number| number.to_string());
+            let name = if field.count.is_some() { format!("{}[{at}]", field.path) } else { field.path.clone() };
+            Some((name, shown(was)?, shown(is)?))
+        })
+    }
+}
+
+impl Span {
+    fn of<'a>(&self, sample: &'a [u8]) -> Option<&'a [u8]> {
+        sample.get(self.to..self.to + self.bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use messages::MotorState;
+
+    /// The definition of a build before `life` and `published_ns` stood in the header.
+    fn before() -> String {
+        MotorState::schema().replace("uint64 life\n", "").replace("uint64 published_ns\n", "")
+    }
+
+    #[test]
+    fn a_sample_with_an_older_header_is_read_by_the_names_of_its_fields() {
+        let mut state = MotorState { cable_count: 3, length_m: [1.5; 8], ..MotorState::default() };
+        (state.header.cycle, state.header.seq, state.header.oldest_input_ns) = (7, 8, 9);
+        // life is the first field of the header, published_ns the fifth
+        let bytes = bytemuck::bytes_of(&state);
+        let old = [&bytes[8..32], &bytes[40..]].concat();
+        let conversion = Conversion::of::<MotorState>("nims_msgs/MotorState/00000000", &before()).unwrap();
+        assert!(!conversion.is_same());
+        assert_eq!(conversion.take::<MotorState>(&old), Some(state));
+        assert_eq!(conversion.take::<MotorState>(&old[..40]), None);
+    }
+
+    #[test]
+    fn another_type_is_not_converted() {
+        assert_eq!(Conversion::of::<MotorState>("nims_msgs/MotorInput/00000000", &before()), None);
+        assert_eq!(Conversion::of::<MotorState>("", &before()), None);
+    }
+}

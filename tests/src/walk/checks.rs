@@ -1,0 +1,156 @@
+//! What has to hold after each cycle, by the truth.
+
+use crate::lockstep::Cycle;
+use cable_robot::Vector3;
+use messages::MotorAuthority;
+use service::motion::motion_of;
+
+/// A line with less tension holds nothing, N.
+const SLACK_N: f64 = 0.5;
+
+/// Bounds on the node while the robot is in a mode; speed in m/s, acceleration in m/s².
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bound {
+    /// Largest speed.
+    pub speed_m_s: f64,
+    /// Largest change of the velocity per time, over a cycle.
+    pub acceleration_m_s2: f64,
+    /// How far the node goes from where a mode that ends its motion found it, m.
+    pub travel_m: f64,
+}
+
+/// The bounds of all modes, by their number.
+#[derive(Debug, Clone, Copy)]
+pub struct Bounds {
+    /// See `MotorAuthority::MODE_*`.
+    pub of_mode: [Bound; 7],
+    /// How far the node may be from the set point while it follows, m.
+    pub from_setpoint_m: f64,
+    /// Time after which drives that hear nothing stop by themselves, s.
+    pub watchdog_s: f64,
+    /// Time in which the node comes to rest after the last command, s; and how fast it may still be then, m/s.
+    pub rest: (f64, f64),
+}
+
+/// Largest values seen, by mode.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Seen {
+    /// Speed, m/s.
+    pub speed_m_s: [f64; 7],
+    /// Acceleration, m/s².
+    pub acceleration_m_s2: [f64; 7],
+    /// Distance to the set point while following, m.
+    pub from_setpoint_m: f64,
+    /// Way from where a mode that ended its motion found it, m.
+    pub travel_m: [f64; 7],
+    /// Way since motor-io died, m.
+    pub alone_m: f64,
+    /// Speed where it should be at rest, m/s.
+    pub resting_m_s: f64,
+}
+
+/// Compares each cycle with the one before.
+#[derive(Debug, Clone)]
+pub struct Checks {
+    bounds: Bounds,
+    period_s: f64,
+    before: Option<(Vector3<f64>, u8)>,
+    /// Distance to the set point in the cycle before, m.
+    off_m: Option<f64>,
+    /// Where the node was when its motion was ended.
+    halted: Option<Vector3<f64>>,
+    /// Time since something was commanded, s.
+    resting_s: f64,
+    /// Largest values so far.
+    pub seen: Seen,
+}
+
+impl Checks {
+    /// Nothing seen yet.
+    pub fn new(bounds: Bounds, period_s: f64) -> Self {
+        Self { bounds, period_s, before: None, off_m: None, halted: None, resting_s: 0.0, seen: Seen::default() }
+    }
+
+    /// A new life of motor-io: what follows is not compared with what was.
+    pub fn begin(&mut self) {
+        (self.before, self.off_m, self.halted, self.resting_s) = (None, None, None, 0.0);
+    }
+
+    /// motor-io is away, and the drives' watchdog stops the node: what is wrong. What follows is not compared with what was.
+    pub fn without_motor_io(&mut self, truth_m: [f64; 3], truth_m_s: [f64; 3], held: bool) -> Option<String> {
+        if self.before.is_some() {
+            self.begin();
+        }
+        let here = Vector3::from(truth_m);
+        let from = *self.halted.get_or_insert(here);
+        let mode = usize::from(MotorAuthority::MODE_FAULTED);
+        let bound = self.bounds.of_mode[mode];
+        let (speed_m_s, travel_m) = (Vector3::from(truth_m_s).norm(), (here - from).norm());
+        self.resting_s += self.period_s;
+        // From then on the lines are let go, and the node sinks as fast as unpowered motors turn.
+        let driven = held && self.resting_s <= self.bounds.watchdog_s;
+        self.seen.alone_m = if driven { self.seen.alone_m.max(travel_m) } else { self.seen.alone_m };
+        (speed_m_s > bound.speed_m_s || driven && travel_m > bound.travel_m)
+            .then(|| format!("without motor-io the node moves at {speed_m_s:.3} m/s and has gone {travel_m:.3} m"))
+    }
+
+    /// What is wrong in this cycle. `held`: every line is held by its drive.
+    pub fn cycle(&mut self, cycle: &Cycle, held: bool) -> Option<String> {
+        let mode = usize::from(cycle.authority.mode).min(6);
+        let velocity = Vector3::from(cycle.truth_m_s);
+        let speed_m_s = velocity.norm();
+        let (was, before) = match self.before.replace((velocity, cycle.authority.mode)) {
+            Some((before, was)) => (usize::from(was).min(6), before),
+            None => (mode, velocity),
+        };
+        let acceleration_m_s2 = (velocity - before).norm() / self.period_s;
+        // What a mode does to the node shows a drive's delay later: the wider of both bounds holds.
+        let (one, other) = (self.bounds.of_mode[mode], self.bounds.of_mode[was]);
+        let commanded = cycle.sent_m_s.iter().any(|v| *v != 0.0);
+        // A node that hangs from fewer lines than it should swings as a pendulum does.
+        let swings = cycle.truth_n.iter().any(|tension_n| *tension_n < SLACK_N);
+        self.resting_s = if commanded || !held || swings { 0.0 } else { self.resting_s + self.period_s };
+        let seen = &mut self.seen;
+        seen.speed_m_s[mode] = seen.speed_m_s[mode].max(speed_m_s);
+        seen.acceleration_m_s2[mode] = seen.acceleration_m_s2[mode].max(acceleration_m_s2);
+        if speed_m_s > one.speed_m_s.max(other.speed_m_s) {
+            return Some(format!("the node moves at {speed_m_s:.3} m/s in mode {mode}"));
+        }
+        if acceleration_m_s2 > one.acceleration_m_s2.max(other.acceleration_m_s2) {
+            return Some(format!("the node is accelerated by {acceleration_m_s2:.2} m/s² in mode {mode}"));
+        }
+        let here = Vector3::from(cycle.truth_m);
+        let began = one.travel_m.is_finite() && other.travel_m.is_infinite() && mode != was;
+        self.halted = self.halted.or(began.then_some(here)).filter(|_| one.travel_m.is_finite() && held && !swings);
+        if let Some(halted) = self.halted {
+            let travel_m = (here - halted).norm();
+            seen.travel_m[mode] = seen.travel_m[mode].max(travel_m);
+            if travel_m > one.travel_m {
+                return Some(format!("the node has gone {travel_m:.3} m since mode {mode} ended its motion"));
+            }
+        }
+        if self.resting_s > self.bounds.rest.0 {
+            seen.resting_m_s = seen.resting_m_s.max(speed_m_s);
+            if speed_m_s > self.bounds.rest.1 {
+                return Some(format!("the node moves at {speed_m_s:.3} m/s where it should be at rest"));
+            }
+        }
+        self.setpoint(cycle)
+    }
+
+    fn setpoint(&mut self, cycle: &Cycle) -> Option<String> {
+        let authority = &cycle.authority;
+        let since_s = (cycle.state.header.stamp_ns - cycle.input.begin_ns) as f64 * 1e-9;
+        let time_s = authority.plan_time_s + authority.plan_rate * since_s;
+        let followed = authority.mode == MotorAuthority::MODE_FOLLOWING && cycle.motion.motion == authority.motion;
+        let setpoint = motion_of(&cycle.motion).filter(|_| followed).map(|motion| motion.setpoint(time_s));
+        let off_m = setpoint.map(|setpoint| (Vector3::from(cycle.truth_m) - setpoint.position).norm());
+        let before_m = self.off_m;
+        self.off_m = off_m;
+        let off_m = off_m?;
+        self.seen.from_setpoint_m = self.seen.from_setpoint_m.max(off_m);
+        let away = before_m.is_some_and(|before_m| off_m > before_m);
+        (off_m > self.bounds.from_setpoint_m && away)
+            .then(|| format!("the node is {off_m:.3} m from the set point and goes away from it"))
+    }
+}

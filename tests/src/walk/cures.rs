@@ -1,0 +1,99 @@
+//! What a sentence says to do: each refusal and each reason for the end of a mission has to name something that can be done.
+
+/// What an operator can do about a refusal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cure {
+    /// `nims arm`.
+    Arm,
+    /// `nims reset`.
+    Reset,
+    /// `nims stop`.
+    Stop,
+    /// `nims resume`.
+    Resume,
+    /// `nims confirm-position`.
+    Confirm,
+    /// `nims zero`, where the node really is.
+    Zero,
+    /// `nims swap --admit`.
+    Admit,
+    /// A second passes.
+    Wait,
+    /// Processes that `nims status` does not show are started, and its faults are read.
+    Status,
+    /// Everything that is missing is started.
+    Up,
+    /// A new motion, or the same request otherwise: what was asked for cannot be.
+    AskOtherwise,
+    /// The estimator in charge is started again.
+    Restart,
+    /// The line that is named is jogged taut.
+    JogTaut,
+}
+
+/// Words of sentences and what they say to do.
+const WORDS: [(&str, Cure); 45] = [
+    ("reset, see", Cure::Reset),
+    ("restart the one that is off", Cure::Restart),
+    ("look at its log", Cure::Status),
+    ("look at its configuration", Cure::Status),
+    ("run it without --continue", Cure::AskOtherwise),
+    ("nims arm", Cure::Arm),
+    ("arm first", Cure::Arm),
+    ("arm and start", Cure::Arm),
+    ("nims reset", Cure::Reset),
+    ("reset it", Cure::Reset),
+    ("then reset", Cure::Reset),
+    ("reset, then", Cure::Reset),
+    ("nims stop", Cure::Stop),
+    ("stop first", Cure::Stop),
+    ("stop to give it up", Cure::Stop),
+    ("stop, then start", Cure::Stop),
+    ("nims resume", Cure::Resume),
+    ("then resume", Cure::Resume),
+    ("again, resume", Cure::Resume),
+    ("resume goes on", Cure::Resume),
+    ("nims confirm-position", Cure::Confirm),
+    ("confirm it", Cure::Confirm),
+    ("confirm the position", Cure::Confirm),
+    ("nims zero", Cure::Zero),
+    ("or zero", Cure::Zero),
+    ("zero the robot", Cure::Zero),
+    ("zero before", Cure::Zero),
+    ("--admit", Cure::Admit),
+    ("try again in a second", Cure::Wait),
+    ("ask again", Cure::Wait),
+    ("wait until", Cure::Wait),
+    ("wait for its end", Cure::Wait),
+    ("when it holds", Cure::Wait),
+    ("ask it again", Cure::Wait),
+    ("nims status", Cure::Status),
+    ("start one first", Cure::Up),
+    ("nims up", Cure::Up),
+    ("accepted:", Cure::AskOtherwise),
+    ("; give", Cure::AskOtherwise),
+    ("; ask for", Cure::AskOtherwise),
+    ("new motion", Cure::AskOtherwise),
+    ("start a new one", Cure::AskOtherwise),
+    ("start new one", Cure::AskOtherwise),
+    ("jog the line taut", Cure::JogTaut),
+    ("move back inside", Cure::AskOtherwise),
+];
+
+/// What this sentence says to do, each thing once.
+pub fn cures(sentence: &str) -> Vec<Cure> {
+    let mut found = Vec::new();
+    for (words, cure) in WORDS {
+        if sentence.contains(words) && !found.contains(&cure) {
+            found.push(cure);
+        }
+    }
+    found
+}
+
+/// Sentences that end a matter: what was asked for is the case already, or cannot be said otherwise.
+pub fn is_settled(sentence: &str) -> bool {
+    ["already there", "There is no paused motion", "there is no paused motion"]
+        .iter()
+        .any(|words| sentence.contains(words))
+}

@@ -1,0 +1,242 @@
+//! A walk by chance: operator commands, deaths and lives of processes, and motions, in lockstep, with what has to hold checked after
+//! each cycle; and the way back to a finished motion by doing only what refusals say.
+
+pub mod checks;
+pub mod cures;
+pub mod random;
+mod recover;
+mod steps;
+
+use anyhow::{Context, Result, anyhow, bail};
+use cable_robot::law::PFeedforward;
+use controller::{ControllerConfig, Law};
+use estimator::{EstimatorConfig, Method};
+use messages::OperatorRequest;
+use motor_io::CoreConfig;
+use planner::PlannerConfig;
+use service::config::{EstimatorSection, PlannerSection};
+use std::collections::VecDeque;
+
+use crate::lockstep::{Chain, Cycle, Lockstep, core_config};
+use crate::scenarios::Case;
+use checks::{Bounds, Checks};
+use cures::{cures, is_settled};
+use random::Random;
+
+/// So many of the last steps are told when something is wrong.
+const TOLD: usize = 60;
+/// Steps between two times that the robot is brought back.
+const EPISODE: u64 = 20;
+
+/// What came of walks.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Tally {
+    /// Steps: commands, deaths, lives, forged samples, waits.
+    pub steps: u64,
+    /// Cycles that were checked.
+    pub cycles: u64,
+    /// Refusals, each with its cure.
+    pub refusals: u64,
+    /// Times that the robot was brought back to a finished motion.
+    pub returns: u64,
+    /// Cures that were carried out for that.
+    pub cures: u64,
+    /// Lives of motor-io that were begun.
+    pub lives: u64,
+    /// Samples that were forged.
+    pub forged: u64,
+    /// Motions that were begun.
+    pub motions: u64,
+    /// Largest values.
+    pub seen: checks::Seen,
+}
+
+impl Tally {
+    /// Both together.
+    pub fn add(&mut self, other: &Self) {
+        self.steps += other.steps;
+        self.cycles += other.cycles;
+        self.refusals += other.refusals;
+        self.returns += other.returns;
+        self.cures += other.cures;
+        self.lives += other.lives;
+        self.forged += other.forged;
+        self.motions += other.motions;
+        let (a, b) = (&mut self.seen, &other.seen);
+        for mode in 0..7 {
+            a.speed_m_s[mode] = a.speed_m_s[mode].max(b.speed_m_s[mode]);
+            a.acceleration_m_s2[mode] = a.acceleration_m_s2[mode].max(b.acceleration_m_s2[mode]);
+            a.travel_m[mode] = a.travel_m[mode].max(b.travel_m[mode]);
+        }
+        a.from_setpoint_m = a.from_setpoint_m.max(b.from_setpoint_m);
+        a.alone_m = a.alone_m.max(b.alone_m);
+        a.resting_m_s = a.resting_m_s.max(b.resting_m_s);
+    }
+}
+
+/// What processes are made from.
+struct Parts {
+    core: CoreConfig,
+    controller: ControllerConfig,
+    estimator: EstimatorConfig,
+    planner: PlannerConfig,
+    laws: [Law; 3],
+    methods: [Method; 2],
+}
+
+impl Parts {
+    fn new(case: &Case) -> Result<Self> {
+        let scenario = case.scenario(true)?;
+        let chain = Chain::new(&scenario)?;
+        let section = EstimatorSection { method: "kalman".into(), ..EstimatorSection::default() };
+        let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, .. } = PlannerSection::default();
+        let [delay_s, lag_s] = case.motor_s;
+        let lag = cable_robot::drive_lag::DriveLag::new(delay_s, lag_s).map_err(|error| anyhow!("{error:?}"))?;
+        let laws = [scenario.law, Law::PFeedforward(PFeedforward::new(2.0)?), crate::laws::law(Some(lag), true)?];
+        Ok(Self {
+            core: core_config(&scenario)?,
+            controller: *chain.controller.config(),
+            estimator: EstimatorConfig::of(&section, scenario.robot, 1)?,
+            planner: PlannerConfig {
+                robot: scenario.robot,
+                distribution: scenario.distribution,
+                speed_m_s,
+                acceleration_m_s2,
+                check_step_m,
+            },
+            laws,
+            methods: [scenario.method, Method::of(&section)?],
+        })
+    }
+}
+
+/// One walk.
+pub struct Walk {
+    robot: Lockstep,
+    parts: Parts,
+    random: Random,
+    checks: Checks,
+    last: Option<Cycle>,
+    log: VecDeque<String>,
+    /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to be given anew.
+    powered_off: bool,
+    /// What has been walked so far.
+    pub tally: Tally,
+}
+
+impl Walk {
+    /// With the robot armed, at a known position.
+    ///
+    /// # Errors
+    /// A scenario that cannot be.
+    pub fn new(case: &Case, seed: u64, bounds: Bounds) -> Result<Self> {
+        let scenario = case.scenario(true)?;
+        let checks = Checks::new(bounds, scenario.period_s);
+        let mut robot = Lockstep::new(scenario)?;
+        robot.supervise(true);
+        robot.zero_and_arm()?;
+        let (parts, random) = (Parts::new(case)?, Random::new(seed));
+        let (last, log, tally) = (None, VecDeque::new(), Tally::default());
+        Ok(Self { robot, parts, random, checks, last, log, powered_off: false, tally })
+    }
+
+    /// So many steps, with a way back now and then and at the end.
+    ///
+    /// # Errors
+    /// What does not hold, with the last steps.
+    pub fn walk(&mut self, steps: u64) -> Result<()> {
+        for step in 1..=steps {
+            self.step().and_then(|()| self.come_back(step % EPISODE == 0 || step == steps))?;
+        }
+        Ok(())
+    }
+
+    /// The last steps, for a failure.
+    pub fn story(&self) -> String {
+        let mut story = self.log.iter().map(String::as_str).collect::<Vec<_>>().join("\n");
+        if let Some(Cycle { authority, slots, motion, estimate, .. }) = &self.last {
+            story += &format!(
+                "\n{authority:?}\n{slots:?}\nmotion {} epoch {} beat {} header {:?}, from {} s\n{estimate:?}",
+                motion.motion, motion.epoch, motion.beat, motion.header, motion.current.start_s
+            );
+        }
+        story
+    }
+
+    fn come_back(&mut self, now: bool) -> Result<()> {
+        if now { self.recover() } else { Ok(()) }
+    }
+
+    fn note(&mut self, text: String) {
+        if self.log.len() == TOLD {
+            self.log.pop_front();
+        }
+        let at = self
+            .last
+            .map_or((0, 0, 0), |last| (last.authority.header.cycle, last.authority.mode, last.authority.faults));
+        self.log.push_back(format!("cycle {} mode {} faults {:#x}: {text}", at.0, at.1, at.2));
+    }
+
+    /// One period, checked.
+    fn period(&mut self) -> Result<()> {
+        self.tally.cycles += 1;
+        if !self.robot.motor_io_lives() {
+            self.robot.pass_without_motor_io()?;
+            let (truth_m, truth_m_s) = (self.robot.plant().position_m(), self.robot.plant().velocity_m_s());
+            let wrong = self.checks.without_motor_io(truth_m, truth_m_s, !self.robot.lets_go());
+            self.tally.seen = self.checks.seen;
+            return wrong.map_or(Ok(()), |wrong| bail!("{wrong}"));
+        }
+        let cycle = self.robot.cycle()?;
+        let wrong = self.checks.cycle(&cycle, !self.robot.lets_go());
+        self.tally.seen = self.checks.seen;
+        self.last = Some(cycle);
+        match wrong {
+            Some(wrong) => bail!("cycle {}: {wrong}", cycle.authority.header.cycle),
+            None => Ok(()),
+        }
+    }
+
+    fn periods(&mut self, count: usize) -> Result<()> {
+        (0..count).try_for_each(|_| self.period())
+    }
+
+    /// A request to motor-io and its sentence: accepted or refused. `None` without motor-io.
+    fn ask(&mut self, verb: u8, args: [f64; 8]) -> Result<Option<std::result::Result<String, String>>> {
+        if !self.robot.motor_io_lives() {
+            return Ok(None);
+        }
+        self.robot.request(verb, args);
+        self.period()?;
+        let answer = *self.robot.answers().first().context("a request was not answered")?;
+        let sentence = answer.sentence.to_string();
+        self.note(format!("request {verb} {args:?}: {} {sentence}", answer.accepted));
+        Ok(Some(if answer.is_accepted() { Ok(sentence) } else { Err(self.refusal(sentence)?) }))
+    }
+
+    /// A refusal has to say what to do.
+    fn refusal(&mut self, sentence: String) -> Result<String> {
+        self.tally.refusals += 1;
+        if cures(&sentence).is_empty() && !is_settled(&sentence) {
+            bail!("a refusal names no cure: {sentence}");
+        }
+        Ok(sentence)
+    }
+
+    /// Zeroes where the node is, at rest.
+    fn zero(&mut self) -> Result<Option<std::result::Result<String, String>>> {
+        for _ in 0..300 {
+            let speed_m_s = cable_robot::Vector3::from(self.robot.plant().velocity_m_s()).norm();
+            if speed_m_s < 1e-3 {
+                break;
+            }
+            self.period()?;
+        }
+        let [x, y, z] = self.robot.plant().position_m();
+        let answer = self.ask(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0])?;
+        if matches!(answer, Some(Ok(_))) {
+            self.powered_off = false;
+        }
+        Ok(answer)
+    }
+}

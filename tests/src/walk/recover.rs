@@ -1,0 +1,172 @@
+//! The way back: a motion is asked for, and what a refusal says is done, until the motion is finished.
+
+use super::Walk;
+use super::cures::{Cure, cures, is_settled};
+use anyhow::{Result, bail, ensure};
+use cable_robot::Vector3;
+use messages::{CONTROLLERS, ESTIMATORS, OperatorRequest as R, PlanStatus, SLOTS, text_of};
+use motor_io::sentences::faults_of;
+use planner::mission::PathShape;
+
+/// Where the node is brought back to, m.
+const HOME_M: [f64; 3] = [4.8, 3.0, 0.6];
+/// So near is there, m: stretch and drums are not known better.
+const THERE_M: f64 = 0.03;
+/// So many cures, and the robot is taken for lost.
+const PATIENCE: usize = 60;
+/// A motion that comes no nearer to its end for so many cycles has none; at a tenth of its speed it may take long.
+const STANDS: usize = 3_000;
+/// A motion that rests for so many cycles waits for somebody.
+const RESTING: usize = 150;
+
+impl Walk {
+    /// Brings the robot back to a finished motion by what refusals say.
+    pub(super) fn recover(&mut self) -> Result<()> {
+        let goal = HOME_M.map(|x| x + self.random.between(-0.1, 0.1));
+        for _ in 0..PATIENCE {
+            let sentence = match self.goto(goal, 0.3, PathShape::Line, 0.0)? {
+                None => "the planner does not answer; start the robot with nims up".to_owned(),
+                Some(Err(sentence)) if is_settled(&sentence) => return self.arrived(goal),
+                Some(Err(sentence)) => sentence,
+                Some(Ok(_)) => match self.await_end()? {
+                    None => return self.arrived(goal),
+                    Some(sentence) => sentence,
+                },
+            };
+            self.tally.cures += 1;
+            self.cure(&sentence)?;
+        }
+        bail!("the robot is not brought back to {goal:?} by what its refusals say")
+    }
+
+    fn arrived(&mut self, goal: [f64; 3]) -> Result<()> {
+        self.tally.returns += 1;
+        self.note("brought back".into());
+        let off_m = (Vector3::from(self.robot.plant().position_m()) - Vector3::from(goal)).norm();
+        ensure!(off_m < THERE_M, "the node is {off_m:.3} m from where the finished motion ends");
+        Ok(())
+    }
+
+    /// `None` at the end of the motion; else what is said about it: why it was given up, or for what it waits.
+    fn await_end(&mut self) -> Result<Option<String>> {
+        let (mut resting, mut standing, mut progress) = (0, 0, f64::NAN);
+        while standing < STANDS {
+            self.period()?;
+            let status = self.robot.plan_status();
+            standing = if status.progress == progress { standing + 1 } else { 0 };
+            progress = status.progress;
+            match status.state {
+                PlanStatus::STATE_DONE => return Ok(None),
+                PlanStatus::STATE_ABORTED => {
+                    let reason = text_of(&status.reason);
+                    self.note(format!("given up: {reason}"));
+                    return Ok(Some(format!("{reason}; start a new motion, see nims status")));
+                }
+                PlanStatus::STATE_PAUSED => resting += 1,
+                _ if !self.robot.motor_io_lives() || !self.robot.planner_lives() => resting += 1,
+                _ => resting = 0,
+            }
+            if resting > RESTING {
+                let said = self.faults();
+                return Ok(Some(match said.is_empty() {
+                    true => "the mission is paused; resume it with nims resume, or give it up with nims stop".into(),
+                    false => said,
+                }));
+            }
+        }
+        let status = self.robot.plan_status();
+        let rate = self.last.map_or(f64::NAN, |last| last.authority.plan_rate);
+        bail!("a motion does not end: state {}, {:.1} s left, plan rate {rate}", status.state, status.time_left_s)
+    }
+
+    /// What `nims status` says of faults.
+    fn faults(&self) -> String {
+        self.last.map_or(String::new(), |last| faults_of(&last.authority).join(" "))
+    }
+
+    /// Does one of the things that a sentence names.
+    fn cure(&mut self, sentence: &str) -> Result<()> {
+        let named = cures(sentence);
+        ensure!(!named.is_empty(), "nothing is named that could be done: {sentence}");
+        let cure = self.random.of(&named);
+        self.note(format!("cure {cure:?} for: {sentence}"));
+        self.carry_out(cure)
+    }
+
+    fn carry_out(&mut self, cure: Cure) -> Result<()> {
+        match cure {
+            Cure::Arm => self.told(R::VERB_ARM),
+            Cure::Reset => self.told(R::VERB_RESET),
+            Cure::Stop => self.told(R::VERB_STOP),
+            Cure::Resume => match self.ask(R::VERB_RESUME, [0.0; 8])? {
+                Some(Ok(_)) => self.await_end().map(|_| ()),
+                _ => Ok(()),
+            },
+            Cure::Confirm if !self.powered_off => self.told(R::VERB_CONFIRM_POSITION),
+            // Who looks sees that the node is elsewhere.
+            Cure::Confirm | Cure::Zero => match self.zero()? {
+                Some(_) => Ok(()),
+                None => self.start_what_is_missing(),
+            },
+            Cure::Admit => (0..SLOTS).try_for_each(|slot| {
+                self.ask(R::VERB_ADMIT, [ESTIMATORS as f64, slot as f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])?;
+                self.ask(R::VERB_ADMIT, [CONTROLLERS as f64, slot as f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]).map(|_| ())
+            }),
+            Cure::Wait => self.periods(110),
+            Cure::AskOtherwise => Ok(()),
+            Cure::Up => {
+                self.up();
+                self.periods(150)
+            }
+            Cure::Status => {
+                self.up();
+                self.periods(150)?;
+                // Then what status says of faults, if it says something else than to look at status.
+                let named: Vec<Cure> = cures(&self.faults()).into_iter().filter(|cure| *cure != Cure::Status).collect();
+                if named.is_empty() { Ok(()) } else { self.carry_out(self.random.clone().of(&named)) }
+            }
+            Cure::Restart => {
+                let slot = self.last.map_or(0, |last| usize::from(last.authority.in_charge[ESTIMATORS]));
+                self.begin(ESTIMATORS, slot);
+                self.periods(150)
+            }
+            Cure::JogTaut => {
+                self.told(R::VERB_RESET)?;
+                let slack = self.last.map_or([0; 8], |last| last.authority.fault_cable);
+                let cable = slack.iter().position(|named| *named == 1).unwrap_or(0) + 1;
+                self.ask(R::VERB_JOG, [cable as f64, -0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])?;
+                self.periods(100)
+            }
+        }
+    }
+
+    fn told(&mut self, verb: u8) -> Result<()> {
+        match self.ask(verb, [0.0; 8])? {
+            Some(_) => self.periods(60),
+            None => self.start_what_is_missing(),
+        }
+    }
+
+    /// A request without an answer: `nims` says that motor-io does not run, and to start it.
+    fn start_what_is_missing(&mut self) -> Result<()> {
+        self.carry_out(Cure::Up)
+    }
+
+    /// Starts what is missing, as `nims up` and `nims start` do; where it was.
+    fn up(&mut self) {
+        self.robot.supervise(true);
+        if !self.robot.planner_lives() {
+            self.robot.start_planner(self.parts.planner);
+        }
+        if !self.robot.motor_io_lives() {
+            self.begin_motor_io();
+        }
+        let in_charge = self.last.map_or([0; 2], |last| last.authority.in_charge);
+        for role in [CONTROLLERS, ESTIMATORS] {
+            let slot = usize::from(in_charge[role]);
+            if !self.robot.slots().lives(role, slot) {
+                self.begin(role, slot);
+            }
+        }
+    }
+}

@@ -1,0 +1,231 @@
+//! The steps of a walk: what an operator may ask for, and what may become of processes.
+
+use super::Walk;
+use anyhow::Result;
+use messages::{
+    CABLES, CONTROLLERS, ESTIMATORS, Header, MotorCommand, NodeEstimate, OperatorRequest as R, ROLES, SLOTS,
+};
+use planner::mission::{Leg, Mission, PathShape, Polyline};
+
+/// Where motions lead: inside what three and four lines reach, m.
+const LOW_M: [f64; 3] = [4.0, 2.4, 0.3];
+const HIGH_M: [f64; 3] = [5.8, 3.9, 1.1];
+
+#[allow(clippy::result_large_err)] // the planner's own refusals, passed on
+impl Walk {
+    /// One step, and some cycles after it.
+    pub(super) fn step(&mut self) -> Result<()> {
+        self.tally.steps += 1;
+        match self.random.below(100) {
+            0..22 => {
+                let cycles = self.random.below(120);
+                self.periods(cycles)?;
+            }
+            22..42 => self.goto_somewhere()?,
+            42..45 => self.mission()?,
+            45..70 => self.command()?,
+            70..78 => self.begin_somebody(),
+            78..83 => self.end_somebody(),
+            83..85 => self.planner_life(),
+            85..88 => self.motor_io_life(),
+            88..90 => {
+                let lives = !self.robot.supervised();
+                self.robot.supervise(lives);
+                self.note(format!("supervisor lives: {lives}"));
+            }
+            _ => self.forge(),
+        }
+        let cycles = 1 + self.random.below(12);
+        self.periods(cycles)
+    }
+
+    fn place(&mut self) -> [f64; 3] {
+        std::array::from_fn(|i| self.random.between(LOW_M[i], HIGH_M[i]))
+    }
+
+    fn goto_somewhere(&mut self) -> Result<()> {
+        let to = self.place();
+        let speed_m_s = self.random.of(&[0.0, 0.05, 0.2, 0.3, 0.6]);
+        let shape = self.random.of(&[PathShape::Line, PathShape::Line, PathShape::Line, PathShape::Parabola]);
+        let mu = if shape == PathShape::Parabola { 0.02 } else { 0.0 };
+        self.goto(to, speed_m_s, shape, mu).map(|_| ())
+    }
+
+    /// Asks the planner; `None` without one.
+    pub(super) fn goto(
+        &mut self,
+        to: [f64; 3],
+        speed_m_s: f64,
+        shape: PathShape,
+        mu_per_m: f64,
+    ) -> Result<Option<std::result::Result<String, String>>> {
+        let answer = self.robot.ask_planner(|planner, seen| planner.goto(to, speed_m_s, shape, mu_per_m, seen));
+        self.planned(&format!("goto {to:?} {speed_m_s} {shape:?}"), answer)
+    }
+
+    fn planned(
+        &mut self,
+        what: &str,
+        answer: Option<std::result::Result<String, planner::Refusal>>,
+    ) -> Result<Option<std::result::Result<String, String>>> {
+        let Some(answer) = answer else { return Ok(None) };
+        self.note(format!("{what}: {answer:?}"));
+        Ok(Some(match answer {
+            Ok(sentence) => {
+                self.tally.motions += 1;
+                Ok(sentence)
+            }
+            // What the robot cannot do at all is answered with where, what and how much.
+            Err(refusal) if refusal.is_bad_input() => Err(refusal.to_string()),
+            Err(refusal) => Err(self.refusal(refusal.to_string())?),
+        }))
+    }
+
+    fn mission(&mut self) -> Result<()> {
+        let points_m = (0..3).map(|_| self.place().into()).collect();
+        let mission = Mission {
+            name: "walk".into(),
+            speed_m_s: Some(0.2),
+            acceleration_m_s2: None,
+            path: PathShape::Line,
+            time_weight_w: 0.0,
+            relative: false,
+            leg: vec![Leg::Polyline(Polyline { points_m, speed_m_s: None })],
+        };
+        let goes_on = self.random.once_in(3);
+        let answer = self.robot.ask_planner(|planner, seen| match planner.progress() {
+            Some(progress) if goes_on => planner.go_on(&progress.mission.clone(), seen),
+            _ => planner.run(&mission, seen),
+        });
+        self.planned("run", answer).map(|_| ())
+    }
+
+    fn command(&mut self) -> Result<()> {
+        let mut args = [0.0; 8];
+        let verb = match self.random.below(30) {
+            0..4 => R::VERB_ARM,
+            4 if self.random.once_in(2) => R::VERB_DISARM,
+            5 => return self.zero().map(|_| ()),
+            6..8 if !self.powered_off => R::VERB_CONFIRM_POSITION,
+            8..11 => R::VERB_PAUSE,
+            11..15 => R::VERB_RESUME,
+            15..17 => R::VERB_STOP,
+            17 if self.random.once_in(2) => R::VERB_ESTOP,
+            17..21 => R::VERB_RESET,
+            21..23 => {
+                (args[0], args[1]) = (self.random.below(6) as f64, self.random.between(-0.04, 0.04));
+                R::VERB_JOG
+            }
+            23 => {
+                args[0] = self.random.of(&[0.1, 0.5, 1.0, 1.0, 1.5]);
+                R::VERB_SPEED
+            }
+            24 => {
+                (args[0], args[1]) = (self.random.below(ROLES) as f64, self.random.below(SLOTS) as f64);
+                R::VERB_ADMIT
+            }
+            _ => {
+                (args[0], args[1]) = (self.random.below(ROLES) as f64, self.random.below(SLOTS) as f64);
+                R::VERB_SWAP
+            }
+        };
+        self.ask(verb, args).map(|_| ())
+    }
+
+    fn begin_somebody(&mut self) {
+        let (role, slot) = (self.random.below(ROLES), self.random.below(SLOTS));
+        self.begin(role, slot);
+    }
+
+    /// A process of a role begins in a slot; the one that was there is gone.
+    pub(super) fn begin(&mut self, role: usize, slot: usize) {
+        if role == CONTROLLERS {
+            let law = self.random.below(self.parts.laws.len());
+            let config = controller::ControllerConfig { law: self.parts.laws[law], ..self.parts.controller };
+            self.robot.slots_mut().start_controller(slot, &config);
+            self.note(format!("controller {slot} begins with law {law}"));
+        } else {
+            let method = self.random.below(self.parts.methods.len());
+            let config = self.parts.estimator;
+            self.robot.slots_mut().start_estimator(slot, &config, self.parts.methods[method]);
+            self.note(format!("estimator {slot} begins with method {method}"));
+        }
+    }
+
+    fn end_somebody(&mut self) {
+        let (role, slot, unheard) = (self.random.below(ROLES), self.random.below(SLOTS), self.random.once_in(2));
+        self.robot.slots_mut().kill(role, slot, unheard);
+        self.note(format!("role {role} slot {slot} dies, unheard {unheard}"));
+    }
+
+    fn planner_life(&mut self) {
+        if self.robot.planner_lives() && self.random.once_in(2) {
+            self.robot.kill_planner();
+        } else {
+            self.robot.start_planner(self.parts.planner);
+        }
+        self.note(format!("planner lives: {}", self.robot.planner_lives()));
+    }
+
+    fn motor_io_life(&mut self) {
+        if self.robot.motor_io_lives() {
+            self.robot.kill_motor_io();
+            self.note("motor-io dies".into());
+            if self.random.once_in(3) {
+                return;
+            }
+        }
+        self.begin_motor_io();
+    }
+
+    /// A new life of motor-io, with or without a stored position, with or without drives that had power.
+    pub(super) fn begin_motor_io(&mut self) {
+        let (restored, alive) = (!self.random.once_in(4), !self.random.once_in(4));
+        self.powered_off |= !alive;
+        self.robot.start_motor_io(self.parts.core.clone(), restored, alive);
+        self.tally.lives += 1;
+        self.last = None;
+        self.checks.begin();
+        self.note(format!("motor-io begins, restored {restored}, alive {alive}"));
+    }
+
+    /// A sample of no process of the robot's, on a slot that is free.
+    fn forge(&mut self) {
+        let Some(last) = self.last else { return };
+        let (role, slot) = (self.random.below(ROLES), self.random.below(SLOTS));
+        let in_charge = usize::from(last.authority.in_charge[role]);
+        if slot == in_charge || self.robot.slots().lives(role, slot) {
+            return;
+        }
+        self.tally.forged += 1;
+        let header = self.forged_header(&last.authority.header);
+        if role == ESTIMATORS {
+            let mut estimate = NodeEstimate { header, ..last.estimate };
+            estimate.valid = self.random.of(&[0, 1, 1, 1, 2]);
+            estimate.incarnation = self.random.of(&[0, 1, u32::MAX]);
+            if self.random.once_in(2) {
+                estimate.position_m = std::array::from_fn(|_| self.random.of(&[f64::NAN, 1e300, -3.0, 0.0, 4.8]));
+            }
+            self.note(format!("forged estimate in slot {slot}: {header:?} {:?}", estimate.position_m));
+            self.robot.slots_mut().forge_estimate(slot, estimate);
+        } else {
+            let mut command = MotorCommand { header, ..last.command };
+            command.based_on_cycle = header.cycle;
+            command.epoch = last.authority.epoch;
+            command.incarnation = self.random.of(&[0, 1, u32::MAX]);
+            command.valid = [self.random.of(&[0, 1, 2]); SLOTS];
+            for velocity in command.velocity_m_s.iter_mut().take(SLOTS * CABLES) {
+                *velocity = self.random.of(&[f64::NAN, f64::INFINITY, 0.5, -0.5, 0.0]);
+            }
+            self.note(format!("forged command in slot {slot}: {header:?}"));
+            self.robot.slots_mut().forge_command(slot, command);
+        }
+    }
+
+    fn forged_header(&mut self, now: &Header) -> Header {
+        let life = self.random.of(&[now.life, now.life, now.life, now.life.wrapping_sub(1), now.life + 1, u64::MAX, 0]);
+        let cycle = self.random.of(&[now.cycle, now.cycle + 1, now.cycle + 3, now.cycle + 4, 1 << 63, u64::MAX, 0]);
+        let stamp_ns = self.random.of(&[now.stamp_ns, now.stamp_ns + 10_000_000, 0, u64::MAX]);
+        Header { life, cycle, stamp_ns, oldest_input_ns: stamp_ns, ..*now }
+    }
+}

@@ -1,0 +1,510 @@
+//! What the operator types: bad input is answered by one clear sentence and moves nothing; the tools answer in JSON.
+
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
+}
+
+fn nims(args: &[&str]) -> Output {
+    let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
+    assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
+    Command::new(program).args(args).current_dir(root()).output().unwrap()
+}
+
+/// The answer of a command that must succeed.
+fn answer(args: &[&str]) -> Value {
+    let output = nims(args);
+    assert_eq!(output.status.code(), Some(0), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap_or_else(|error| panic!("{args:?}: {error}"))
+}
+
+/// Asserts one sentence on stderr that contains all of `words`, nothing on stdout, and the exit code.
+fn refused(args: &[&str], code: i32, words: &[&str]) {
+    let output = nims(args);
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert_eq!(output.status.code(), Some(code), "{args:?}: {err}");
+    assert_eq!(err.trim_end().lines().count(), 1, "{args:?} is answered by more than one line: {err}");
+    assert!(err.starts_with("nims: "), "{args:?}: {err}");
+    assert!(err.len() < 500, "{args:?} is answered by a speech: {err}");
+    assert!(out.is_empty(), "{args:?} printed an answer: {out}");
+    for word in words {
+        assert!(err.contains(word), "{args:?}: no {word:?} in: {err}");
+    }
+}
+
+const ROBOT: &str = "configs/robots/lab3.toml";
+const BOX: &str = "configs/boxes/demo3.toml";
+
+/// A folder with the project's configuration in it, one line of one file changed.
+struct Changed {
+    folder: tempfile::TempDir,
+}
+
+impl Changed {
+    fn file(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+}
+
+fn changed(file: &str, from: &str, to: &str) -> Changed {
+    let folder = tempfile::tempdir().unwrap();
+    for place in ["robots", "boxes", "missions"] {
+        std::fs::create_dir(folder.path().join(place)).unwrap();
+        for entry in std::fs::read_dir(root().join("configs").join(place)).unwrap() {
+            let entry = entry.unwrap();
+            std::fs::copy(entry.path(), folder.path().join(place).join(entry.file_name())).unwrap();
+        }
+    }
+    let path = folder.path().join(file);
+    let text = std::fs::read_to_string(&path).unwrap();
+    assert!(text.contains(from), "{file} has no {from:?}");
+    std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
+    Changed { folder }
+}
+
+#[test]
+fn bad_robot_files_are_named_by_file_key_and_cure() {
+    let cases: &[(&str, &str, &[&str])] = &[
+        ("node_mass_kg = 1.2", "node_mass_kg = 1.2.3", &["lab3.toml", "line 7"]),
+        ("node_mass_kg = 1.2", "node_mass_kg = nan", &["node_mass_kg", "NaN", "kg"]),
+        ("node_mass_kg = 1.2", "node_mass_kg = -1.2", &["node_mass_kg", "-1.2"]),
+        ("node_mass_kg = 1.2", "node_mass_kg = 12000.0", &["node_mass_kg", "1000 kg"]),
+        ("node_mass_kg = 1.2", "node_mass_kg = \"1.2\"", &["node_mass_kg", "line 7"]),
+        ("node_mass_kg = 1.2", "node_mas_kg = 1.2", &["node_mas_kg", "node_mass_kg"]),
+        ("node_mass_kg = 1.2", "", &["node_mass_kg", "missing"]),
+        ("[9.8, 0.0, 3.10]", "[9800.0, 0.0, 3100.0]", &["anchors_m", "millimetres"]),
+        ("[9.8, 0.0, 3.10]", "[inf, 0.0, 3.10]", &["anchors_m"]),
+        ("[9.8, 0.0, 3.10]", "[0.0, 0.0, 3.05]", &["anchors_m", "1 and 2"]),
+        ("[9.8, 0.0, 3.10]", "[9.8, 0.0, -3.10]", &["anchors_m", "number 2", "ground_m"]),
+        ("tension_limits_n = [2.0, 60.0]", "tension_limits_n = [60.0, 2.0]", &["tension_limits_n", "60", "min < max"]),
+        ("speed_limit_m_s = 0.4 ", "speed_limit_m_s = 400.0 ", &["speed_limit_m_s", "10 m/s"]),
+        ("acceleration_limit_m_s2 = 0.5", "acceleration_limit_m_s2 = 0.0", &["acceleration_limit_m_s2"]),
+        (
+            "routed_length_m = [6.0, 6.0, 6.0]",
+            "routed_length_m = [6.0, 6.0]",
+            &["routed_length_m", "2 values", "3 cables"],
+        ),
+        ("stiffness_n = 6000.0", "stiffness_n = 6.0", &["stiffness_n", "EA"]),
+        ("[motor]", "[moter]", &["moter", "motor"]),
+    ];
+    for (from, to, words) in cases {
+        let changed = changed("robots/lab3.toml", from, to);
+        for command in [&["check"][..], &["ik", "--at", "4,3,1", "--config"]] {
+            let path = changed.file("robots/lab3.toml");
+            let args: Vec<&str> = command.iter().copied().chain([path.as_str()]).collect();
+            refused(&args, 2, words);
+        }
+    }
+}
+
+#[test]
+fn bad_box_files_start_nothing() {
+    let cases: &[(&str, &str, &[&str])] = &[
+        ("rate_hz = 100.0", "rate_hz = 1000.0", &["rate_hz", "10 to 250"]),
+        ("rate_hz = 100.0", "rate_hz = 100.0\nrate = 3", &["rate", "rate_hz"]),
+        ("name = \"demo3\"", "name = \"The demo\"", &["name", "a-z"]),
+        ("robot = \"../robots/lab3.toml\"", "robot = \"../robots/lab9.toml\"", &["lab9.toml", "no such file"]),
+        ("baud = 230400", "baud = 230000", &["baud", "230400"]),
+        ("path = \"{domain}/drive0\"", "path = \"/dev/no-such-port\"", &["/dev/no-such-port", "plug"]),
+        ("address = 129", "address = 128", &["128", "once"]),
+        ("address = 129", "address = 0x10", &["16", "128 to 135"]),
+        ("cables = [3]", "cables = [2]", &["cable 2"]),
+        ("cables = [3]", "cables = [4]", &["cable 4", "1 to 3"]),
+        (
+            "counts_per_m = [10865.0, 10865.0, 10865.0]",
+            "counts_per_m = [10865.0, 10865.0]",
+            &["counts_per_m", "3 cables"],
+        ),
+        ("counts_per_m = [10865.0, 10865.0, 10865.0]", "counts_per_m = [10865.0, 0.0, 10865.0]", &["counts_per_m"]),
+        ("# watchdog_s = 0.3 ", "watchdog_s = 0.25 ", &["watchdog_s", "steps of 0.1"]),
+        ("start_m = [4.8, 3.0, 0.3]", "start_m = [4.8, 3.0, -0.3]", &["start_m", "ground_m"]),
+        ("start_m = [4.8, 3.0, 0.3]", "start_m = [4.8, nan, 0.3]", &["start_m", "NaN"]),
+    ];
+    for (from, to, words) in cases {
+        let changed = changed("boxes/demo3.toml", from, to);
+        let run = changed.file("run");
+        refused(&["up", &changed.file("boxes/demo3.toml"), "--for", "1", "--run", &run], 2, words);
+        assert!(!Path::new(&run).exists(), "{to:?} made a run folder");
+    }
+    let changed = changed("boxes/demo3.toml", "[motor_box]", "[recorder]\n[controller]\nlaw = \"pid\"\n[motor_box]");
+    refused(&["up", &changed.file("boxes/demo3.toml")], 2, &["controller.law", "pid", "lq-endpoint"]);
+}
+
+#[test]
+fn bad_missions_are_refused_before_anything_starts() {
+    let cases: &[(&str, &str, &[&str])] = &[
+        ("rise_m = 1.125", "rise_m = 3.5", &["leg", "cable"]),
+        ("rise_m = 1.125", "rise_m = -1.125", &["leg", "ground"]),
+        ("rise_m = 1.125", "rise_mm = 1125", &["rise_mm", "rise_m"]),
+        ("radius_m = 0.60", "radius_m = nan", &["radius_m", "NaN"]),
+        ("speed_m_s = 0.2", "speed_m_s = 20.0", &["20", "speed_limit_m_s"]),
+    ];
+    for (from, to, words) in cases {
+        let changed = changed("missions/spiral.toml", from, to);
+        let (mission, run) = (changed.file("missions/spiral.toml"), changed.file("run"));
+        refused(&["demo", &changed.file("boxes/demo3.toml"), "--mission", &mission, "--run", &run], 2, words);
+        assert!(!Path::new(&run).exists(), "{to:?} made a run folder");
+    }
+    // The lines' own limit, below what the mission asks of them.
+    let changed = changed("robots/lab3.toml", "# cable_speed_limit_m_s = 0.8 ", "cable_speed_limit_m_s = 0.1 ");
+    let (mission, run) = (changed.file("missions/spiral.toml"), changed.file("run"));
+    let words = ["leg", "cable", "cable_speed_limit_m_s is 0.100 m/s"];
+    refused(&["demo", &changed.file("boxes/demo3.toml"), "--mission", &mission, "--run", &run], 2, &words);
+    assert!(!Path::new(&run).exists());
+    refused(&["demo", BOX, "--mission", "no-such-mission"], 2, &["no-such-mission"]);
+    let folder = tempfile::tempdir().unwrap();
+    let far = folder.path().join("far.toml");
+    std::fs::write(&far, "name = \"far\"\n[[leg]]\nline = { to_m = [40.0, 30.0, 0.3] }\n").unwrap();
+    refused(&["demo", BOX, "--mission", far.to_str().unwrap()], 2, &["leg 1", "cable"]);
+}
+
+#[test]
+fn bad_arguments_are_answered_by_one_sentence() {
+    let cases: &[(&[&str], &[&str])] = &[
+        (&[], &["--help"]),
+        (&["fly"], &["fly"]),
+        (&["up"], &["CONFIG"]),
+        (&["up", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
+        (&["up", BOX, "--for", "soon"], &["soon", "not a number"]),
+        (&["up", BOX, "--for", "-1"], &["--for"]),
+        (&["up", BOX, "--domain", "My Robot"], &["My Robot"]),
+        (&["up", ROBOT], &["lab3.toml"]),
+        (&["ik", "--config", ROBOT, "--at", "1,2"], &["moves in space", "x, y and z"]),
+        (&["ik", "--config", ROBOT, "--at", "1,2,nan"], &["nan", "finite"]),
+        (&["ik", "--config", ROBOT, "--at", "1m,2m,3m"], &["1m", "not a number"]),
+        (&["ik", "--config", "configs", "--at", "1,2,3"], &["configs", "folder"]),
+        (&["fk", "--config", ROBOT, "--lengths", "5,5"], &["2 values", "3 cables"]),
+        (&["fk", "--config", ROBOT, "--lengths", "1,1,1"], &["too short"]),
+        (&["fk", "--config", ROBOT, "--lengths", "5,-5,5"], &["cable 2"]),
+        (&["tension", "--config", ROBOT, "--at", "4.8,3,1", "--accel", "0,0"], &["moves in space", "x, y and z"]),
+        (&["tension", "--config", ROBOT, "--at", "4.8,3,1", "--method", "best"], &["best", "least-norm"]),
+        (&["goto", "1"], &["x, y and z"]),
+        (&["goto", "1,2,inf"], &["inf", "finite"]),
+        (&["jog", "0", "0.1"], &["0"]),
+        (&["jog", "1", "NaN"], &["NaN", "finite"]),
+        (&["speed", "fast"], &["fast", "not a number"]),
+        (&["zero"], &["--at"]),
+        (&["zero", "--at", "1,2,3", "--lengths", "1,2,3"], &["--lengths"]),
+        (&["check", "README.md"], &["README.md"]),
+        (&["check", "Cargo.toml"], &["Cargo.toml", "[robot]"]),
+        (&["info", "no-such-run"], &["no-such-run"]),
+        (&["recover", "no-such-run"], &["no-such-run"]),
+        (&["run", "demo", "--dry-run", "--config", "no-such-box.toml"], &["no-such-box.toml"]),
+        (&["bench", "drives"], &["drives", "tick, bus, chain, disk"]),
+        (&["bench", "--rate", "1000"], &["--rate", "1000", "10 to 250"]),
+        (&["bench", "--rate", "-100"], &["--rate", "10 to 250"]),
+        (&["bench", "--rate", "fast"], &["fast", "not a number"]),
+        (&["bench", "--seconds", "0"], &["--seconds", "above 0"]),
+        (&["bench", "--seconds", "inf"], &["inf", "finite"]),
+        (&["bench", "--seconds", "1e9"], &["hour"]),
+        (&["bench", "--box", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
+        (&["bench", "--box", ROBOT], &["lab3.toml"]),
+        (&["bench", "disk", "--runs", "no-such-folder"], &["no-such-folder", "--runs"]),
+        (&["bench", "disk", "--runs", "README.md"], &["README.md", "--runs"]),
+        (&["bench-peer", "nobody"], &["nims bench"]),
+    ];
+    for (args, words) in cases {
+        refused(args, 2, words);
+    }
+}
+
+#[test]
+fn sensor_and_scene_files_are_checked_too() {
+    let finding = |file: &str| answer(&["check", file, "--json"])["findings"][0]["finding"].to_string();
+    assert!(finding("configs/sensors/tfmini.toml").contains("distance in m"));
+    assert!(finding("configs/scenes/fig10.toml").contains("prisms on the ground"));
+    let folder = tempfile::tempdir().unwrap();
+    let spoilt = |from: &str, what: &str, with: &str| {
+        let text = std::fs::read_to_string(root().join(from)).unwrap();
+        assert!(text.contains(what), "{from} has no {what}");
+        let path = folder.path().join(Path::new(from).file_name().unwrap());
+        std::fs::write(&path, text.replacen(what, with, 1)).unwrap();
+        path.display().to_string()
+    };
+    let sensor = spoilt("configs/sensors/tfmini.toml", "[tfmini]", "[tfmeani]");
+    refused(&["check", &sensor], 2, &["tfmini.toml", "tfmeani"]);
+    let scene = spoilt("configs/scenes/fig10.toml", "height_m = ", "height_m = -");
+    refused(&["check", &scene], 2, &["fig10.toml", "height_m", "above 0"]);
+}
+
+#[test]
+fn commands_need_a_robot_that_runs() {
+    for args in [
+        &["status"][..],
+        &["arm"],
+        &["stop"],
+        &["estop"],
+        &["goto", "4.8,3,0.5"],
+        &["run", "demo"],
+        &["channel", "list"],
+    ] {
+        let args: Vec<&str> = args.iter().copied().chain(["--domain", "nobody-here"]).collect();
+        refused(&args, 1, &["nobody-here", "nims up"]);
+    }
+}
+
+#[test]
+fn a_file_that_is_no_run_is_not_taken_for_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("run.mcap");
+    std::fs::write(&path, "not a run").unwrap();
+    for command in ["recover", "info"] {
+        refused(&[command, path.to_str().unwrap()], 2, &["run.mcap", "not an MCAP file"]);
+    }
+    assert_eq!(std::fs::read_to_string(&path).unwrap(), "not a run");
+}
+
+#[test]
+fn check_says_what_a_watchdog_stop_and_an_unpowered_line_mean() {
+    let value = answer(&["check", BOX, "--json"]);
+    assert_eq!(value["usable"], json!(true));
+    let all = value["findings"].to_string();
+    // 0.3 s at the robot's 0.4 m/s
+    assert!(all.contains("120 mm"), "{all}");
+    assert!(all.contains("sinking speed 0 mm/s"), "{all}");
+
+    // Without friction the load drives the motor against its own braking: v = T R / Kf^2.
+    let ideal = changed("robots/lab3.toml", "gear_friction = 0.85 ", "gear_friction = 0.0 ");
+    let text = std::fs::read_to_string(ideal.file("robots/lab3.toml")).unwrap();
+    std::fs::write(
+        ideal.file("robots/lab3.toml"),
+        text.replace("coulomb_n = 3.0 ", "coulomb_n = 0.0 ").replace("viscous_n_s_m = 20.0", "viscous_n_s_m = 0.0"),
+    )
+    .unwrap();
+    let all = answer(&["check", &ideal.file("robots/lab3.toml"), "--json"])["findings"].to_string();
+    let speed: f64 = all.split("runs out at ").nth(1).and_then(|rest| rest.split(' ').next()).unwrap().parse().unwrap();
+    let expected = 1000.0 * 10.5 * 1.2 / (40.0 * 40.0);
+    assert!((speed - expected).abs() < 0.2, "{expected}: {all}");
+}
+
+#[test]
+fn check_tells_whether_a_mission_can_be_flown() {
+    let good = answer(&["check", "configs/missions/spiral.toml", "--for", BOX, "--json"]);
+    assert_eq!(good["usable"], json!(true));
+    let high = changed("missions/spiral.toml", "rise_m = 1.125", "rise_m = 2.6");
+    let output = nims(&["check", &high.file("missions/spiral.toml"), "--for", BOX, "--json"]);
+    assert_eq!(output.status.code(), Some(2));
+    let value: Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(value["usable"], json!(false));
+    assert!(value["findings"][0]["finding"].as_str().unwrap().contains("cable"), "{value}");
+}
+
+#[test]
+fn a_dry_run_needs_no_robot() {
+    let value = answer(&["run", "spiral", "--dry-run", "--config", BOX, "--json"]);
+    assert_eq!(value["feasible"], json!(true));
+    // Archimedean spiral to 0.6 m in 4 turns, rising 1.125 m: the flat length is about half the outermost circumference per turn.
+    let length = value["length_m"].as_f64().unwrap();
+    assert!((7.4..8.0).contains(&length), "{length}");
+    let value = answer(&["run", "spiral", "--dry-run", "--config", BOX, "--from", "9.7,0.1,0.3", "--json"]);
+    assert_eq!(value["feasible"], json!(false));
+    assert!(value["why"].as_str().unwrap().contains("cable"), "{value}");
+}
+
+mod tools {
+    //! Against numbers that are worked out here, from the definitions alone.
+
+    use super::*;
+
+    const ANCHORS: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
+    const MASS_KG: f64 = 1.2;
+    const GRAVITY: f64 = 9.80665;
+
+    fn length(anchor: [f64; 3], at: [f64; 3]) -> f64 {
+        (0..3).map(|k| (anchor[k] - at[k]).powi(2)).sum::<f64>().sqrt()
+    }
+
+    fn numbers(value: &Value) -> Vec<f64> {
+        value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+    }
+
+    fn close(a: f64, b: f64) -> bool {
+        (a - b).abs() <= 1e-9 * (1.0 + b.abs())
+    }
+
+    #[test]
+    fn lengths_are_distances_and_lead_back() {
+        for at in [[4.8, 3.0, 0.3], [2.0, 1.0, 1.5], [5.0, 6.5, 0.0], [-1.0, -0.5, 1.0]] {
+            let text = at.map(|value| value.to_string()).join(",");
+            let found = numbers(&answer(&["ik", "--config", ROBOT, "--at", &text])["lengths_m"]);
+            for (anchor, found) in ANCHORS.iter().zip(&found) {
+                assert!(close(*found, length(*anchor, at)));
+            }
+            let text = found.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+            let back = answer(&["fk", "--config", ROBOT, "--lengths", &text, "--json"]);
+            assert!(numbers(&back["position_m"]).iter().zip(at).all(|(found, at)| (found - at).abs() < 1e-8), "{back}");
+            assert!(back["residual_m"].as_f64().unwrap() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn tensions_balance_weight_and_acceleration() {
+        for (robot, anchors) in [(ROBOT, 3), ("configs/robots/lab4.toml", 4)] {
+            for accel in [[0.0; 3], [0.3, -0.2, 0.1]] {
+                let text = accel.map(|value| value.to_string()).join(",");
+                let value = answer(&["tension", "--config", robot, "--at", "4.8,3.0,0.9", "--accel", &text]);
+                assert_eq!(value["feasible"], json!(true));
+                let tensions = numbers(&value["tensions_n"]);
+                assert_eq!(tensions.len(), anchors);
+                assert!(close(value["sum_n"].as_f64().unwrap(), tensions.iter().sum()));
+                assert!(close(
+                    value["norm_sq_n2"].as_f64().unwrap(),
+                    tensions.iter().map(|tension| tension * tension).sum()
+                ));
+                let file: toml::Table = std::fs::read_to_string(root().join(robot)).unwrap().parse().unwrap();
+                let mut force = [0.0; 3];
+                for (anchor, tension) in file["robot"]["anchors_m"].as_array().unwrap().iter().zip(&tensions) {
+                    let anchor: Vec<f64> =
+                        anchor.as_array().unwrap().iter().map(|value| value.as_float().unwrap()).collect();
+                    let toward: Vec<f64> = anchor.iter().zip([4.8, 3.0, 0.9]).map(|(a, b)| a - b).collect();
+                    let distance = toward.iter().map(|value| value * value).sum::<f64>().sqrt();
+                    for k in 0..3 {
+                        force[k] += tension * toward[k] / distance;
+                    }
+                }
+                let expected = [MASS_KG * accel[0], MASS_KG * accel[1], MASS_KG * (accel[2] + GRAVITY)];
+                assert!(force.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-9), "{force:?} {expected:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn methods_differ_as_they_should() {
+        let of = |method: &str| {
+            answer(&["tension", "--config", "configs/robots/lab4.toml", "--at", "4.0,3.0,1.2", "--method", method])
+        };
+        let (norm, sum, safest) = (of("least-norm"), of("min-sum"), of("safest"));
+        let get = |value: &Value, key: &str| value[key].as_f64().unwrap();
+        assert!(get(&norm, "norm_sq_n2") <= get(&sum, "norm_sq_n2") + 1e-9);
+        assert!(get(&norm, "norm_sq_n2") <= get(&safest, "norm_sq_n2") + 1e-9);
+        assert!(get(&sum, "sum_n") <= get(&norm, "sum_n") + 1e-9);
+        let margin = |value: &Value| {
+            numbers(&value["tensions_n"])
+                .iter()
+                .map(|tension| (tension - 2.0).min(60.0 - tension))
+                .fold(f64::INFINITY, f64::min)
+        };
+        assert!(margin(&safest) >= margin(&norm) - 1e-9 && margin(&safest) >= margin(&sum) - 1e-9);
+    }
+
+    #[test]
+    fn where_nothing_holds_the_node_the_answer_says_why() {
+        for at in ["4.8,3.0,3.0", "-5,-5,1", "4.8,3.0,5.0"] {
+            let value = answer(&["tension", "--config", ROBOT, "--at", at]);
+            assert_eq!(value["feasible"], json!(false), "{at}");
+            assert!(!value["why"].as_str().unwrap().is_empty());
+            assert!(value.get("tensions_n").is_none());
+        }
+    }
+}
+
+mod planar {
+    //! A robot in a plane whose node floats: points have two coordinates, for this one 8 x 4 m of them.
+
+    use super::*;
+
+    const AQ: [&str; 2] = ["--config", "configs/robots/aq4.toml"];
+    const ANCHORS: [[f64; 2]; 4] = [[0.0, 4.2], [8.0, 4.2], [8.0, 0.3], [0.0, 0.3]];
+
+    fn aq(command: &str, more: &[&str]) -> Value {
+        answer(&[&[command], &AQ[..], more].concat())
+    }
+
+    fn numbers(value: &Value) -> Vec<f64> {
+        value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+    }
+
+    #[test]
+    fn lengths_lead_to_the_point_and_back() {
+        let lengths = numbers(&aq("ik", &["--at", "2.5,3.0"])["lengths_m"]);
+        for (anchor, length) in ANCHORS.iter().zip(&lengths) {
+            assert!((length - (anchor[0] - 2.5).hypot(anchor[1] - 3.0)).abs() < 1e-12);
+        }
+        let text = lengths.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+        let back = numbers(&aq("fk", &["--lengths", &text])["position_m"]);
+        assert!(back.len() == 2 && (back[0] - 2.5).abs() < 1e-9 && (back[1] - 3.0).abs() < 1e-9, "{back:?}");
+        // With a zero in the middle it is the same point; with anything else it is none.
+        assert_eq!(aq("ik", &["--at", "2.5,0,3.0"])["lengths_m"], json!(lengths));
+        refused(&[&["ik"], &AQ[..], &["--at", "2.5,0.1,3.0"]].concat(), 2, &["beside the plane", "x and z"]);
+        refused(&["ik", "--config", ROBOT, "--at", "2.5,3.0"], 2, &["moves in space", "x, y and z"]);
+    }
+
+    #[test]
+    fn preload_holds_what_floats_and_an_acceleration_takes_more() {
+        for (accel, method) in
+            [("0,0", "least-norm"), ("0.3,-0.2", "least-norm"), ("0.3,-0.2", "safest"), ("0,0", "min-sum")]
+        {
+            let value = aq("tension", &["--at", "2.5,3.0", "--accel", accel, "--method", method]);
+            let tensions = numbers(&value["tensions_n"]);
+            let mut force = [0.0; 2];
+            for (anchor, tension) in ANCHORS.iter().zip(&tensions) {
+                let toward = [anchor[0] - 2.5, anchor[1] - 3.0];
+                for k in 0..2 {
+                    force[k] += tension * toward[k] / toward[0].hypot(toward[1]);
+                }
+                assert!((10.0 - 1e-6..=80.0 + 1e-6).contains(tension), "{value}");
+            }
+            let expected = if accel == "0,0" { [0.0, 0.0] } else { [6.0 * 0.3, -6.0 * 0.2] };
+            assert!((0..2).all(|k| (force[k] - expected[k]).abs() < 1e-7), "{force:?}");
+        }
+        refused(&[&["tension"], &AQ[..], &["--at", "2.5,3.0", "--method", "unique"]].concat(), 2, &["least-norm"]);
+    }
+
+    #[test]
+    fn a_move_costs_more_against_more_drag() {
+        let ends = ["--from", "2.5,2.0", "--to", "5.5,2.5", "--speed", "0.2"];
+        let water = aq("plan", &ends);
+        let thick = changed("robots/aq4.toml", "drag_n_s2_m2 = 25.0", "drag_n_s2_m2 = 250.0");
+        let thick = answer(&[&["plan", "--config", &thick.file("robots/aq4.toml")], &ends[..]].concat());
+        assert!((water["length_m"].as_f64().unwrap() - 3.0f64.hypot(0.5)).abs() < 1e-9, "{water}");
+        let energy = |value: &Value| value["energy_j"].as_f64().unwrap();
+        assert!(energy(&thick) > 1.05 * energy(&water) && energy(&water) > 0.0, "{thick} {water}");
+        let best = aq("plan", &[&ends[..], &["--path", "parabola"]].concat());
+        assert!(energy(&best) <= energy(&water) + 1e-9, "{best}");
+        let above = aq("plan", &["--from", "2.5,2.0", "--to", "5.5,4.0"]);
+        assert_eq!(above["feasible"], json!(false));
+        assert!(above["why"].as_str().unwrap().contains("keep-out"), "{above}");
+    }
+
+    #[test]
+    fn its_workspace_is_an_area() {
+        let folder = tempfile::tempdir().unwrap();
+        let png = folder.path().join("plane.png");
+        let found = aq("workspace", &["--step", "0.2", "--png", png.to_str().unwrap()]);
+        // Below the surface and above the bed all of 8 x 3.6 m could be reached; near the banks the lines hold it no more.
+        let area = found["feasible_area_m2"].as_f64().unwrap();
+        assert!(area > 15.0 && area < 8.0 * 3.6, "{found}");
+        assert_eq!(found["safest_position_m"].as_array().unwrap().len(), 2);
+        let pixels = std::fs::read(png).unwrap();
+        assert!(pixels.starts_with(b"\x89PNG\r\n\x1a\n") && pixels.len() > 5_000);
+    }
+
+    #[test]
+    fn its_files_are_checked_and_missions_of_the_other_kind_are_refused() {
+        let good =
+            answer(&["check", "configs/missions/cross-section.toml", "--for", "configs/boxes/aq4.toml", "--json"]);
+        assert_eq!(good["usable"], json!(true), "{good}");
+        let own = answer(&["check", "configs/boxes/aq4.toml", "--json"]);
+        assert_eq!(own["usable"], json!(true), "{own}");
+        for (mission, file, says) in
+            [("spiral", "configs/boxes/aq4.toml", "beside the plane"), ("cross-section", BOX, "moves in space")]
+        {
+            let value = answer(&["run", mission, "--dry-run", "--config", file, "--json"]);
+            assert_eq!(value["feasible"], json!(false));
+            assert!(value["why"].as_str().unwrap().contains(says), "{value}");
+        }
+        for (from, to, says) in [
+            ("[8.0, 0.3]", "[8.0, 0.0, 0.3]", &["anchors_m", "number 3"][..]),
+            ("drag_n_s2_m2 = 25.0", "drag_n_s2_m2 = -1.0", &["drag_n_s2_m2"]),
+            ("[[0.0, 3.8], [8.0, 6.0]]", "[[0.0, 3.8], [8.0, 1.0, 6.0]]", &["keep_out", "beside the plane"]),
+        ] {
+            let files = changed("robots/aq4.toml", from, to);
+            refused(&["check", &files.file("robots/aq4.toml")], 2, says);
+        }
+        let files = changed("boxes/aq4.toml", "start_m = [4.0, 2.0]", "start_m = [4.0, 1.0, 2.0]");
+        refused(&["check", &files.file("boxes/aq4.toml")], 2, &["start_m", "beside the plane"]);
+    }
+}

@@ -1,0 +1,177 @@
+//! `scripts/install` into a folder: what it puts where, upgrade, roll-back, removal, and the quota of the runs.
+
+use std::fs;
+use std::os::unix::fs::{PermissionsExt, symlink};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+fn project() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+/// Every program of the workspace.
+fn workspace() -> Vec<String> {
+    let services = fs::read_dir(project().join("services")).unwrap().map(|entry| entry.unwrap().path());
+    let own = |folder: &PathBuf| !fs::read_to_string(folder.join("Cargo.toml")).unwrap().contains("[workspace]");
+    let programs = services.filter(|folder| folder.join("src/main.rs").exists()).filter(own);
+    programs.map(|folder| folder.file_name().unwrap().to_str().unwrap().to_owned()).collect()
+}
+
+/// A folder with programs that say `word`.
+fn programs(folder: &Path, word: &str) -> PathBuf {
+    let folder = folder.join(word);
+    fs::create_dir(&folder).unwrap();
+    for program in workspace() {
+        let path = folder.join(program);
+        fs::write(&path, format!("#!/bin/sh\necho {word}\n")).unwrap();
+        fs::set_permissions(&path, fs::Permissions::from_mode(0o755)).unwrap();
+    }
+    folder
+}
+
+fn install(root: &Path, more: &[&str]) -> Output {
+    Command::new(project().join("scripts/install")).arg("--root").arg(root).args(more).output().unwrap()
+}
+
+fn said(output: &Output) -> String {
+    String::from_utf8_lossy(&output.stderr).into_owned() + &String::from_utf8_lossy(&output.stdout)
+}
+
+fn current_says(root: &Path) -> String {
+    // The link of a control box is absolute; below a folder only its last part means something.
+    let version = fs::read_link(root.join("opt/nims/current")).unwrap();
+    fs::read_to_string(root.join("opt/nims").join(version).join("bin/nims")).unwrap()
+}
+
+#[test]
+fn installed_upgraded_rolled_back_and_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    let old = programs(folder.path(), "old");
+    let output = install(&root, &["--programs", old.to_str().unwrap()]);
+    assert!(output.status.success(), "{}", said(&output));
+    assert!(current_says(&root).contains("old"));
+    assert_eq!(fs::read_link(root.join("usr/local/bin/nims")).unwrap(), Path::new("/opt/nims/current/bin/nims"));
+    assert_eq!(fs::metadata(root.join("etc/sudoers.d/nims")).unwrap().permissions().mode() & 0o777, 0o440);
+    let boxed = root.join("etc/nims/boxes/demo3.toml");
+    let text = fs::read_to_string(&boxed).unwrap();
+    assert!(text.contains("\nruns = \"/var/lib/nims/runs\""), "{text}");
+
+    let output = install(&root, &["--roll-back"]);
+    assert!(!output.status.success() && said(&output).contains("no earlier version"), "{}", said(&output));
+
+    // An earlier version by another name, as an upgrade finds it; what the operator changed stays.
+    let current = fs::read_link(root.join("opt/nims/current")).unwrap();
+    fs::rename(root.join("opt/nims").join(&current), root.join("opt/nims/0.0.1")).unwrap();
+    fs::remove_file(root.join("opt/nims/current")).unwrap();
+    symlink("0.0.1", root.join("opt/nims/current")).unwrap();
+    fs::write(&boxed, "# mine\n").unwrap();
+    let new = programs(folder.path(), "new");
+    assert!(install(&root, &["--programs", new.to_str().unwrap()]).status.success());
+    assert!(current_says(&root).contains("new"));
+    assert_eq!(fs::read_to_string(&boxed).unwrap(), "# mine\n");
+    assert!(install(&root, &["--roll-back"]).status.success());
+    assert!(current_says(&root).contains("old"));
+
+    let run = root.join("var/lib/nims/runs/2026-01-01T00-00-00Z-lab");
+    fs::create_dir_all(&run).unwrap();
+    assert!(install(&root, &["--remove"]).status.success());
+    assert!(run.is_dir() && boxed.is_file());
+    for gone in ["opt/nims", "usr/local/bin/nims", "etc/systemd/system/nims@.service", "etc/sudoers.d/nims"] {
+        assert!(fs::symlink_metadata(root.join(gone)).is_err(), "{gone} is still there");
+    }
+}
+
+#[test]
+fn what_is_missing_or_unknown_is_said_and_nothing_is_installed() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    let some = programs(folder.path(), "some");
+    fs::remove_file(some.join("planner")).unwrap();
+    let output = install(&root, &["--programs", some.to_str().unwrap()]);
+    assert!(!output.status.success() && said(&output).contains("planner is missing"), "{}", said(&output));
+    assert!(!root.join("opt/nims/current").exists());
+    let output = install(&root, &["--everything"]);
+    assert!(!output.status.success() && said(&output).contains("--everything"), "{}", said(&output));
+}
+
+#[test]
+fn the_service_manager_accepts_the_units() {
+    let folder = tempfile::tempdir().unwrap();
+    let root = folder.path().join("root");
+    assert!(install(&root, &["--programs", programs(folder.path(), "some").to_str().unwrap()]).status.success());
+    if let Ok(output) = Command::new("visudo").arg("-cf").arg(root.join("etc/sudoers.d/nims")).output() {
+        assert!(String::from_utf8_lossy(&output.stdout).contains("parsed OK"), "{output:?}");
+    }
+    if Command::new("systemd-analyze").arg("--version").output().is_err() {
+        println!("no systemd-analyze here: not verified");
+        return;
+    }
+    let version = fs::read_link(root.join("opt/nims/current")).unwrap();
+    let bin = root.join("opt/nims").join(version).join("bin");
+    let units = folder.path().join("units");
+    fs::create_dir(&units).unwrap();
+    for (unit, name) in [
+        ("nims@.service", "nims@lab.service"),
+        ("nims-runs.service", "nims-runs.service"),
+        ("nims-runs.timer", "nims-runs.timer"),
+    ] {
+        let text = fs::read_to_string(root.join("etc/systemd/system").join(unit)).unwrap();
+        // The programs lie below the folder, and the log's socket belongs to a systemd that runs.
+        let text = text.replace("/opt/nims/current/bin", bin.to_str().unwrap()).replace("LogNamespace=nims\n", "");
+        fs::write(units.join(name), text).unwrap();
+    }
+    let verify = |name: &str| {
+        let mut command = Command::new("systemd-analyze");
+        command
+            .args(["verify", "--man=no"])
+            .arg(units.join(name))
+            .env("SYSTEMD_UNIT_PATH", format!("{}:", units.display()));
+        said(&command.output().unwrap())
+    };
+    for name in ["nims@lab.service", "nims-runs.service", "nims-runs.timer"] {
+        let complaints = verify(name);
+        let ours: Vec<&str> = complaints.lines().filter(|line| line.contains("nims")).collect();
+        assert!(ours.is_empty(), "{ours:?}");
+    }
+    // It would say so if something were wrong.
+    fs::write(units.join("nims-wrong.service"), "[Service]\nExecStart=/nowhere/nims\nRestart=perhaps\n").unwrap();
+    assert!(verify("nims-wrong.service").contains("nims-wrong"), "systemd-analyze accepts everything");
+}
+
+#[test]
+fn the_oldest_finished_runs_make_room_and_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let runs = folder.path();
+    let make = |name: &str, file: &str| {
+        fs::create_dir(runs.join(name)).unwrap();
+        // sparse would not count
+        fs::write(runs.join(name).join(file), vec![1u8; 300_000]).unwrap();
+    };
+    make("2026-01-01T00-00-00Z-lab", "run.mcap");
+    make("2026-01-02T00-00-00Z-lab", "run.mcap.part");
+    make("2026-01-03T00-00-00Z-lab", "run.mcap");
+    make("2026-01-04T00-00-00Z-lab", "run.mcap");
+    make("0-notes", "notes.txt");
+    let script = fs::read_to_string(project().join("configs/system/nims-runs-quota")).unwrap();
+    let tried = runs.join("quota");
+    // Gigabytes are too large for a test: here a unit is 100 kB.
+    assert!(script.contains("most * 1000000"));
+    fs::write(&tried, script.replace("most * 1000000", "most * 100")).unwrap();
+    let keep = |most: &str| Command::new("sh").arg(&tried).arg(runs).arg(most).output().unwrap();
+    let left = || {
+        let mut left: Vec<String> =
+            fs::read_dir(runs).unwrap().map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        left.retain(|name| name.contains('T') || name.contains("notes"));
+        left.sort();
+        left
+    };
+    assert!(keep("0").status.success());
+    assert_eq!(left().len(), 5);
+    let output = keep("14");
+    assert!(said(&output).contains("removed 2026-01-01"), "{}", said(&output));
+    assert_eq!(left().len(), 4);
+    assert!(keep("1").status.success());
+    assert_eq!(left(), ["0-notes", "2026-01-02T00-00-00Z-lab", "2026-01-04T00-00-00Z-lab"]);
+    assert_eq!(keep("many").status.code(), Some(2));
+}

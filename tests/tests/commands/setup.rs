@@ -1,0 +1,160 @@
+//! `nims setup` as it is started: from a pipe, broken off and gone on with, and what comes of it.
+
+use serde_json::Value;
+use std::io::Write as _;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+
+/// A site of three pulleys and nine points near their feet, as somebody would answer.
+const SITE: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
+
+fn setup(folder: &Path, args: &[&str], lines: &[String]) -> Output {
+    let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
+    assert!(program.is_file(), "there is no {}: `cargo build --workspace --bins` first", program.display());
+    let mut child = Command::new(program)
+        .args(["setup", "site.toml"])
+        .args(args)
+        .current_dir(folder)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut typed = child.stdin.take().unwrap();
+    // Who refuses at once does not read.
+    let _ = typed.write_all(lines.iter().map(|line| format!("{line}\n")).collect::<String>().as_bytes());
+    drop(typed);
+    child.wait_with_output().unwrap()
+}
+
+fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
+}
+
+fn answers() -> Vec<String> {
+    let flat = SITE.map(|[x, y, _]| [x, y, 0.0]);
+    let mut lines = vec!["3".to_owned()];
+    lines.extend([(0, 1), (0, 2), (1, 2)].map(|(a, b)| format!("{:.3}", distance(flat[a], flat[b]))));
+    lines.extend(["left", "", "", "", "3 m", ""].map(str::to_owned));
+    let middle = [4.83, 2.87];
+    for k in 0..9 {
+        let (foot, share) = (flat[k % 3], 0.9 - 0.05 * (k / 3) as f64);
+        let at = [0, 1].map(|i| middle[i] + share * (foot[i] - middle[i]));
+        lines.push(SITE.map(|pulley| format!("{:.2}", distance(pulley, [at[0], at[1], 0.0]))).join(" "));
+    }
+    lines
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+#[test]
+fn a_site_is_calibrated_from_a_pipe() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut lines = answers();
+    lines.push(String::new());
+    let done = setup(folder.path(), &["--json"], &lines);
+    assert_eq!(done.status.code(), Some(0), "{}", text(&done.stderr));
+    let value: Value = serde_json::from_slice(&done.stdout).unwrap();
+    for (i, pulley) in SITE.iter().enumerate() {
+        for (k, coordinate) in pulley.iter().enumerate() {
+            assert!((value["anchors_m"][i][k].as_f64().unwrap() - coordinate).abs() < 0.03, "{value}");
+        }
+    }
+    let asked = text(&done.stderr);
+    for words in ["How many pulleys", "plumb lines of pulleys 1 and 2", "Point 9 of 9", "known to", "good: "] {
+        assert!(asked.contains(words), "{words}: {asked}");
+    }
+    // The same numbers and words as `nims calibrate`, of the same file.
+    let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
+    let again = Command::new(program).args(["calibrate", "site.toml"]).current_dir(folder.path()).output().unwrap();
+    assert_eq!(serde_json::from_slice::<Value>(&again.stdout).unwrap(), value);
+    assert!(asked.contains(&text(&again.stderr)), "{}\n{asked}", text(&again.stderr));
+    // What was written is what a robot file can name, and the next one does not take its place.
+    let read = |name: &str| std::fs::read_to_string(folder.path().join(name)).unwrap();
+    let written: toml::Table = toml::from_str(&read("site-calibration.toml")).unwrap();
+    assert_eq!(written["covariance_m2"].as_array().unwrap().len(), 9);
+    let first = read("site-calibration.toml");
+    let second = setup(folder.path(), &[], &[String::new()]);
+    assert!(text(&second.stdout).contains("site-calibration-2.toml"), "{}", text(&second.stdout));
+    assert_eq!(read("site-calibration.toml"), first);
+    assert_eq!(read("site-calibration-2.toml").lines().count(), first.lines().count());
+    let refused = setup(folder.path(), &["--out", "site-calibration.toml"], &[String::new()]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("is there already"), "{}", text(&refused.stderr));
+}
+
+#[test]
+fn broken_off_anywhere_nothing_is_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = tempfile::tempdir().unwrap();
+    let lines = answers();
+    assert_eq!(setup(whole.path(), &[], &lines).status.code(), Some(1));
+    for line in &lines {
+        let left = setup(folder.path(), &[], std::slice::from_ref(line));
+        assert_eq!(left.status.code(), Some(1));
+        let said = text(&left.stderr);
+        let last = said.lines().last().unwrap();
+        assert!(last.starts_with("nims: ") && last.contains("`nims setup site.toml` goes on"), "{said}");
+        assert!(left.stdout.is_empty());
+    }
+    let read = |folder: &Path| std::fs::read_to_string(folder.join("site.toml")).unwrap();
+    assert_eq!(read(folder.path()), read(whole.path()));
+    // Nothing else is left behind.
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1);
+    let quit = setup(folder.path(), &[], &["quit".to_owned()]);
+    assert_eq!(quit.status.code(), Some(1));
+    let last = setup(folder.path(), &[], &[String::new()]);
+    assert_eq!(last.status.code(), Some(0), "{}", text(&last.stderr));
+}
+
+#[test]
+fn what_cannot_be_begun_or_gone_on_with_is_refused_before_any_question() {
+    let folder = tempfile::tempdir().unwrap();
+    let by_hand = "# mine\n[[range]]\nfrom = 1\nto = 2\nm = 9.0\n";
+    std::fs::write(folder.path().join("site.toml"), by_hand).unwrap();
+    let refused = setup(folder.path(), &[], &["3".to_owned()]);
+    assert_eq!((refused.status.code(), text(&refused.stderr).lines().count()), (Some(2), 1));
+    assert!(text(&refused.stderr).contains("comments"), "{}", text(&refused.stderr));
+    assert_eq!(std::fs::read_to_string(folder.path().join("site.toml")).unwrap(), by_hand);
+    std::fs::write(folder.path().join("site.toml"), "[setup]\npulleys = many\n").unwrap();
+    let refused = setup(folder.path(), &[], &[]);
+    assert_eq!((refused.status.code(), text(&refused.stderr).lines().count()), (Some(2), 1));
+    assert!(text(&refused.stderr).contains("site.toml, line 2"), "{}", text(&refused.stderr));
+    std::fs::remove_file(folder.path().join("site.toml")).unwrap();
+    std::fs::create_dir(folder.path().join("site.toml")).unwrap();
+    let refused = setup(folder.path(), &[], &[]);
+    assert_eq!(refused.status.code(), Some(2));
+    assert!(text(&refused.stderr).contains("folder"), "{}", text(&refused.stderr));
+    // Without an answer there is nothing to keep.
+    std::fs::remove_dir(folder.path().join("site.toml")).unwrap();
+    let nothing = setup(folder.path(), &[], &[]);
+    assert_eq!(nothing.status.code(), Some(1));
+    assert!(text(&nothing.stderr).contains("nothing was answered"), "{}", text(&nothing.stderr));
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn the_transcript_in_the_documentation_is_what_comes() {
+    let page = Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/calibration.md");
+    let page = std::fs::read_to_string(page).unwrap();
+    let (_, shown) = page.split_once("$ nims setup site.toml\n").expect("the page shows how it goes");
+    let (shown, _) = shown.split_once("```").unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let mut lines = answers();
+    lines.insert(3, "99.8".to_owned());
+    (lines[2], lines[4]) = ("9,801".to_owned(), "999.8 cm".to_owned());
+    lines.insert(15, "9.56 3.52 9.73".to_owned());
+    lines.insert(16, "again".to_owned());
+    lines.push(String::new());
+    let done = setup(folder.path(), &[], &lines);
+    let came = text(&done.stderr) + &text(&done.stdout);
+    let words = |text: &str| text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut rest = words(&came);
+    // Two points stand for what is left out.
+    for part in shown.split("\n..\n").map(words) {
+        let Some(at) = rest.find(&part) else { panic!("this does not come:\n{part}\nbut this does:\n{came}") };
+        rest.drain(..at + part.len());
+    }
+}

@@ -1,0 +1,161 @@
+//! The processes of a running robot: started, ended, restarted, plugged in and unplugged by the operator, and what their states say.
+
+use crate::robot::{Robot, THREE_LINES, steadily};
+use rustix::process::Signal;
+
+/// Its id in the process table; 0 if it has none.
+fn pid(robot: &Robot, name: &str) -> u32 {
+    robot.pid_in_table(name).unwrap_or(0)
+}
+
+/// Who is on the bus beside this test.
+fn others(robot: &Robot) -> Vec<String> {
+    robot.domain.alive().into_iter().map(|node| node.name).filter(|name| name != "observer").collect()
+}
+
+fn lives(pid: u32) -> bool {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+    !stat.is_empty() && !stat.contains(") Z")
+}
+
+fn begin(more: &str) -> Robot {
+    Robot::begin(THREE_LINES, more, |_| ())
+}
+
+fn ready(more: &str) -> Robot {
+    let mut robot = Robot::up(more);
+    robot.until_said("it is ready", |robot| robot.said().contains("is ready to arm"));
+    robot
+}
+
+#[test]
+fn processes_come_and_go_while_the_robot_runs() {
+    let mut up = ready("");
+    // A run that is cut off says with which programs it flew: this much stands there from the beginning.
+    let manifest = std::fs::read_to_string(up.run().join("manifest.json")).unwrap();
+    let manifest: serde_json::Value = serde_json::from_str(&manifest).unwrap();
+    let processes = manifest["processes"].as_array().unwrap();
+    assert!(processes.len() >= 6 && processes.iter().all(|process| process["version"].is_string()), "{manifest:#}");
+    assert!(manifest["ended_utc"].is_null());
+    // A second controller beside the first one, in the free slot.
+    assert!(up.told(&["start", "controller"]).contains("controller-b is ready"));
+    assert_eq!(up.state("controller-b"), "ready");
+    assert_eq!(up.state("controller"), "ready");
+    up.refused(&["start", "controller"], &["both slots", "stop-process"]);
+    up.refused(&["start", "controller", "--slot", "b"], &["controller-b runs already", "restart"]);
+    let second = pid(&up, "controller-b");
+    up.told(&["stop-process", "controller-b"]);
+    assert_eq!(up.state("controller-b"), "stopped");
+    assert!(!lives(second));
+    assert_eq!(up.refused(&["stop-process", "controller-b"], &["does not run"]), Some(1));
+
+    // An ended one comes back under the same name, with another id.
+    let planner = pid(&up, "planner");
+    up.told(&["restart", "planner"]);
+    assert!(pid(&up, "planner") != planner && !lives(planner));
+    assert_eq!(up.state("planner"), "ready");
+
+    // Programs that the box file does not know.
+    std::fs::write(up.folder().join("sensor.sh"), "echo $1 > plugged; exec sleep 1000\n").unwrap();
+    up.told(&["plug", "wind", "--", "sh", "sensor.sh", "{name}/{domain}"]);
+    assert_eq!(up.state("wind"), "running", "it sends no heartbeat, so it is not called ready");
+    let plugged = std::fs::read_to_string(up.folder().join("plugged")).unwrap();
+    assert_eq!(plugged.trim(), format!("wind/{}", up.domain.name()));
+    let wind = pid(&up, "wind");
+    up.refused(&["plug", "wind", "--", "sleep", "1000"], &["\"wind\" is taken"]);
+    up.refused(&["plug", "planner", "--", "sleep", "1000"], &["\"planner\" is taken"]);
+    assert_eq!(up.refused(&["plug", "Wind!", "--", "sleep", "1000"], &["a-z"]), Some(2));
+    up.refused(&["plug", "rain", "--", "no-such-program"], &["no-such-program", "PATH"]);
+    up.refused(&["plug", "rain", "--", "./sensor"], &["./sensor"]);
+    up.refused(&["unplug", "planner"], &["cannot be unplugged"]);
+    assert_eq!(up.refused(&["unplug", "rain"], &["no process \"rain\"", "wind"]), Some(2));
+    assert_eq!(up.refused(&["stop-process", "nosuch"], &["no process \"nosuch\""]), Some(2));
+    up.told(&["unplug", "wind"]);
+    assert_eq!(up.state("wind"), "no row");
+    assert!(!lives(wind));
+    assert_eq!(up.down(Signal::INT), Some(0), "nothing has died: {}", up.said());
+    // What was plugged in can be read in the run, and in its file.
+    let kept = up.run().join("processes/1-wind-sensor.sh");
+    assert!(std::fs::read_to_string(&kept).unwrap().contains("sleep 1000"));
+    let attachments = runlog::info(&up.run()).unwrap().attachments;
+    assert!(attachments.contains(&"processes/1-wind-sensor.sh".to_owned()), "{attachments:?}");
+}
+
+#[test]
+fn a_plugged_program_that_ends_at_once_says_why() {
+    let mut up = ready("");
+    let failing = ["plug", "rain", "--", "sh", "-c", "echo the gauge is not there >&2; exit 3"];
+    up.refused(&failing, &["rain", "exit code 3", "the gauge is not there"]);
+    assert_eq!(up.state("rain"), "DIED");
+    // The name is free again.
+    up.told(&["plug", "rain", "--", "sleep", "1000"]);
+    assert_eq!(up.down(Signal::INT), Some(1), "a run in which rain died is no success");
+}
+
+#[test]
+fn what_flies_the_robot_is_not_ended_while_it_moves() {
+    steadily(|| {
+        let mut up = ready("");
+        up.arm();
+        up.fly();
+        for name in ["controller", "estimator", "motor-io", "motor-box"] {
+            up.refused(&["stop-process", name], &["the robot moves", name, "nims hold"]);
+            up.refused(&["restart", name], &["the robot moves", name]);
+        }
+        up.told(&["hold"]);
+        up.until_said("it holds", |up| up.told(&["status"]).contains("holding:"));
+        up.told(&["restart", "controller"]);
+        assert_eq!(up.state("controller"), "ready");
+        assert_eq!(up.down(Signal::INT), Some(0), "{}", up.said());
+    });
+}
+
+#[test]
+fn a_standby_is_kept_and_a_dead_one_is_started_again() {
+    let more = "\n[[process]]\nname = \"second\"\nrole = \"controller\"\nstandby = true\nrestart_pause_s = 0.1\n\
+                \n[[process]]\nname = \"spare\"\nrole = \"estimator\"\nstart = false\n\
+                \n[[process]]\nname = \"flaky\"\ncommand = [\"sh\", \"-c\", \"sleep 0.05; exit 7\"]\nrestart = true\nrestart_pause_s = 0.1\nrestart_limit = 2\n";
+    let mut up = ready(more);
+    assert_eq!(up.state("controller-b"), "ready");
+    assert_eq!(up.state("spare"), "stopped", "it waits to be asked for");
+    for name in ["controller", "controller-b"] {
+        let before = pid(&up, name);
+        up.signal(name, Signal::KILL);
+        up.until_said("it is started again", |up| up.state(name) == "ready" && pid(up, name) != before);
+    }
+    assert!(up.said().contains("controller was ended by signal 9: controller-b goes on"), "{}", up.said());
+    // By the name that it has in the box file too.
+    up.told(&["restart", "second"]);
+    up.told(&["start", "spare"]);
+    assert_eq!(up.state("estimator-b"), "ready");
+    assert_eq!(up.state("spare"), "no row", "it runs under the name of its slot");
+    // What keeps dying is given up.
+    up.until_said("flaky is given up", |up| up.state("flaky") == "DIED for good");
+    assert_eq!(up.said().matches("flaky ended with exit code 7").count(), 3, "{}", up.said());
+    assert_eq!(up.down(Signal::INT), Some(1));
+}
+
+#[test]
+fn a_process_that_does_not_get_ready_is_named_and_nothing_is_left_behind() {
+    let mut up =
+        begin("\n[[process]]\nname = \"planner\"\nrole = \"planner\"\ncommand = [\"sh\", \"-c\", \"sleep 1000\"]\n");
+    up.until_said("it is named", |up| up.said().contains("still waiting for planner"));
+    assert_eq!(up.down(Signal::INT), Some(1));
+    assert!(up.said().contains("stopped while starting"), "{}", up.said());
+    assert_eq!(others(&up), [""; 0]);
+
+    drop(up);
+    let mut up = begin(
+        "\n[[process]]\nname = \"planner\"\nrole = \"planner\"\ncommand = [\"sh\", \"-c\", \"echo no maps >&2; exit 1\"]\n",
+    );
+    up.until_said("it is named", |up| up.said().contains("planner did not come up: no maps"));
+    up.until_said("nothing is left", |up| others(up).is_empty());
+}
+
+#[test]
+fn a_closed_terminal_is_an_orderly_end() {
+    let mut up = ready("");
+    assert_eq!(up.down(Signal::HUP), Some(0), "{}", up.said());
+    assert_eq!(others(&up), [""; 0]);
+    assert!(up.run().join("run.mcap").is_file());
+}

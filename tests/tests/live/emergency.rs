@@ -1,0 +1,140 @@
+//! An emergency stop gets through where nothing else does: every place taken, every byte of shared memory too.
+
+use crate::robot::{GOAL, Robot, START};
+use bus::{Bus, Client, Party, Subscriber, Tap, Waiter};
+use messages::{MotorAuthority, MotorInput, MotorState, OperatorRequest};
+use rustix::fs::{FallocateFlags, fallocate, statvfs};
+use std::fs::File;
+use std::process::Command;
+
+/// Set in a process that has a /dev/shm of its own.
+const OWN: &str = "NIMS_TEST_OWN_SHARED_MEMORY";
+const TEST: &str = "emergency::an_emergency_stop_gets_through_where_nothing_else_does";
+/// How often; more with this variable.
+const ROUNDS: &str = "NIMS_TEST_ROUNDS";
+/// Cycles from the one in which the stop arrived to the first in which nothing moves any more.
+const CYCLES: u64 = 5;
+const CROWDED: [&str; 9] = [
+    "motor/state",
+    "motor/authority",
+    "motor/slots",
+    "motor/input",
+    "node/estimate/a",
+    "control/status/a",
+    "plan/status",
+    "system/process",
+    "operator/request",
+];
+
+/// Takes every place that there is, as processes of the robot could.
+struct Crowd {
+    _taps: Vec<Tap>,
+    _clients: Vec<Client>,
+    _waiters: Vec<Waiter>,
+    _members: Vec<Bus>,
+}
+
+impl Crowd {
+    fn gather(robot: &Robot) -> Self {
+        let join = || Bus::join_as(&robot.domain, "crowd", Party::Member);
+        let members: Vec<Bus> = (0..8).map(|_| join().unwrap()).collect();
+        let (mut taps, mut clients, mut waiters) = (Vec::new(), Vec::new(), Vec::new());
+        let mut next = members.iter().cycle();
+        let mut any = || next.next().unwrap();
+        // each until there is no place left
+        for name in CROWDED {
+            taps.extend(std::iter::from_fn(|| any().tap(name).ok()));
+        }
+        for name in ["motor-io", "planner", "nims"] {
+            clients.extend(std::iter::from_fn(|| any().client(name).ok()));
+        }
+        for name in ["motor/state", "system/channels"] {
+            waiters.extend(std::iter::from_fn(|| any().waiter(&[name]).ok()));
+        }
+        eprintln!("{} subscribers, {} clients, {} waiting", taps.len(), clients.len(), waiters.len());
+        let late = &members[0];
+        assert!(CROWDED.iter().all(|name| late.tap(name).is_err()), "every channel is full");
+        assert!(late.client("motor-io").is_err() && late.waiter(&["system/channels"]).is_err());
+        Self { _taps: taps, _clients: clients, _waiters: waiters, _members: members }
+    }
+}
+
+#[test]
+fn an_emergency_stop_gets_through_where_nothing_else_does() {
+    if std::env::var_os(OWN).is_some() {
+        return stop_in_a_crowd();
+    }
+    let mount = "mount -t tmpfs -o size=96m tmpfs /dev/shm";
+    let unshare = |command: &str| {
+        let mut unshare = Command::new("unshare");
+        unshare.args(["--mount", "--map-root-user", "sh", "-c", command]);
+        unshare
+    };
+    if !unshare(mount).output().is_ok_and(|tried| tried.status.success()) {
+        eprintln!("{TEST} is left out: this user cannot mount a /dev/shm of its own (unshare --mount --map-root-user)");
+        return;
+    }
+    let program = std::env::current_exe().unwrap();
+    let again = format!("{mount} && exec \"$0\" --exact --nocapture {TEST}");
+    assert!(unshare(&again).arg(program).env(OWN, "1").status().unwrap().success());
+}
+
+fn stop_in_a_crowd() {
+    let rounds = std::env::var(ROUNDS).ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(5);
+    let mut robot = Robot::up("");
+    let mut inputs = robot.bus.deep_subscriber::<MotorInput>("motor/input").unwrap();
+    let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
+    robot.arm();
+    // What the test itself needs is open before the crowd comes.
+    robot.request("planner", OperatorRequest::VERB_NONE, &[], "");
+    let crowd = Crowd::gather(&robot);
+    let filler = File::create("/dev/shm/filler").unwrap();
+    fill(&filler);
+    let before = robot.nims(&["status"]);
+    assert!(!before.status.success(), "it is full");
+    let mut slowest = 0;
+    for round in 0..rounds {
+        // To the farther one of two places, wherever the last stop left the node.
+        let [x, y, z] = farther(&robot);
+        robot.ask("planner", OperatorRequest::VERB_GOTO, &[x, y, z, 0.12]);
+        robot.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+        robot.for_cycles(20);
+        fill(&filler);
+        let cycles = stop_once(&robot, &mut inputs, &mut states);
+        assert!(cycles <= CYCLES, "round {round}: {cycles} cycles");
+        slowest = slowest.max(cycles);
+        robot.until("the stop", |robot| robot.last.mode == MotorAuthority::MODE_EMERGENCY_STOP);
+        robot.reset();
+    }
+    eprintln!("{rounds} of {rounds} emergency stops, at zero after {slowest} cycles at most");
+    drop(crowd);
+}
+
+fn farther(robot: &Robot) -> [f64; 3] {
+    let away = |to: &[f64; 3]| robot.seen.position_m.iter().zip(to).map(|(a, b)| (a - b).abs()).sum::<f64>();
+    if away(&GOAL) > away(&START) { GOAL } else { START }
+}
+
+/// `nims estop`; cycles from the one in which it arrived to the first with a zero command that stays.
+fn stop_once(robot: &Robot, inputs: &mut Subscriber<MotorInput>, states: &mut Subscriber<MotorState>) -> u64 {
+    while inputs.receive().unwrap().is_some() {}
+    while states.receive().unwrap().is_some() {}
+    let said = robot.nims(&["estop"]);
+    assert!(said.status.success(), "{}", String::from_utf8_lossy(&said.stderr));
+    // The answer came after the cycle; the samples of the next ones follow.
+    std::thread::sleep(std::time::Duration::from_millis(200));
+    let arrived = std::iter::from_fn(|| inputs.receive().unwrap()).find(|input| input.estops > 0);
+    let arrived = arrived.expect("it stands in motor/input").header.cycle;
+    let moving = |state: &MotorState| state.command_m_s.iter().any(|speed| *speed != 0.0);
+    let seen: Vec<MotorState> = std::iter::from_fn(|| states.receive().unwrap()).collect();
+    assert!(seen.iter().any(|state| state.header.cycle > arrived), "it goes on saying where it is");
+    let last =
+        seen.iter().filter(|state| state.header.cycle >= arrived && moving(state)).map(|state| state.header.cycle);
+    last.max().map_or(0, |cycle| cycle + 1 - arrived)
+}
+
+/// Takes what is left of shared memory.
+fn fill(file: &File) {
+    let room = statvfs("/dev/shm").unwrap();
+    let _ = fallocate(file, FallocateFlags::empty(), file.metadata().unwrap().len(), room.f_bavail * room.f_frsize);
+}

@@ -1,0 +1,150 @@
+//! What is not recorded is lost: it is said at once, missions are not begun, and `nims up` ends with 1. A process that hangs is replaced.
+
+use crate::robot::{Robot, THREE_LINES, copy_configs, program, root, steadily};
+use messages::{MotorAuthority, OperatorRequest};
+use rustix::process::Signal;
+use std::process::Command;
+
+/// A standby beside the controller, which is started again when it dies.
+const STANDBY: &str =
+    "\n[[process]]\nname = \"spare\"\nrole = \"controller\"\nslot = \"b\"\nstandby = true\nrestart = true\n";
+
+fn restarts(robot: &Robot, process: &str) -> u64 {
+    robot.row(process).and_then(|row| row["restarts"].as_u64()).unwrap_or(0)
+}
+
+#[test]
+fn without_room_nothing_is_recorded_and_no_mission_begins() {
+    steadily(|| {
+        // More than any disk has.
+        let mut robot = Robot::up("\n[recorder]\nmin_free_bytes = 1000000000000000\n");
+        robot.until_said("it is said", |robot| robot.said().contains("NOTHING IS BEING RECORDED: the disk is full"));
+        robot.arm();
+        let mission = root().join("configs/missions/demo.toml");
+        let mission = mission.to_str().unwrap();
+        let words = ["nothing is being recorded", "the disk is full", "--unrecorded"];
+        assert_eq!(robot.refused(&["run", mission], &words), Some(1));
+        let status = robot.status();
+        assert!(status["recorder"]["state"].as_str().unwrap().contains("the disk is full"), "{status}");
+        // The way home is never barred, but it is said that it leaves no trace.
+        let home = robot.nims(&["goto", "5.0,3.2,0.5"]);
+        assert!(home.status.success() && String::from_utf8_lossy(&home.stderr).contains("nothing is being recorded"));
+        robot.ask("motor-io", OperatorRequest::VERB_STOP, &[]);
+        robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+        robot.told(&["run", "--unrecorded", mission]);
+        robot.until("it flies", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+        let said = robot.said();
+        assert!(said.contains("not all of the run was recorded"), "{said}");
+        let answer = robot.answer();
+        assert!(answer["unfinished"].as_str().unwrap().contains("Ctrl-C"), "{answer}");
+    });
+}
+
+#[test]
+fn a_run_folder_that_is_removed_is_no_full_disk() {
+    steadily(|| {
+        let mut robot = Robot::up("");
+        robot.for_cycles(400);
+        std::fs::remove_dir_all(robot.run()).unwrap();
+        robot.until_said("it is said", |robot| robot.said().contains("NOTHING IS BEING RECORDED"));
+        robot.until_said("it goes on", |robot| robot.said().contains("the run is recorded again"));
+        assert!(robot.said().contains("was removed") && !robot.said().contains("disk is full"), "{}", robot.said());
+        // A process that is started now finds a folder for its words.
+        robot.told(&["restart", "planner"]);
+        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+        let report = runlog::info(&robot.run()).unwrap();
+        assert!(report.channels.iter().any(|channel| channel.name == "motor/state"), "{report}");
+        let (_, words) = nims::report::report(&[robot.run()], None).unwrap();
+        assert!(words.contains("of the first") && !words.contains("complete"), "{words}");
+    });
+}
+
+#[test]
+fn a_recorder_that_hangs_is_replaced() {
+    steadily(|| {
+        let mut robot = Robot::up("");
+        robot.for_cycles(200);
+        robot.signal("recorder", Signal::STOP);
+        robot.until_said("its silence is said", |robot| {
+            robot.said().contains("recorder has shown no sign of life") && robot.said().contains("recorder hung")
+        });
+        robot.until_said("it is replaced", |robot| {
+            restarts(robot, "recorder") == 1 && robot.state("recorder") == "ready"
+        });
+        robot.for_cycles(200);
+        assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
+        let report = runlog::info(&robot.run()).unwrap();
+        assert!(report.files.iter().all(|file| file.finished) && report.files[0].recovered, "{report}");
+        assert!(!report.healthy && !report.verdict.iter().any(|part| part.contains("complete")), "{report}");
+        let (value, words) = nims::report::report(&[robot.run()], None).unwrap();
+        assert!(words.contains("was recovered") && !words.contains("complete"), "{words}");
+        assert_eq!(value["runs"][0]["recording"]["healthy"], false);
+    });
+}
+
+#[test]
+fn a_standby_that_hangs_is_replaced() {
+    steadily(|| {
+        let mut robot = Robot::up(STANDBY);
+        robot.until_said("the standby is there", |robot| robot.state("controller-b") == "ready");
+        robot.signal("controller-b", Signal::STOP);
+        robot.until_said("it is replaced", |robot| {
+            restarts(robot, "controller-b") == 1 && robot.state("controller-b") == "ready"
+        });
+        assert_eq!(restarts(&robot, "controller"), 0, "the one in charge is left alone");
+        assert_eq!(robot.down(Signal::INT), Some(1), "one has died: {}", robot.said());
+    });
+}
+
+#[test]
+fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
+    steadily(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let domain = bus::Domain::for_test();
+        let run = folder.path().join("run");
+        let mut demo = Command::new(program())
+            .args(["demo", "--json", "--domain", domain.name(), "--run"])
+            .arg(&run)
+            .arg(copy_configs(folder.path()).join(format!("boxes/{THREE_LINES}.toml")))
+            .stdout(std::fs::File::create(folder.path().join("stdout")).unwrap())
+            .stderr(std::fs::File::create(folder.path().join("stderr")).unwrap())
+            .spawn()
+            .unwrap();
+        // A second of the flight is in the file.
+        let flown = || {
+            let samples = runlog::read_channel::<MotorAuthority>(&run, "motor/authority").unwrap_or_default();
+            samples.iter().filter(|(_, sample)| sample.mode == MotorAuthority::MODE_FOLLOWING).count()
+        };
+        let give_up = bus::clock::now_ns() + 60_000_000_000;
+        while flown() < 200 {
+            assert!(bus::clock::now_ns() < give_up && demo.try_wait().unwrap().is_none(), "it does not fly");
+            std::thread::sleep(std::time::Duration::from_millis(100));
+        }
+        let (value, words) =
+            nims::report::report(std::slice::from_ref(&run), Some(&folder.path().join("live.html"))).unwrap();
+        assert!(words.contains("being flown") && words.contains("being recorded"), "{words}");
+        assert!(value["runs"][0]["flown_m"].as_f64().unwrap() > 0.0 && !words.contains("-0.0"), "{words}");
+        rustix::process::kill_process(rustix::process::Pid::from_child(&demo), Signal::INT).unwrap();
+        assert_eq!(demo.wait().unwrap().code(), Some(1));
+        let said = std::fs::read_to_string(folder.path().join("stderr")).unwrap();
+        let last = said.trim_end().lines().last().unwrap();
+        assert!(
+            last.contains("broken off") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()),
+            "{said}"
+        );
+        assert!(
+            run.join("report.html").is_file() && run.join("report.svg").is_file() && run.join("report.json").is_file()
+        );
+        let (value, words) = nims::report::report(std::slice::from_ref(&run), None).unwrap();
+        assert!(words.contains("was broken off at") && !words.contains("-0.0"), "{words}");
+        let legs = value["runs"][0]["legs"].as_array().unwrap();
+        let (flown, sum) = (
+            value["runs"][0]["flown_m"].as_f64().unwrap(),
+            legs.iter().map(|leg| leg["flown_m"].as_f64().unwrap()).sum::<f64>(),
+        );
+        assert!(flown > 0.0 && (flown - sum).abs() < 1e-9, "{flown} m, {sum} m");
+        let last = legs.last().unwrap();
+        assert!(last["complete"] == false && last["flown_m"].as_f64().unwrap() < last["length_m"].as_f64().unwrap());
+    });
+}

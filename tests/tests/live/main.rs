@@ -1,0 +1,22 @@
+//! Robots as they are run, with their processes, in real time; one at a time.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod adaptive;
+mod chaos;
+mod counters;
+mod crew;
+mod emergency;
+mod faults;
+mod live_tuning;
+mod lives;
+mod losses;
+mod own_law;
+mod plugged_sensors;
+mod power;
+mod processes;
+mod robot;
+mod scene;
+mod sensor_logger;
+mod serial_sensors;
+mod swaps;

@@ -1,0 +1,36 @@
+//! A law of one's own, in its own program, flies by configuration alone: the template, compiled beside the others.
+
+use crate::robot::{Robot, steadily};
+use messages::{ControlStatus, SystemConfig, text_of};
+
+/// How far the node swings on its lines after a stop, m.
+const SWING_M: f64 = 0.01;
+
+#[test]
+fn a_law_of_ones_own_flies_by_configuration_alone() {
+    steadily(|| {
+        let mut robot = Robot::up("\n[[process]]\nname = \"my-law\"\nrole = \"controller\"\ncommand = [\"my-law\"]\n");
+        let mut statuses = robot.bus.subscriber::<ControlStatus>("control/status/a").unwrap();
+        robot.arm();
+        robot.fly();
+        let status = statuses.latest().unwrap().unwrap();
+        assert_eq!((status.law, status.valid), (ControlStatus::LAW_OTHER, 1));
+        // What flew is in the run, also of a law that nims does not know.
+        let mut configs = robot.bus.subscriber::<SystemConfig>("system/config/controller").unwrap();
+        robot.for_cycles(50);
+        let said = configs.latest().unwrap().unwrap();
+        let (law, parameters) = (text_of(&said.law), text_of(&said.parameters));
+        assert_eq!(law, "my-law");
+        assert!(parameters.ends_with("[law]\ngain_per_s = 1.5"), "{parameters}");
+        assert!(
+            parameters.starts_with("[controller]\n") && parameters.contains("horizon_cycles = 20\n"),
+            "{parameters}"
+        );
+        let program = crate::robot::program().canonicalize().unwrap().with_file_name("my-law");
+        assert_eq!(text_of(&said.program_sha256), service::hash_of(&[program]).unwrap());
+        robot.arrive();
+        robot.for_cycles(50);
+        let off_m = robot.distance_m(robot.goal);
+        assert!(off_m < SWING_M, "{off_m} m from the goal");
+    });
+}

@@ -1,0 +1,240 @@
+//! Sensors of one's own on the robot in flight: plugged in, replaced, killed and started again, in Rust and in Python, from the templates
+//! as they are. What it cost is read from the run file.
+//!
+//! `NIMS_REPLACEMENTS=50 cargo test --workspace --test live plugged_sensors::` replaces them fifty times.
+
+use crate::robot::{Robot, root, steadily};
+use messages::{Header, MotorAuthority, MotorState, OperatorRequest};
+use nims_tests::python;
+use rustix::process::Signal;
+use std::path::Path;
+
+messages::message! {
+    /// The message of both templates: one type, in whichever language it is declared.
+    pub struct Example {
+        header: Header,
+        value_v: f64,
+        samples: [f64; 4],
+    }
+}
+
+/// A second controller and a second estimator: a machine that holds one of them up for a moment has another that answers.
+const STANDBYS: &str = "\n[[process]]\nname = \"controller-b\"\nrole = \"controller\"\nstandby = true\n\
+    \n[[process]]\nname = \"estimator-b\"\nrole = \"estimator\"\nstandby = true\n";
+/// Cycles of quiet flight before the first sensor comes and after the last one went.
+const QUIET_CYCLES: u64 = 300;
+/// How often the templates read their device, 1/s.
+const RATE_HZ: u64 = 10;
+/// Cycles between a period lost to the computer and a command that is missing because of it.
+const FROZEN_CYCLES: u64 = 5;
+
+/// To and fro for a quarter of an hour.
+fn fly_for_long(robot: &mut Robot) {
+    let mut mission = "name = \"to and fro\"\nspeed_m_s = 0.15\n".to_owned();
+    for _ in 0..40 {
+        mission +=
+            "[[leg]]\npolyline = { points_m = [[5.6, 3.4, 0.6], [4.8, 4.0, 0.9], [4.0, 3.4, 0.6], [4.8, 3.0, 0.3]] }\n";
+    }
+    std::fs::write(robot.folder().join("fro.toml"), mission).unwrap();
+    robot.arm();
+    // A cycle without readings has no estimate, and then the planner has nowhere to begin.
+    robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+    for _ in 0..50 {
+        if robot.nims(&["run", "./fro.toml"]).status.success() {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(100));
+    }
+    robot.until("the mission has begun", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+}
+
+/// The template in Python with what it needs (`sensor.py`), and one with another field under the same name (`other.py`).
+fn copy_templates(robot: &Robot) {
+    for file in ["templates/sensor.py", "python/nims_bus.py"] {
+        let from = root().join("scripts").join(file);
+        std::fs::copy(&from, robot.folder().join(from.file_name().unwrap())).unwrap();
+    }
+    let text = std::fs::read_to_string(robot.folder().join("sensor.py")).unwrap();
+    std::fs::write(robot.folder().join("other.py"), text.replace("value_v", "value_a")).unwrap();
+}
+
+/// Periods without an answer between `first` and `last` beside which the computer was not short of time.
+fn unanswered(run: &Path, first: u64, last: u64) -> u64 {
+    let samples: Vec<MotorAuthority> = runlog::read_channel::<MotorAuthority>(run, "motor/authority")
+        .unwrap()
+        .into_iter()
+        .map(|(_, sample)| sample)
+        .filter(|sample| (first..=last).contains(&sample.header.cycle))
+        .collect();
+    assert!(samples.len() as u64 > (last - first) * 95 / 100, "the run file lacks cycles");
+    let grown = |of: fn(&MotorAuthority) -> u64| {
+        samples.windows(2).filter(move |two| of(&two[1]) > of(&two[0])).map(|two| two[1].header.cycle)
+    };
+    let starved: Vec<u64> = grown(|sample| sample.lost_computer).collect();
+    grown(|sample| sample.lost_answer)
+        .filter(|cycle| starved.iter().all(|starved| starved.abs_diff(*cycle) > FROZEN_CYCLES))
+        .count() as u64
+}
+
+/// Whether every life of a sensor is in the run file: nothing missing behind its first sample, and that within a second of its beginning.
+/// Two lives may overlap, as those of a program and of its successor do: the number of a sample tells which one said it.
+fn lives(run: &Path, channel: &str) -> u64 {
+    let samples = runlog::read_channel::<Example>(run, channel).unwrap();
+    let (mut lives, mut last) = (0, Vec::new());
+    for (_, Example { header, value_v, samples }) in samples {
+        // The value is the number of the sample, from 0: a new life begins again.
+        let count = header.seq - 1;
+        match last.iter_mut().rev().take(2).find(|last| **last + 1 == header.seq) {
+            Some(last) => *last = header.seq,
+            None => {
+                lives += 1;
+                assert!(header.seq <= RATE_HZ, "{channel}: life {lives} begins with sample {}", header.seq);
+                last.push(header.seq);
+            }
+        }
+        assert!((value_v - 0.1 * count as f64).abs() < 1e-9 && samples[3] == count as f64 + 3.0);
+    }
+    lives
+}
+
+#[test]
+fn sensors_are_replaced_in_flight_at_no_cost() {
+    steadily(|| {
+        let rounds: u64 = std::env::var("NIMS_REPLACEMENTS").map_or(3, |count| count.parse().unwrap());
+        let python = python();
+        let path = |path: &Path| path.to_str().unwrap().to_owned();
+        let mut robot = Robot::up(STANDBYS);
+        copy_templates(&robot);
+        fly_for_long(&mut robot);
+        let begun = robot.last.header.cycle;
+        robot.until("quiet flight", |robot| robot.last.header.cycle > begun + QUIET_CYCLES);
+        let first = robot.last.header.cycle;
+
+        // Both appear under their own names, with their own fields, and nothing else is started again.
+        robot.told(&["plug", "soil", "--", "my-sensor"]);
+        robot.told(&["plug", "leaf", "--", &path(&python), "sensor.py"]);
+        for name in ["soil", "leaf"] {
+            let channel = format!("sensor/{name}");
+            let mut subscriber = robot.bus.subscriber::<Example>(&channel).unwrap();
+            robot.until("a sample", |_| true);
+            let said = robot.told(&["channel", "echo", &channel, "-n", "3"]);
+            assert_eq!(said.lines().filter(|line| line.contains("\"value_v\":")).count(), 3, "{said}");
+            assert!(subscriber.latest().unwrap().is_some());
+            assert!(robot.told(&["channel", "list"]).contains(&format!("{channel}  ")));
+        }
+        let mut killed = 0;
+        for round in 0..rounds {
+            let mut samples = robot.bus.subscriber::<Example>("sensor/soil").unwrap();
+            match round % 3 {
+                0 => {
+                    robot.told(&["plug", "soil", "--replace", "--", "my-sensor"]);
+                }
+                1 => {
+                    killed += 1;
+                    robot.signal("soil", Signal::KILL);
+                    robot
+                        .until("its end is known", |robot| robot.domain.alive().iter().all(|node| node.name != "soil"));
+                    // In another language, under the same name and of the same type.
+                    robot.told(&["plug", "soil", "--replace", "--", &path(&python), "sensor.py"]);
+                }
+                _ => {
+                    robot.told(&["restart", "soil"]);
+                }
+            }
+            while samples.latest().unwrap().is_some() {}
+            let now = robot.last.header.cycle;
+            let give_up = bus::clock::now_ns() + 20_000_000_000;
+            while samples.receive().unwrap().is_none_or(|sample| sample.header.seq < 3) {
+                assert!(bus::clock::now_ns() < give_up, "round {round}: it does not speak");
+                std::thread::sleep(std::time::Duration::from_millis(20));
+            }
+            robot.until("the next cycle", |robot| robot.last.header.cycle > now);
+            if robot.last.mode != MotorAuthority::MODE_FOLLOWING {
+                // Whether that was the machine's doing is seen below.
+                robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+            }
+        }
+        // Whoever is in the control cycle holds no channel of a sensor, so that none can hold it up.
+        for channel in robot.bus.channels().unwrap().iter().filter(|channel| channel.name.starts_with("sensor/")) {
+            let holders: Vec<&str> = channel.holders.iter().map(|node| node.name.as_str()).collect();
+            let own = channel.name.trim_start_matches("sensor/");
+            assert!(
+                holders.iter().all(|name| [own, "recorder", "observer"].contains(name)),
+                "{}: {holders:?}",
+                channel.name
+            );
+        }
+        // Other fields under the old name: refused, with what to do; under a new one they are welcome.
+        let output = robot.nims(&["plug", "leaf", "--replace", "--", &path(&python), "other.py"]);
+        let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success() && sentence.contains("a changed type needs a new name"), "{sentence}");
+        robot.told(&["plug", "leaf-2", "--", &path(&python), "other.py"]);
+        robot.told(&["channel", "echo", "sensor/leaf-2", "-n", "1"]);
+        robot.told(&["unplug", "soil"]);
+        robot.told(&["unplug", "leaf-2"]);
+        robot.look();
+        let last = robot.last.header.cycle;
+        robot.until("quiet flight", |robot| robot.last.header.cycle > last + QUIET_CYCLES);
+        assert_eq!(robot.down(Signal::INT), Some(1), "a run in which a sensor was killed is no success");
+        let run = robot.run();
+
+        let (quiet, disturbed) = (
+            unanswered(&run, begun, first) + unanswered(&run, last, last + QUIET_CYCLES),
+            unanswered(&run, first, last),
+        );
+        println!("periods without an answer: {disturbed} of {}; {quiet} in quiet flight", last - first);
+        // A machine that misses cycles with nothing new on it is too busy to say anything about sensors.
+        assert!(disturbed == 0 || quiet > 0, "{disturbed} periods without an answer, and none in quiet flight");
+        assert_eq!(lives(&run, "sensor/soil"), rounds + 1);
+        assert_eq!(lives(&run, "sensor/leaf"), 1);
+        let report = runlog::info(&run).unwrap();
+        let lossy: Vec<_> = report.channels.iter().filter(|channel| channel.lost > 0).collect();
+        assert!(lossy.is_empty(), "{lossy:?}");
+        let schema = |name: &str| {
+            report.channels.iter().find(|channel| channel.name == format!("sensor/{name}")).unwrap().schema.clone()
+        };
+        assert_eq!((schema("soil"), schema("leaf")), ("nims_msgs/msg/Example".into(), "nims_msgs/msg/Example".into()));
+        // Two types of one name in one file are told apart.
+        assert!(schema("leaf-2").starts_with("nims_msgs/msg/ExampleX"), "{}", schema("leaf-2"));
+        let states = runlog::read_channel::<MotorState>(&run, "motor/state").unwrap();
+        println!("{rounds} replacements ({killed} by SIGKILL) in {} cycles", states.len());
+    });
+}
+
+#[test]
+fn a_successor_that_does_not_speak_costs_nothing() {
+    steadily(|| {
+        let python = python();
+        let python = python.to_str().unwrap();
+        let mut robot = Robot::up("");
+        copy_templates(&robot);
+        robot.told(&["plug", "soil", "--", "my-sensor"]);
+        robot.told(&["channel", "echo", "sensor/soil", "-n", "1"]);
+        let before = robot.pid_in_table("soil").unwrap();
+
+        // One that ends, one of another type, and one that never says anything: why is said, and the one before speaks on.
+        for (command, why) in [
+            (vec!["sh", "-c", "echo the cable is off >&2; exit 3"], "the cable is off"),
+            (vec![python, "other.py"], "a changed type needs a new name"),
+            (vec!["sleep", "1000"], "says nothing valid within 20 s"),
+        ] {
+            let mut args = vec!["plug", "soil", "--replace", "--"];
+            args.extend(command);
+            let output = robot.nims(&args);
+            let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert!(!output.status.success() && sentence.contains(why), "{sentence}");
+            assert!(sentence.contains("the one before goes on"), "{sentence}");
+            assert_eq!((robot.pid_in_table("soil"), robot.state("soil").as_str()), (Some(before), "ready"), "{why}");
+        }
+
+        // One that speaks has the name from then on, and the one before spoke until it did.
+        robot.told(&["plug", "soil", "--replace", "--", python, "sensor.py"]);
+        assert_ne!(robot.pid_in_table("soil"), Some(before));
+        let said = robot.said();
+        let at = |words: &str| said.find(words).unwrap_or_else(|| panic!("{words}: {said}"));
+        assert!(at("the new soil has said something") < at("the new one has its place"), "{said}");
+        assert_eq!(robot.down(Signal::INT), Some(0), "nothing died");
+        // Without a gap in either: two lives.
+        assert_eq!(lives(&robot.run(), "sensor/soil"), 2);
+    });
+}

@@ -1,0 +1,178 @@
+//! The power goes in the middle of a mission, and the disk fills: what is lost is known and small, and the robot is not deceived.
+
+use crate::robot::{GOAL, Robot, START, program, steadily};
+use messages::{MotorAuthority, MotorState, OperatorRequest, RecorderStatus};
+use rustix::process::Signal;
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::process::Command;
+use std::time::Duration;
+
+/// A second of control cycles.
+const SECOND: u64 = 100;
+/// Half a turn of an encoder's 0.1 mm, times some: the same length.
+const SAME_M: f64 = 0.002;
+
+fn cycles_in(run: &Path) -> BTreeSet<u64> {
+    let samples = runlog::read_channel::<MotorState>(run, "motor/state").unwrap();
+    samples.iter().map(|(_, sample)| sample.header.cycle).collect()
+}
+
+/// Up to the last second, the run file has every cycle that was seen on the bus.
+fn is_whole(run: &Path, seen: &[MotorState]) {
+    let recorded = cycles_in(run);
+    let (first, last) = (seen[0].header.cycle, seen.last().unwrap().header.cycle);
+    let kept = *recorded.last().unwrap();
+    println!("{}: recorded to cycle {kept}, seen to {last}", run.display());
+    assert!(kept + SECOND >= last, "more than a second is lost: {kept} of {last}");
+    let missing: Vec<u64> = seen
+        .iter()
+        .map(|state| state.header.cycle)
+        .filter(|cycle| *cycle <= kept && !recorded.contains(cycle))
+        .collect();
+    assert!(missing.is_empty(), "from {first} to {kept} there are holes: {missing:?}");
+    assert!(runlog::info(run).unwrap().files.iter().all(|file| file.finished));
+}
+
+#[test]
+fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silently() {
+    steadily(|| {
+        let mut robot = Robot::up("");
+        let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
+        robot.arm();
+        robot.fly();
+        // Any instant of a second and a half.
+        let wait = u64::from(bus::clock::unix_ns() as u32) % (SECOND * 3 / 2);
+        let until = robot.last.header.cycle + wait;
+        robot.until("the instant", |robot| robot.last.header.cycle >= until);
+        assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING);
+        robot.kill_all();
+        let mut seen = Vec::new();
+        while let Some(state) = states.receive().unwrap() {
+            seen.push(state);
+        }
+        println!("cut after {wait} cycles; {} cycles seen", seen.len());
+
+        // By hand, of a copy as somebody takes it home.
+        let run = robot.run();
+        let home = robot.folder().join("home");
+        std::fs::create_dir(&home).unwrap();
+        let part = home.join("run.mcap.part");
+        std::fs::copy(run.join("run.mcap.part"), &part).unwrap();
+        let recovered = Command::new(program()).arg("recover").arg(&part).output().unwrap();
+        assert!(recovered.status.success(), "{}", String::from_utf8_lossy(&recovered.stderr));
+        is_whole(&home, &seen);
+
+        // A power cut takes all that stands in memory, so also who ran where.
+        robot.forget();
+        // By the next start, which also says where the robot believes to be, and that this is a belief.
+        robot.up_again("");
+        // The old ports went with the old processes.
+        let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
+        let cycle = robot.last.header.cycle + 5;
+        robot.until("some cycles more", |robot| robot.last.header.cycle > cycle);
+        robot.until_said("the earlier run is recovered", |robot| robot.said().contains("has been recovered"));
+        is_whole(&run, &seen);
+        assert_eq!(robot.last.mode, MotorAuthority::MODE_DISARMED, "nothing arms by itself");
+        assert_eq!(robot.last.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+        let mut now = None;
+        while let Some(state) = states.receive().unwrap() {
+            now = Some(state);
+        }
+        let now = now.expect("the new motor-io speaks on the same channel");
+        let apart = |then: &MotorState| {
+            then.length_m[..3].iter().zip(now.length_m).fold(0.0, |most: f64, (then, now)| most.max((then - now).abs()))
+        };
+        let nearest = seen.iter().map(apart).fold(f64::INFINITY, f64::min);
+        assert!(nearest < SAME_M, "the lengths are of no moment before the cut: {nearest} m");
+        let (_, sentence) = robot.request("motor-io", OperatorRequest::VERB_ARM, &[], "").unwrap();
+        assert!(
+            sentence.contains("kept from before motor-io was started") && sentence.contains("confirm"),
+            "{sentence}"
+        );
+        let (accepted, sentence) =
+            robot.request("planner", OperatorRequest::VERB_GOTO, &[5.0, 3.2, 0.5, 0.1], "").unwrap();
+        assert!(!accepted && sentence.contains("confirm"), "it moves by a position that nobody confirmed: {sentence}");
+        robot.ask("motor-io", OperatorRequest::VERB_CONFIRM_POSITION, &[]);
+        robot.until("a confirmed position", |robot| robot.last.position_known == MotorState::POSITION_KNOWN);
+    });
+}
+
+#[test]
+fn a_disk_that_fills_in_flight_ends_the_recording_aloud_and_not_the_mission() {
+    steadily(|| {
+        let place = tempfile::tempdir().unwrap();
+        let free = runlog::free_bytes(place.path()).unwrap();
+        // The disk is full when this much is gone; other programs of the machine use less in these seconds.
+        let room = (free / 4).min(200_000_000);
+        let mut robot = Robot::up(&format!("\n[recorder]\nmin_free_bytes = {}\n", free - room));
+        let mut states = robot.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
+        let mut recorder = |robot: &mut Robot, wanted: u8| {
+            for _ in 0..1000 {
+                robot.look();
+                while let Some(row) = states.receive().unwrap() {
+                    if row.state == wanted {
+                        return;
+                    }
+                }
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            panic!("the recorder does not come to state {wanted}\n{}", robot.said());
+        };
+        robot.arm();
+        robot.fly();
+        recorder(&mut robot, RecorderStatus::STATE_RECORDING);
+        let filler = place.path().join("filler");
+        let filled = Command::new("fallocate").args(["--length", &(2 * room).to_string()]).arg(&filler).status();
+        assert!(filled.unwrap().success(), "fallocate of util-linux is needed");
+        recorder(&mut robot, RecorderStatus::STATE_DISK_FULL);
+        robot.arrive();
+        assert_eq!(robot.last.faults, 0);
+        let log = std::fs::read_to_string(robot.run().join("log/recorder.txt")).unwrap();
+        assert!(log.contains("NOTHING IS BEING RECORDED"), "{log}");
+        std::fs::remove_file(&filler).unwrap();
+        assert!(
+            runlog::info(&robot.run()).unwrap().files.iter().all(|file| file.finished),
+            "the file is closed in order"
+        );
+    });
+}
+
+#[test]
+fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_done() {
+    steadily(|| {
+        let mut robot = Robot::up("");
+        let mission =
+            format!("name = \"over\"\nspeed_m_s = 0.15\n[[leg]]\npolyline = {{ points_m = [{GOAL:?}, {START:?}] }}\n");
+        let file = robot.folder().join("configs/missions/over.toml");
+        std::fs::write(&file, &mission).unwrap();
+        robot.arm();
+        robot.until_said("the mission is accepted", |robot| robot.nims(&["run", "over"]).status.success());
+        robot.until("more than half of the first line", |robot| robot.distance_m(START) > 0.5);
+        robot.kill_all();
+        robot.look();
+        let there = robot.seen.position_m;
+        let before = robot.distance_m(START);
+        // The virtual box hangs the node where its file says: where it was left.
+        robot.change_box(|text| text.replace("start_m = [4.8, 3.0, 0.3]", &format!("start_m = {there:?}")));
+        robot.up_again("");
+        robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &there);
+        robot.until_said("the rest is accepted", |robot| robot.nims(&["run", "over", "--continue"]).status.success());
+        robot.until("the first line's end", |robot| {
+            assert!(robot.distance_m(START) > before - 0.1, "it flies again what is done");
+            robot.distance_m(GOAL) < 0.02
+        });
+        robot.arrive();
+        assert!(robot.distance_m(START) < 0.02, "{} m from the end", robot.distance_m(START));
+        // Done is done.
+        robot.refused(&["run", "over", "--continue"], &[]);
+        // What was flown stands in the run, whatever becomes of the file that said so.
+        std::fs::remove_file(&file).unwrap();
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        assert_eq!(std::fs::read_to_string(robot.run().join("missions/1-over.toml")).unwrap(), mission);
+        assert!(!robot.run().join("missions/2-over.toml").exists(), "what was refused was not flown");
+        let kept = runlog::info(&robot.run()).unwrap().attachments;
+        assert!(kept.contains(&"missions/1-over.toml".to_owned()), "{kept:?}");
+    });
+}

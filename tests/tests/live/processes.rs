@@ -1,0 +1,489 @@
+//! The robot as it is run: `nims up` on the virtual motor box, missions, and the death of each process.
+//!
+//! `NIMS_DRIFT_S=60` lets the robot that has lost its controller hang for so long, s.
+
+use crate::robot::{FOUR_LINES, GOAL, Robot, THREE_LINES, program, steadily};
+use bus::clock;
+use messages::{MotorAuthority, OperatorRequest, RecorderStatus, TruthNode};
+use rustix::process::Signal;
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+/// The drives' watchdog in the box file, s, and the speed of the moves below, m/s.
+const WATCHDOG_S: f64 = 0.3;
+const SPEED_M_S: f64 = 0.2;
+/// Ten steps of the encoder: less than that in 0.3 s is holding.
+const STILL_M: f64 = 0.001;
+/// How far the node swings on its lines after a stop.
+const SWING_M: f64 = 0.01;
+/// Of the robot file, m/s², and the control period of the box file, s.
+const ACCELERATION_M_S2: f64 = 0.5;
+const PERIOD_S: f64 = 0.01;
+/// A stop is commanded in so many cycles from the first one without a command.
+const STOP_CYCLES: u64 = 3;
+/// So many more where the computer had no time for the robot in one of them.
+const HICCUP_CYCLES: u64 = 8;
+
+/// Up on that box, armed, and under way.
+fn in_flight(file: &'static str, more: &str) -> Robot {
+    let mut robot = Robot::up_with(file, more, |_| ());
+    robot.arm();
+    robot.fly_at(SPEED_M_S);
+    robot
+}
+
+fn taut(robot: &Robot) -> bool {
+    let cables = usize::from(robot.seen.cable_count);
+    cables >= 3 && robot.seen.tension_n[..cables].iter().all(|tension| *tension > 1.0)
+}
+
+/// Waits until no drum turns. The node itself swings on the elastic lines by a millimetre or so for some seconds more.
+fn until_still(robot: &mut Robot) {
+    for _ in 0..40 {
+        let before = robot.seen.length_m;
+        std::thread::sleep(Duration::from_millis(300));
+        robot.look();
+        if before.iter().zip(robot.seen.length_m).all(|(a, b)| (a - b).abs() < STILL_M) {
+            return;
+        }
+    }
+    panic!("the drums still turn\n{}", robot.said());
+}
+
+/// Every run file is finished and sound.
+fn files_are_closed(run: &Path) {
+    let names: Vec<String> = std::fs::read_dir(run)
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .collect();
+    assert!(names.iter().any(|name| name == "run.mcap"), "{names:?}");
+    assert!(!names.iter().any(|name| name.ends_with(".part")), "{names:?}");
+    let report = runlog::info(run).unwrap();
+    assert!(report.files.iter().all(|file| file.finished), "{report}");
+    assert!(report.channels.iter().any(|channel| channel.name == "motor/state" && channel.messages > 100), "{report}");
+}
+
+/// The same domain comes up again and ends by itself.
+fn next_start_is_clean(robot: &Robot) {
+    let again = robot.folder().join("again");
+    let output = Command::new(program())
+        .args(["up", "--domain", robot.domain.name(), "--for", "0.5", "--run"])
+        .arg(&again)
+        .arg(robot.box_file())
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(again.join("run.mcap").is_file());
+}
+
+/// What the run file says of the time after the controller or the estimator was killed without a standby: a commanded stop in so many
+/// cycles, a travel of what that takes, no drift, taut lines.
+fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
+    let after = |stamp_ns: u64| stamp_ns > killed_ns;
+    let cycles: Vec<MotorAuthority> =
+        runlog::read_channel(run, "motor/authority").unwrap().into_iter().map(|(_, sample)| sample).collect();
+    let begin = cycles.iter().position(|cycle| after(cycle.header.stamp_ns)).unwrap();
+    let (before, cycles) = (cycles[begin - 1], &cycles[begin..]);
+    let first = cycles.iter().position(|cycle| cycle.unsteered() > before.unsteered()).unwrap();
+    let stop = cycles.iter().position(|cycle| cycle.mode != MotorAuthority::MODE_FOLLOWING).unwrap();
+    // The cycle that was under way, and the one whose command was there already.
+    assert!(first <= 2, "{first} cycles until one is without an answer");
+    // Where the drives gave no readings in the cycle before, there was nothing to answer to.
+    let until = |index: usize| if index == 0 { before.lost_on_ports() } else { cycles[index - 1].lost_on_ports() };
+    let unread = until(stop) - until(first);
+    let missing = cycles[stop].header.cycle - cycles[first].header.cycle + 1 - unread;
+    // Beside a hiccup of the computer, which is named then, it is waited for a little.
+    let hiccup = cycles[..=stop].iter().any(|cycle| cycle.faults & MotorAuthority::FAULT_COMPUTER != 0);
+    let allowed = if hiccup { STOP_CYCLES + HICCUP_CYCLES } else { STOP_CYCLES };
+    assert!(missing <= allowed, "the stop is commanded in cycle {missing} without a command");
+
+    let truth: Vec<TruthNode> =
+        runlog::read_channel(run, "truth/node").unwrap().into_iter().map(|(_, sample)| sample).collect();
+    let (earlier, later): (Vec<_>, Vec<_>) = truth.into_iter().partition(|sample| !after(sample.header.stamp_ns));
+    let start = earlier.last().unwrap();
+    let speed = start.velocity_m_s.iter().map(|v| v * v).sum::<f64>().sqrt();
+    let still_ns = cycles[stop].header.stamp_ns + 1_500_000_000;
+    // Where motor-io itself stood still, the drives went on for that long.
+    let frozen_s: f64 = cycles[..stop + 50]
+        .windows(2)
+        .map(|two| (two[1].header.stamp_ns - two[0].header.stamp_ns) as f64 * 1e-9 - 1.5 * PERIOD_S)
+        .map(|late_s| late_s.max(0.0))
+        .sum();
+    let bound = speed * speed / (2.0 * ACCELERATION_M_S2) + (3.0 * PERIOD_S + frozen_s) * speed + 0.01;
+    let far = |from: &[f64; 3], to: &[f64; 3]| from.iter().zip(to).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+    let travel = later
+        .iter()
+        .take_while(|sample| sample.header.stamp_ns < still_ns)
+        .fold(0.0, |most: f64, sample| most.max(far(&start.position_m, &sample.position_m)));
+    assert!(travel <= bound, "{travel} m, allowed {bound} m at {speed} m/s");
+
+    // The node swings on its lines, so its mean place over a second is what may drift.
+    let held: Vec<_> = later.iter().filter(|sample| sample.header.stamp_ns > still_ns).collect();
+    let mean = |some: &[&TruthNode]| {
+        [0, 1, 2].map(|i| some.iter().map(|sample| sample.position_m[i]).sum::<f64>() / some.len() as f64)
+    };
+    assert!(held.len() as f64 > 80.0 * drift_s, "{} samples of {drift_s} s", held.len());
+    let drift = far(&mean(&held[..100]), &mean(&held[held.len() - 100..]));
+    assert!(drift <= 0.02 * drift_s / 60.0, "{drift} m of drift in {drift_s} s");
+    let least = later
+        .iter()
+        .flat_map(|sample| &sample.tension_n[..usize::from(sample.cable_count)])
+        .copied()
+        .fold(f64::MAX, f64::min);
+    assert!(least > 1.0, "a line at {least} N");
+    println!(
+        "{speed:.3} m/s: the first one lost {first} cycles after the kill, the stop commanded in cycle {missing} without a command, {:.1} mm of \
+         travel (allowed {:.1}), {:.2} mm of drift in {drift_s} s, least tension {least:.1} N",
+        1e3 * travel,
+        1e3 * bound,
+        1e3 * drift
+    );
+}
+
+#[test]
+fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file() {
+    steadily(|| {
+        let mut robot = Robot::up("");
+        let file = robot.box_file();
+        let pid = robot.supervisor_pid().to_string();
+        assert_eq!(robot.refused(&["up", file.to_str().unwrap()], &[&pid]), Some(2));
+        // Nothing moves before it is armed, and it says why.
+        assert_eq!(robot.refused(&["goto", "5.0,3.2,0.5"], &[]), Some(1));
+
+        robot.arm();
+        robot.fly_at(SPEED_M_S);
+        // A place where the node cannot be is bad input, whatever the robot does.
+        assert_eq!(robot.refused(&["goto", "5.0,3.2,9.5"], &[]), Some(2));
+        robot.arrive();
+        robot.for_cycles(30);
+        assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
+
+        let listed: Value = serde_json::from_str(&robot.told(&["channel", "list", "--json"])).unwrap();
+        let channels = listed["channels"].as_array().unwrap();
+        assert!(channels.iter().any(|channel| channel["name"] == "motor/state"), "{listed}");
+        let counted = robot.told(&["channel", "hz", "motor/state", "--for", "1", "--json"]);
+        let counted: Value = serde_json::from_str(&counted).unwrap();
+        let hz = counted["channels"][0]["hz"].as_f64().unwrap();
+        assert!(hz > 50.0 && hz < 120.0, "{counted}");
+        let echoed = robot.told(&["channel", "echo", "motor/authority", "-n", "2"]);
+        let lines: Vec<Value> = echoed.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+        assert_eq!(lines.len(), 2);
+        assert_eq!(lines[0]["mode"], "MODE_HOLDING", "{}", lines[0]);
+
+        robot.fly_at(SPEED_M_S);
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        let answer = robot.answer();
+        assert_eq!(answer["mode"], "holding", "{answer}\n{}", robot.said());
+        files_are_closed(&robot.run());
+        // The last thing in the file is a robot that holds on taut lines.
+        let truth = runlog::read_channel::<TruthNode>(&robot.run(), "truth/node").unwrap();
+        let (earlier, last) = (truth[truth.len() - 10].1, truth.last().unwrap().1);
+        let still = earlier.length_m.iter().zip(last.length_m).all(|(a, b)| (a - b).abs() < STILL_M);
+        assert!(still, "{earlier:?} {last:?}");
+        robot.seen = last;
+        assert!(taut(&robot), "{last:?}");
+        next_start_is_clean(&robot);
+    });
+}
+
+#[test]
+fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
+    steadily(|| {
+        let mut robot = in_flight(THREE_LINES, "");
+        robot.arrive();
+        robot.for_cycles(100);
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+        // The virtual box hangs the node where its file says, so let that be where it was left.
+        robot.change_box(|text| {
+            assert!(text.contains("start_m = [4.8, 3.0, 0.3]"));
+            text.replace("start_m = [4.8, 3.0, 0.3]", "start_m = [5.4, 3.6, 0.7]")
+        });
+        robot.up_again("");
+        robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        robot.look();
+        assert_eq!(robot.last.position_known, messages::MotorState::POSITION_FROM_BEFORE_THE_CUT);
+        assert_eq!(robot.refused(&["goto", "5.0,3.2,0.5"], &["confirm-position"]), Some(1));
+        robot.told(&["confirm-position"]);
+        let mut found = Vec::new();
+        robot.until_said("a position", |robot| robot.status()["position_m"].is_array());
+        // In a cycle without readings there is none.
+        while found.is_empty() {
+            let status = robot.status();
+            found.extend(status["position_m"].as_array().into_iter().flatten().filter_map(Value::as_f64));
+        }
+        let off = found.iter().zip(GOAL).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt();
+        assert!(off < 0.02, "{off} m beside where it was left");
+        assert_eq!(robot.down(Signal::INT), Some(0), "{}", robot.said());
+    });
+}
+
+/// The active controller or estimator dies without a standby: stop on the path, hold.
+fn stops_on_the_path(file: &'static str, name: &str, cause: u32) {
+    let drift_s = std::env::var("NIMS_DRIFT_S").map_or(2.0, |seconds| seconds.parse().unwrap());
+    steadily(|| {
+        let mut robot = in_flight(file, "");
+        robot.look();
+        let before = robot.named;
+        let killed_ns = clock::now_ns();
+        robot.signal(name, Signal::KILL);
+        robot.until("the robot holds", |robot| {
+            matches!(robot.last.mode, MotorAuthority::MODE_HOLDING | MotorAuthority::MODE_FAULTED)
+        });
+        assert_eq!(before, 0, "nothing was wrong before");
+        assert_ne!(robot.named & cause, 0, "the cause is not named: faults {:#x}", robot.named);
+        until_still(&mut robot);
+        assert!(taut(&robot), "{:?}", robot.seen);
+        assert!(robot.distance_m(GOAL) > 0.3, "it stopped on the path, not at its end");
+        let place = robot.seen.position_m;
+        std::thread::sleep(Duration::from_secs_f64(drift_s + 1.5));
+        robot.look();
+        assert!(taut(&robot) && robot.distance_m(place) < SWING_M, "it drifts: {place:?} {:?}", robot.seen.position_m);
+        assert!(robot.said().contains(&format!("{name} was ended by signal 9")), "{}", robot.said());
+        assert_eq!(robot.down(Signal::INT), Some(1), "a run in which {name} died is no success");
+        files_are_closed(&robot.run());
+        stopped_in_time(&robot.run(), killed_ns, drift_s);
+        next_start_is_clean(&robot);
+    });
+}
+
+#[test]
+fn without_its_controller_the_robot_stops_on_the_path_and_holds() {
+    stops_on_the_path(THREE_LINES, "controller", MotorAuthority::FAULT_COMMAND_LOST);
+}
+
+#[test]
+fn without_its_estimator_the_robot_stops_on_the_path_and_holds() {
+    stops_on_the_path(THREE_LINES, "estimator", MotorAuthority::FAULT_ESTIMATE_LOST);
+}
+
+#[test]
+fn four_lines_stop_on_the_path_and_hold_without_their_controller() {
+    stops_on_the_path(FOUR_LINES, "controller", MotorAuthority::FAULT_COMMAND_LOST);
+}
+
+#[test]
+fn a_controller_that_stands_still_is_as_good_as_dead_until_it_goes_on() {
+    steadily(|| {
+        let mut robot = in_flight(THREE_LINES, "");
+        robot.signal("controller", Signal::STOP);
+        robot.until("the robot holds", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+        assert_ne!(robot.named & MotorAuthority::FAULT_COMMAND_LOST, 0, "faults {:#x}", robot.named);
+        until_still(&mut robot);
+        assert!(taut(&robot) && robot.distance_m(GOAL) > 0.3, "{:?}", robot.seen);
+        robot.until_said("its silence is said", |robot| robot.said().contains("controller has shown no sign of life"));
+        robot.signal("controller", Signal::CONT);
+        robot.until_said("its return is said", |robot| robot.said().contains("controller is back"));
+        assert_eq!(robot.down(Signal::INT), Some(0), "nothing died: {}", robot.said());
+        files_are_closed(&robot.run());
+    });
+}
+
+#[test]
+fn an_emergency_stop_waits_aloud_for_a_motor_io_that_stands_still() {
+    steadily(|| {
+        let mut robot = in_flight(THREE_LINES, "");
+        robot.signal("motor-io", Signal::STOP);
+        let said = robot.folder().join("estop.stderr");
+        let mut estop = Command::new(program())
+            .args(["--domain", robot.domain.name(), "estop"])
+            .stdout(Stdio::null())
+            .stderr(std::fs::File::create(&said).unwrap())
+            .spawn()
+            .unwrap();
+        robot.until_said("it speaks up", |_| {
+            std::fs::read_to_string(&said).unwrap_or_default().contains("use the hardware stop; still trying")
+        });
+        assert!(estop.try_wait().unwrap().is_none(), "it goes on trying");
+        robot.signal("motor-io", Signal::CONT);
+        robot.until("the emergency stop", |robot| robot.last.mode == MotorAuthority::MODE_EMERGENCY_STOP);
+        assert!(estop.wait().unwrap().success(), "{}", std::fs::read_to_string(&said).unwrap());
+        until_still(&mut robot);
+        assert!(taut(&robot), "{:?}", robot.seen);
+        robot.down(Signal::INT);
+    });
+}
+
+#[test]
+fn a_recorder_whose_file_cannot_grow_says_so_and_begins_another_while_the_robot_flies_on() {
+    // A limit on the size of files stands in for a disk that is full; the shell ignores its signal for the recorder.
+    let recorder = program().with_file_name("recorder");
+    let more = format!(
+        "\n[[process]]\nname = \"recorder\"\nrole = \"recorder\"\ncommand = ['/bin/sh', '-c', 'trap \"\" XFSZ; exec \"$0\" \"$@\"', '{}']\n",
+        recorder.display()
+    );
+    steadily(|| {
+        let mut robot = in_flight(THREE_LINES, &more);
+        let mut states = robot.bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
+        let pid = robot.pid("recorder").unwrap().to_string();
+        let limit = |bytes: &str| {
+            let set = Command::new("prlimit").args(["--pid", &pid, &format!("--fsize={bytes}:")]).status();
+            assert!(set.unwrap().success(), "prlimit of util-linux is needed");
+        };
+        limit("1000");
+        for wanted in [RecorderStatus::STATE_FAILED, RecorderStatus::STATE_RECORDING] {
+            let give_up = clock::now_ns() + 60_000_000_000;
+            while states.latest().unwrap().is_none_or(|row| row.state != wanted) {
+                assert!(clock::now_ns() < give_up, "not in state {wanted}: {}", robot.status());
+                std::thread::sleep(Duration::from_millis(20));
+            }
+            limit("unlimited");
+        }
+        robot.arrive();
+        assert_eq!(robot.named & motor_io::faults::HARD, 0, "the robot has not noticed: faults {:#x}", robot.named);
+        assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
+        let log = std::fs::read_to_string(robot.run().join("log/recorder.txt")).unwrap();
+        assert!(log.contains("trying another file in 5 s"), "{log}");
+        assert_eq!(robot.down(Signal::INT), Some(1), "a part of the run is lost: {}", robot.said());
+        assert_eq!(robot.answer()["unrecorded"].as_array().map(Vec::len), Some(1), "{}", robot.answer());
+        assert!(robot.said().contains("NOTHING IS BEING RECORDED"), "{}", robot.said());
+        assert!(robot.run().join("run-0002.mcap").is_file());
+        files_are_closed(&robot.run());
+    });
+}
+
+#[test]
+fn without_its_planner_the_robot_finishes_the_segment_and_holds() {
+    steadily(|| {
+        let mut robot = in_flight(THREE_LINES, "");
+        robot.signal("planner", Signal::KILL);
+        robot.arrive();
+        until_still(&mut robot);
+        let off = robot.distance_m(GOAL);
+        assert!(off < SWING_M && taut(&robot), "{off} m from the end of the segment");
+        robot.down(Signal::INT);
+        files_are_closed(&robot.run());
+        next_start_is_clean(&robot);
+    });
+}
+
+#[test]
+fn without_its_recorder_the_mission_goes_on_and_a_new_file_begins() {
+    steadily(|| {
+        let mut robot = in_flight(THREE_LINES, "");
+        robot.signal("recorder", Signal::KILL);
+        robot.until_said("the loss is said", |robot| robot.said().contains("recorder was ended by signal 9"));
+        robot.arrive();
+        assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
+        let second = robot.run().join("run-0002.mcap");
+        robot.until_said("it records again", |_| second.with_extension("mcap.part").exists());
+        robot.down(Signal::INT);
+        files_are_closed(&robot.run());
+        assert!(second.is_file());
+        next_start_is_clean(&robot);
+    });
+}
+
+#[test]
+fn without_motor_io_the_drives_stop_the_motors() {
+    steadily(|| {
+        let mut robot = in_flight(THREE_LINES, "");
+        robot.until("it is fast", |robot| robot.speed_m_s() > 0.15);
+        robot.signal("motor-io", Signal::KILL);
+        robot.look();
+        let place = robot.seen.position_m;
+        std::thread::sleep(Duration::from_secs_f64(WATCHDOG_S + 1.5));
+        robot.look();
+        let travel = robot.distance_m(place);
+        println!("travel after the kill: {:.1} mm", 1e3 * travel);
+        // The gears of this robot hold an unpowered line, so nothing sinks afterwards.
+        assert!(travel < WATCHDOG_S * SPEED_M_S + 0.01, "{travel} m");
+        until_still(&mut robot);
+        assert!(taut(&robot), "{:?}", robot.seen);
+        robot.until_said("the loss is said", |robot| robot.said().contains("motor-io was ended by signal 9"));
+        assert_eq!(robot.down(Signal::INT), Some(1));
+        files_are_closed(&robot.run());
+        next_start_is_clean(&robot);
+    });
+}
+
+#[test]
+fn a_planar_robot_that_floats_flies() {
+    steadily(|| {
+        let mut robot = Robot::up_with("aq4", "", |_| ());
+        robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        robot.told(&["zero", "--at", "4.0,2.0"]);
+        robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+        robot.until_said("the move is accepted", |robot| robot.nims(&["goto", "4.8,2.4"]).status.success());
+        robot.until("it moves", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+        robot.arrive();
+        assert!(robot.distance_m([4.8, 0.0, 2.4]) < SWING_M, "{:?}", robot.seen.position_m);
+        assert!(robot.seen.tension_n[..4].iter().all(|tension| *tension > 1.0), "{:?}", robot.seen.tension_n);
+    });
+}
+
+#[test]
+fn without_motor_io_lines_run_out_as_fast_as_check_says() {
+    steadily(|| {
+        let mut robot = Robot::up_with(THREE_LINES, "", |configs| {
+            let path = configs.join("robots/lab3.toml");
+            let text = std::fs::read_to_string(&path).unwrap();
+            std::fs::write(&path, text.replace("gear_friction = 0.85 ", "gear_friction = 0.0 ")).unwrap();
+        });
+        let said = robot.told(&["check", robot.box_file().to_str().unwrap()]);
+        let (_, rest) = said.split_once("a line runs out at ").expect("check warns of it");
+        let announced_m_s = 1e-3 * rest.split_once(" mm/s").unwrap().0.parse::<f64>().unwrap();
+        robot.arm();
+        robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+        robot.signal("motor-io", Signal::KILL);
+        std::thread::sleep(Duration::from_secs_f64(WATCHDOG_S + 1.0));
+        robot.look();
+        let before = robot.seen;
+        std::thread::sleep(Duration::from_secs(2));
+        robot.look();
+        let seconds = 1e-9 * (robot.seen.header.stamp_ns - before.header.stamp_ns) as f64;
+        let run_out = |i: usize| (robot.seen.length_m[i] - before.length_m[i]) / seconds;
+        let fastest_m_s = (0..3).map(run_out).fold(0.0, f64::max);
+        println!("a line runs out at {:.1} mm/s; check says {:.1}", 1e3 * fastest_m_s, 1e3 * announced_m_s);
+        // Check says it for the middle of the volume, where the lines are steeper.
+        assert!((0.5..1.5).contains(&(fastest_m_s / announced_m_s)), "{fastest_m_s} of {announced_m_s} m/s");
+        assert!(taut(&robot), "{:?}", robot.seen);
+    });
+}
+
+#[test]
+fn whoever_is_not_in_the_control_cycle_dies_at_no_cost() {
+    steadily(|| {
+        let process =
+            |name: &str| format!("\n[[process]]\nname = \"{name}\"\ncommand = [\"{name}\", \"--box\", \"{{box}}\"]\n");
+        let mut robot = in_flight(THREE_LINES, &["scene", "sensor-logger"].map(process).concat());
+        robot.told(&["plug", "soil", "--", "my-sensor"]);
+        for name in ["scene", "sensor-logger", "soil"] {
+            robot.until_said("it runs", |robot| robot.pid(name).is_some());
+            robot.signal(name, Signal::KILL);
+            let lost = format!("{name} was ended by signal 9");
+            robot.until_said("the loss is said", |robot| robot.said().contains(&lost));
+            assert_eq!(robot.last.mode, MotorAuthority::MODE_FOLLOWING, "after the death of {name}");
+        }
+        let mut watcher = Command::new(program());
+        watcher.args(["--domain", robot.domain.name(), "channel", "echo", "motor/state"]);
+        let mut watcher = watcher.stdout(Stdio::null()).spawn().unwrap();
+        robot.for_cycles(20);
+        watcher.kill().unwrap();
+        watcher.wait().unwrap();
+        robot.arrive();
+        assert!(robot.distance_m(GOAL) < SWING_M, "{} m from the goal", robot.distance_m(GOAL));
+    });
+}
+
+#[test]
+fn without_its_supervisor_the_robot_stops_and_the_next_one_cleans_up() {
+    steadily(|| {
+        let mut robot = in_flight(THREE_LINES, "");
+        let children: Vec<u32> =
+            ["motor-io", "controller", "recorder"].iter().filter_map(|name| robot.pid(name)).collect();
+        assert_eq!(children.len(), 3);
+        robot.down(Signal::KILL);
+        robot.until("the robot holds", |robot| robot.last.mode != MotorAuthority::MODE_FOLLOWING);
+        until_still(&mut robot);
+        assert!(taut(&robot));
+        next_start_is_clean(&robot);
+        for pid in children {
+            let state = std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap_or_default();
+            assert!(state.is_empty() || state.contains(") Z"), "process {pid} is still there: {state}");
+        }
+        // The orphaned recorder was asked to end in good order.
+        files_are_closed(&robot.run());
+    });
+}

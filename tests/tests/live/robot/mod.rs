@@ -1,0 +1,536 @@
+//! A robot as it is run, for tests that count its cycles: `nims up` on a virtual motor box.
+#![allow(dead_code, unused_imports)] // each test uses a part of it
+
+mod steady;
+
+pub use steady::steadily;
+
+use bus::{Bus, Client, Domain, Subscriber, TestDomain, clock};
+use messages::{MotorAuthority, MotorSlots, OperatorRequest, TruthNode, put_text, text_of};
+use rustix::process::{Pid, Signal, kill_process};
+use serde_json::Value;
+use std::collections::HashMap;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
+
+/// Three lines, and four, in the same room.
+pub const THREE_LINES: &str = "demo3";
+pub const FOUR_LINES: &str = "demo4";
+/// Where these box files let the node hang at the start, m, and the other end of the moves here.
+pub const START: [f64; 3] = [4.8, 3.0, 0.3];
+pub const GOAL: [f64; 3] = [5.4, 3.6, 0.7];
+/// Longest wait for anything; it is over only where something is wrong, and a machine may stand still for seconds.
+const LONG: Duration = Duration::from_secs(60);
+/// Faults of a robot whose machine lets the control chain wait for some cycles.
+const STARVED: u32 = MotorAuthority::FAULT_COMMAND_LOST
+    | MotorAuthority::FAULT_ESTIMATE_LOST
+    | MotorAuthority::FAULT_LONG_GAP
+    | MotorAuthority::FAULT_COMPUTER;
+
+/// So many periods lost to the computer or to drives that are programs here, so close together.
+const STARVED_CYCLES: u64 = 3;
+const CLOSE_CYCLES: usize = 10;
+
+pub fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
+}
+
+/// Two robots at once would take each other's time.
+static ONE_ROBOT: Mutex<()> = Mutex::new(());
+
+/// A robot with processes, in a domain and a folder of its own.
+pub struct Robot {
+    supervisor: Child,
+    folder: tempfile::TempDir,
+    file: &'static str,
+    runs: usize,
+    pub bus: Bus,
+    authority: Subscriber<MotorAuthority>,
+    truth: Subscriber<TruthNode>,
+    slots: Subscriber<MotorSlots>,
+    clients: HashMap<String, Client>,
+    pub last: MotorAuthority,
+    /// Every fault that has been named so far.
+    pub named: u32,
+    pub seen: TruthNode,
+    pub seats: MotorSlots,
+    /// Where the last move of `fly` goes, m.
+    pub goal: [f64; 3],
+    /// Something was broken on purpose.
+    broken: bool,
+    pub domain: TestDomain,
+    _alone: MutexGuard<'static, ()>,
+}
+
+/// A copy of the examples' files, because what a robot keeps stands beside them.
+pub fn copy_configs(folder: &Path) -> PathBuf {
+    let configs = folder.join("configs");
+    for place in ["robots", "boxes", "missions", "sensors", "scenes"] {
+        std::fs::create_dir_all(configs.join(place)).unwrap();
+        for entry in std::fs::read_dir(root().join("configs").join(place)).unwrap() {
+            let entry = entry.unwrap();
+            std::fs::copy(entry.path(), configs.join(place).join(entry.file_name())).unwrap();
+        }
+    }
+    configs
+}
+
+impl Robot {
+    /// Three lines, with more text at the end of the box file.
+    pub fn up(more: &str) -> Self {
+        Self::up_with(THREE_LINES, more, |_| ())
+    }
+
+    /// On that box, with whatever `change` does to its folder of configurations.
+    pub fn up_with(file: &'static str, more: &str, change: impl FnOnce(&Path)) -> Self {
+        let mut robot = Self::begin(file, more, change);
+        robot.until("the robot is up", |robot| robot.last.header.cycle > 50);
+        robot
+    }
+
+    /// Started, but perhaps not up yet.
+    pub fn begin(file: &'static str, more: &str, change: impl FnOnce(&Path)) -> Self {
+        let alone = ONE_ROBOT.lock().unwrap_or_else(PoisonError::into_inner);
+        let folder = tempfile::tempdir().unwrap();
+        let configs = copy_configs(folder.path());
+        change(&configs);
+        let domain = Domain::for_test();
+        let mut supervisor = start(folder.path(), file, &domain, more, 1);
+        // Whoever starts the robot sweeps its domain before anything else; an observer is to be there afterwards.
+        while domain.alive().is_empty() && supervisor.try_wait().unwrap().is_none() {
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        let bus = Bus::join(&domain, "observer").unwrap();
+        Self {
+            supervisor,
+            folder,
+            file,
+            runs: 1,
+            authority: bus.deep_subscriber("motor/authority").unwrap(),
+            truth: bus.deep_subscriber("truth/node").unwrap(),
+            slots: bus.deep_subscriber("motor/slots").unwrap(),
+            bus,
+            clients: HashMap::new(),
+            last: MotorAuthority::default(),
+            named: 0,
+            seen: TruthNode::default(),
+            seats: MotorSlots::default(),
+            goal: START,
+            broken: false,
+            domain,
+            _alone: alone,
+        }
+    }
+
+    /// The next start in the same domain, after the last one has ended in whatever way.
+    pub fn up_again(&mut self, more: &str) {
+        assert!(self.supervisor.try_wait().unwrap().is_some(), "the last one still runs");
+        self.runs += 1;
+        self.clients.clear();
+        self.supervisor = start(self.folder.path(), self.file, &self.domain, more, self.runs);
+        // The old ports went with the old processes.
+        while self.domain.alive().iter().all(|node| node.name == "observer") {
+            assert!(self.supervisor.try_wait().unwrap().is_none(), "it ended\n{}", self.said());
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        self.bus = Bus::join(&self.domain, "observer").unwrap();
+        self.authority = self.bus.deep_subscriber("motor/authority").unwrap();
+        self.truth = self.bus.deep_subscriber("truth/node").unwrap();
+        self.slots = self.bus.deep_subscriber("motor/slots").unwrap();
+        self.last = MotorAuthority::default();
+        self.until("the robot is up again", |robot| robot.last.header.cycle > 50);
+    }
+
+    /// Changes the box file for the next start.
+    pub fn change_box(&self, change: impl FnOnce(String) -> String) {
+        let path = self.folder().join("configs/boxes").join(format!("{}.toml", self.file));
+        std::fs::write(&path, change(std::fs::read_to_string(&path).unwrap())).unwrap();
+    }
+
+    /// The box file as it is started: with what was added.
+    pub fn box_file(&self) -> PathBuf {
+        box_file(self.folder.path(), self.file)
+    }
+
+    /// Where everything of it lies.
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    /// The folder of the present run.
+    pub fn run(&self) -> PathBuf {
+        run_of(self.folder.path(), self.runs)
+    }
+
+    /// What the virtual box said it had left out of its time in the present run, ms: rates and distances of drives go by what is left.
+    pub fn left_out_ms(&self) -> u64 {
+        let said = std::fs::read_to_string(self.run().join("log/motor-box.txt")).unwrap_or_default();
+        let words = said.lines().filter_map(|line| line.split_once(" ms did not pass in the motor box"));
+        words.filter_map(|(before, _)| before.rsplit(' ').next()?.parse::<u64>().ok()).sum()
+    }
+
+    /// What the supervisors have said so far.
+    pub fn said(&self) -> String {
+        std::fs::read_to_string(self.folder.path().join("said")).unwrap_or_default()
+    }
+
+    /// The operator's command.
+    pub fn nims(&self, args: &[&str]) -> Output {
+        // Options of the robot's own command first: behind `--` they belong to a plugged program.
+        let mut command = Command::new(program());
+        command.args(["--domain", self.domain.name()]).args(args).current_dir(self.folder()).output().unwrap()
+    }
+
+    /// The operator's command; what it answered.
+    pub fn told(&self, args: &[&str]) -> String {
+        let output = self.nims(args);
+        assert!(output.status.success(), "{args:?}: {}\n{}", String::from_utf8_lossy(&output.stderr), self.said());
+        String::from_utf8_lossy(&output.stdout).into_owned()
+    }
+
+    /// One sentence with these words, and nothing has happened.
+    pub fn refused(&self, args: &[&str], words: &[&str]) -> Option<i32> {
+        let output = self.nims(args);
+        let sentence = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(!output.status.success(), "{args:?} was accepted");
+        assert_eq!(sentence.trim_end().lines().count(), 1, "{sentence}");
+        for word in words {
+            assert!(sentence.contains(word), "{args:?}: no {word:?} in {sentence}");
+        }
+        output.status.code()
+    }
+
+    /// What `nims status` says; null where it says nothing.
+    pub fn status(&self) -> Value {
+        serde_json::from_slice(&self.nims(&["status", "--json"]).stdout).unwrap_or(Value::Null)
+    }
+
+    /// A row of the process table.
+    pub fn row(&self, process: &str) -> Option<Value> {
+        self.status()["processes"].as_array()?.iter().find(|row| row["name"] == process).cloned()
+    }
+
+    /// What the process table says of it.
+    pub fn state(&self, process: &str) -> String {
+        self.row(process).map_or("no row".to_owned(), |row| row["state"].as_str().unwrap_or_default().to_owned())
+    }
+
+    /// Its id in the process table: of a program that is not on the bus too.
+    pub fn pid_in_table(&self, process: &str) -> Option<u32> {
+        self.row(process)?["pid"].as_u64().map(|pid| pid as u32)
+    }
+
+    /// Ends it with a signal; its exit code, if it had the time to give one.
+    pub fn down(&mut self, signal: Signal) -> Option<i32> {
+        let _ = kill_process(Pid::from_child(&self.supervisor), signal);
+        self.ended()
+    }
+
+    /// Waits for the end that somebody has asked for; its exit code.
+    pub fn ended(&mut self) -> Option<i32> {
+        let give_up = clock::now_ns() + 2 * LONG.as_nanos() as u64;
+        loop {
+            if let Some(status) = self.supervisor.try_wait().unwrap() {
+                return status.code();
+            }
+            assert!(clock::now_ns() < give_up, "nims up does not end\n{}", self.said());
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
+    pub fn supervisor_pid(&self) -> u32 {
+        self.supervisor.id()
+    }
+
+    /// What `nims up` answered at its end.
+    pub fn answer(&self) -> Value {
+        let text = std::fs::read_to_string(answer_of(self.folder.path(), self.runs)).unwrap();
+        serde_json::from_str(&text).unwrap_or(Value::Null)
+    }
+
+    /// Takes in every sample until one is as wanted.
+    pub fn until(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
+        let give_up = clock::now_ns() + LONG.as_nanos() as u64;
+        loop {
+            self.look_around();
+            while let Some(sample) = self.authority.receive().unwrap() {
+                self.note(sample);
+                if wanted(self) {
+                    return;
+                }
+            }
+            self.not_in_vain(what, give_up);
+            std::thread::sleep(Duration::from_millis(2));
+        }
+    }
+
+    /// The same of what takes its time to ask or is said elsewhere: once in a while, after all samples that are there.
+    pub fn until_said(&mut self, what: &str, wanted: impl Fn(&Self) -> bool) {
+        let give_up = clock::now_ns() + LONG.as_nanos() as u64;
+        loop {
+            self.look();
+            if wanted(self) {
+                return;
+            }
+            self.not_in_vain(what, give_up);
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+
+    fn not_in_vain(&self, what: &str, give_up: u64) {
+        let MotorAuthority { mode, faults, .. } = self.last;
+        let periods = nims::counters::Periods::of(&self.last).words();
+        assert!(
+            clock::now_ns() < give_up,
+            "{what}: in vain; mode {mode}, faults {faults:#x}, {periods}\n{}",
+            self.said()
+        );
+    }
+
+    /// Asks until it is accepted.
+    pub fn ask(&mut self, process: &str, verb: u8, args: &[f64]) {
+        let give_up = clock::now_ns() + LONG.as_nanos() as u64;
+        loop {
+            let answer = self.request(process, verb, args, "");
+            if matches!(answer, Some((true, _))) {
+                return;
+            }
+            assert!(clock::now_ns() < give_up, "refused for ever: {answer:?}\n{}", self.said());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Breaks something in the motor box.
+    pub fn fault(&mut self, text: &str) {
+        self.fault_of("motor-box", text);
+    }
+
+    /// Breaks something in that process.
+    pub fn fault_of(&mut self, process: &str, text: &str) {
+        self.broken = true;
+        let (accepted, sentence) = self.request(process, OperatorRequest::VERB_FAULT, &[], text).unwrap();
+        assert!(accepted, "{sentence}");
+    }
+
+    /// One request and its answer; none where the process is not there or does not answer.
+    pub fn request(&mut self, process: &str, verb: u8, args: &[f64], text: &str) -> Option<(bool, String)> {
+        let mut request = OperatorRequest { verb, ..OperatorRequest::default() };
+        request.args[..args.len()].copy_from_slice(args);
+        put_text(&mut request.text, text);
+        if !self.clients.contains_key(process) {
+            self.clients.insert(process.to_owned(), self.bus.client(process).unwrap());
+        }
+        let answer = self.clients.get_mut(process)?.ask(&request, LONG).ok();
+        if answer.is_none() {
+            self.clients.remove(process);
+        }
+        answer.map(|answer| (answer.accepted == 1, text_of(&answer.answer)))
+    }
+
+    /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the robot stopped for it, the
+    /// move is begun anew.
+    pub fn fly(&mut self) {
+        self.fly_at(0.12);
+    }
+
+    /// The same at that speed, m/s.
+    pub fn fly_at(&mut self, speed_m_s: f64) {
+        for _ in 0..5 {
+            // Gives up what is left of a move; without one it is refused, which is as good.
+            self.request("motor-io", OperatorRequest::VERB_STOP, &[], "").unwrap();
+            self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+            // Wherever an earlier move was broken off, the farther end is a move away.
+            self.goal = if self.distance_m(START) < self.distance_m(GOAL) { GOAL } else { START };
+            let [x, y, z] = self.goal;
+            self.ask("planner", OperatorRequest::VERB_GOTO, &[x, y, z, speed_m_s]);
+            self.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+            let cycle = self.last.header.cycle + 100;
+            self.until("a second of it", |robot| robot.last.header.cycle > cycle);
+            if (self.last.mode, self.last.faults) == (MotorAuthority::MODE_FOLLOWING, 0) {
+                self.named = 0;
+                return;
+            }
+        }
+        panic!("this machine does not let the robot fly for a second: {:#x}", self.last.faults);
+    }
+
+    /// To the end of the move. Where the machine let the robot starve and it stopped for that, it is told to go on.
+    pub fn arrive(&mut self) {
+        for _ in 0..5 {
+            self.until("the end of the move", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
+            if self.last.faults & STARVED == 0 {
+                return;
+            }
+            self.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+            self.until("it goes on", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
+        }
+        panic!("this machine does not let the robot end its move: {:#x}", self.last.faults);
+    }
+
+    /// Armed, and told where it hangs.
+    pub fn arm(&mut self) {
+        self.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        self.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &START);
+    }
+
+    /// Everything that has been published so far is in `last`, `seen` and `seats`.
+    pub fn look(&mut self) {
+        while let Some(sample) = self.authority.receive().unwrap() {
+            self.note(sample);
+        }
+        self.look_around();
+    }
+
+    fn note(&mut self, sample: MotorAuthority) {
+        self.last = sample;
+        self.named |= sample.faults;
+    }
+
+    fn look_around(&mut self) {
+        self.seen = self.truth.latest().unwrap().unwrap_or(self.seen);
+        self.seats = self.slots.latest().unwrap().unwrap_or(self.seats);
+    }
+
+    /// For so many cycles.
+    pub fn for_cycles(&mut self, cycles: u64) {
+        self.look();
+        let last = self.last.header.cycle + cycles;
+        self.until("some cycles", |robot| robot.last.header.cycle >= last);
+    }
+
+    /// How fast the node is, m/s, by the truth.
+    pub fn speed_m_s(&self) -> f64 {
+        self.seen.velocity_m_s.iter().map(|value| value * value).sum::<f64>().sqrt()
+    }
+
+    /// How far the node is from there, m, by the truth.
+    pub fn distance_m(&self, from: [f64; 3]) -> f64 {
+        self.seen.position_m.iter().zip(from).map(|(a, b)| (a - b).powi(2)).sum::<f64>().sqrt()
+    }
+
+    /// Puts the robot back to holding at a known position.
+    pub fn reset(&mut self) {
+        self.ask("motor-io", OperatorRequest::VERB_RESET, &[]);
+        self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.faults == 0);
+        if self.last.position_known == messages::MotorState::POSITION_FROM_BEFORE_THE_CUT {
+            self.ask("motor-io", OperatorRequest::VERB_CONFIRM_POSITION, &[]);
+        }
+    }
+
+    /// The process of that name, if it lives.
+    pub fn pid(&self, process: &str) -> Option<u32> {
+        self.domain.alive().iter().find(|node| node.name == process).map(|node| node.pid)
+    }
+
+    pub fn signal(&self, process: &str, signal: Signal) {
+        kill(self.pid(process).unwrap(), signal);
+    }
+
+    /// Removes what the supervisor has written down in memory, as a machine does that is switched off.
+    pub fn forget(&self) {
+        for entry in std::fs::read_dir(self.domain.root()).unwrap().flatten() {
+            if entry.path().extension().is_some_and(|ending| ending == "json" || ending == "txt") {
+                std::fs::remove_file(entry.path()).unwrap();
+            }
+        }
+        assert!(!self.domain.root().join("running.json").exists());
+    }
+
+    /// Sudden end of everything.
+    pub fn kill_all(&mut self) {
+        let _ = kill_process(Pid::from_child(&self.supervisor), Signal::KILL);
+        self.kill_others();
+        self.supervisor.wait().unwrap();
+    }
+
+    /// Whether, as its run files have it, this machine let it wait: nothing was broken, and yet the drives, which are programs here,
+    /// gave no answer in time, or motor-io came late, for several cycles in a row.
+    fn was_starved(&self) -> bool {
+        let starved = |run: usize| {
+            let samples: Vec<(u64, MotorAuthority)> =
+                runlog::read_channel(&run_of(self.folder.path(), run), "motor/authority").unwrap_or_default();
+            let lost: Vec<u64> =
+                samples.iter().map(|(_, sample)| sample.lost_computer + sample.lost_on_ports()).collect();
+            lost.windows(CLOSE_CYCLES).any(|window| window[CLOSE_CYCLES - 1] >= window[0] + STARVED_CYCLES)
+        };
+        !self.broken && (1..=self.runs).any(starved)
+    }
+
+    fn kill_others(&self) {
+        for node in self.domain.alive() {
+            if node.pid != std::process::id() {
+                kill(node.pid, Signal::KILL);
+            }
+        }
+    }
+}
+
+impl Drop for Robot {
+    fn drop(&mut self) {
+        if self.supervisor.try_wait().ok().flatten().is_none() {
+            let _ = kill_process(Pid::from_child(&self.supervisor), Signal::INT);
+        }
+        for _ in 0..1000 {
+            if self.supervisor.try_wait().ok().flatten().is_some() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        let _ = self.supervisor.kill();
+        let _ = self.supervisor.wait();
+        self.kill_others();
+        println!("{} ms did not pass in the virtual motor box", self.left_out_ms());
+        if std::thread::panicking() {
+            if self.was_starved() {
+                steady::starved();
+            }
+            if std::env::var_os("NIMS_KEEP").is_some() {
+                self.folder.disable_cleanup(true);
+                println!("the robot's runs are kept in {}", self.folder.path().display());
+            }
+        }
+    }
+}
+
+fn kill(pid: u32, signal: Signal) {
+    if let Some(pid) = i32::try_from(pid).ok().and_then(Pid::from_raw) {
+        // It may have ended in this instant.
+        let _ = kill_process(pid, signal);
+    }
+}
+
+/// `nims up` with more text at the end of the box file; the file itself stays as it is for the next start.
+fn start(folder: &Path, file: &str, domain: &Domain, more: &str, run: usize) -> Child {
+    let text = std::fs::read_to_string(folder.join(format!("configs/boxes/{file}.toml"))).unwrap();
+    let path = box_file(folder, file);
+    std::fs::write(&path, text + more).unwrap();
+    let said = std::fs::OpenOptions::new().append(true).create(true).open(folder.join("said")).unwrap();
+    Command::new(program())
+        .args(["up", "--domain", domain.name(), "--json", "--run"])
+        .arg(run_of(folder, run))
+        .arg(&path)
+        .stdout(std::fs::File::create(answer_of(folder, run)).unwrap())
+        .stderr(said)
+        .spawn()
+        .unwrap()
+}
+
+fn box_file(folder: &Path, file: &str) -> PathBuf {
+    folder.join(format!("configs/boxes/{file}-up.toml"))
+}
+
+fn run_of(folder: &Path, run: usize) -> PathBuf {
+    folder.join(format!("run-{run}"))
+}
+
+fn answer_of(folder: &Path, run: usize) -> PathBuf {
+    folder.join(format!("answer-{run}.json"))
+}
+
+pub fn program() -> PathBuf {
+    let path = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
+    assert!(path.is_file(), "there is no {}: `cargo build --workspace --bins` first", path.display());
+    path
+}

@@ -1,0 +1,231 @@
+//! The whole control chain against the plant: how exactly the node follows, and what it takes to be stopped.
+
+use cable_robot::Vector3;
+use messages::{MotorAuthority, OperatorRequest, PlanStatus};
+use nims_tests::lockstep::{Cycle, Flight, Lockstep, fly};
+use nims_tests::scenarios::{self, Case};
+
+const QUICK: [f64; 2] = [0.030, 0.040];
+const SLOW: [f64; 2] = [0.060, 0.100];
+
+/// Flies one mission with quick and with slow motors, corrected for stretch, and checks what holds for every flight.
+fn flights(robot: &'static str, mission: &'static str) {
+    for motor_s in [QUICK, SLOW] {
+        let case = Case { robot, mission, motor_s };
+        let flight = fly(case.scenario(true).unwrap()).unwrap();
+        println!("{}\n{}", scenarios::HEADING, scenarios::row(&case, true, &flight));
+        let Flight { estimate, truth, .. } = flight;
+        assert_eq!(flight.state, PlanStatus::STATE_DONE);
+        assert!(flight.moving_cycles > 3000, "{flight:?}");
+        assert!(estimate.rms_m <= 0.005, "estimate against setpoint: {estimate:?}");
+        assert!(truth.rms_m <= 0.010, "truth against setpoint: {truth:?}");
+        assert!(truth.max_m <= 0.020, "truth against setpoint: {truth:?}");
+        // 15 % of the chosen tension or 2 N, whichever is more.
+        assert!(flight.tension_share <= 1.0, "true tensions are up to {} N off", flight.tension_max_n);
+        assert_eq!((flight.slack_cycles, flight.unsteered), (0, 0));
+        assert!(flight.saturation < 1.0, "{flight:?}");
+    }
+}
+
+#[test]
+fn three_lines_follow_the_spiral() {
+    flights("lab3", "spiral");
+}
+
+#[test]
+fn three_lines_follow_the_polyline() {
+    flights("lab3", "polyline");
+}
+
+#[test]
+fn four_lines_follow_the_spiral_with_the_chosen_tensions() {
+    flights("lab4", "spiral");
+}
+
+#[test]
+fn four_lines_follow_the_polyline_with_the_chosen_tensions() {
+    flights("lab4", "polyline");
+}
+
+/// What the correction is for: without it the estimate still follows, the node does not.
+#[test]
+fn without_correction_for_stretch_the_node_is_centimetres_off() {
+    for robot in ["lab3", "lab4"] {
+        let case = Case { robot, mission: "spiral", motor_s: QUICK };
+        let flight = fly(case.scenario(false).unwrap()).unwrap();
+        assert!(flight.estimate.rms_m <= 0.005, "{flight:?}");
+        assert!((0.010..0.060).contains(&flight.truth.rms_m), "{flight:?}");
+    }
+}
+
+#[test]
+fn the_same_flight_gives_the_same_bits() {
+    let fly_some = || {
+        let scenario = Case { robot: "lab4", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
+        let mission = scenario.mission.clone();
+        let mut lockstep = Lockstep::new(scenario).unwrap();
+        lockstep.zero_and_arm().unwrap();
+        lockstep.run(&mission).unwrap();
+        (0..500).map(|_| lockstep.cycle().unwrap()).last().unwrap()
+    };
+    let (first, second) = (fly_some(), fly_some());
+    assert_eq!((first.input, first.state, first.authority), (second.input, second.state, second.authority));
+    assert_eq!((first.estimate, first.command, first.control), (second.estimate, second.command, second.control));
+    assert_eq!(first.truth_m.map(f64::to_bits), second.truth_m.map(f64::to_bits));
+}
+
+/// A mission under way.
+struct Flown {
+    lockstep: Lockstep,
+}
+
+impl Flown {
+    fn new(robot: &'static str, mission: &'static str) -> Self {
+        let scenario = Case { robot, mission, motor_s: QUICK }.scenario(true).unwrap();
+        let mission = scenario.mission.clone();
+        let mut lockstep = Lockstep::new(scenario).unwrap();
+        lockstep.zero_and_arm().unwrap();
+        lockstep.run(&mission).unwrap();
+        Self { lockstep }
+    }
+
+    /// So many cycles; gives the last one, and the largest distance of the truth from the setpoint on the way.
+    fn cycles(&mut self, count: u64) -> (Cycle, f64) {
+        let mut worst: f64 = 0.0;
+        let mut last = self.lockstep.cycle().unwrap();
+        for _ in 1..count {
+            last = self.lockstep.cycle().unwrap();
+            if last.authority.mode == MotorAuthority::MODE_FOLLOWING {
+                let is = Vector3::from(last.truth_m);
+                worst = worst.max((is - Vector3::from(last.control.setpoint_m)).norm());
+            }
+            assert!(last.truth_n.iter().all(|tension| *tension > 1.0), "lines stay taut: {:?}", last.truth_n);
+        }
+        (last, worst)
+    }
+
+    fn ask(&mut self, verb: u8, value: f64) {
+        self.lockstep.request(verb, [value, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    }
+}
+
+fn speed(cycle: &Cycle) -> f64 {
+    Vector3::from(cycle.estimate.velocity_m_s).norm()
+}
+
+#[test]
+fn pause_resume_and_slower_stay_on_the_path() {
+    let mut flown = Flown::new("lab4", "spiral");
+    let (cycle, _) = flown.cycles(1500);
+    assert!(speed(&cycle) > 0.15);
+    flown.ask(OperatorRequest::VERB_PAUSE, 0.0);
+    let (cycle, worst) = flown.cycles(300);
+    assert_eq!((cycle.authority.mode, cycle.plan.state), (MotorAuthority::MODE_HOLDING, PlanStatus::STATE_PAUSED));
+    assert!(speed(&cycle) < 0.005 && worst < 0.020, "{} m/s, {worst} m", speed(&cycle));
+    flown.ask(OperatorRequest::VERB_RESUME, 0.0);
+    flown.ask(OperatorRequest::VERB_SPEED, 0.4);
+    let (cycle, worst) = flown.cycles(300);
+    assert_eq!((cycle.authority.mode, cycle.plan.state), (MotorAuthority::MODE_FOLLOWING, PlanStatus::STATE_RUNNING));
+    assert!((speed(&cycle) - 0.08).abs() < 0.01 && worst < 0.020, "{} m/s, {worst} m", speed(&cycle));
+    assert_eq!(cycle.authority.unsteered(), 0);
+}
+
+#[test]
+fn stop_gives_the_mission_up_and_the_next_one_starts_from_there() {
+    let mut flown = Flown::new("lab3", "spiral");
+    flown.cycles(1500);
+    flown.ask(OperatorRequest::VERB_STOP, 0.0);
+    let (cycle, _) = flown.cycles(200);
+    assert_eq!((cycle.authority.mode, cycle.plan.state), (MotorAuthority::MODE_HOLDING, PlanStatus::STATE_ABORTED));
+    assert_eq!(cycle.motion.motion, 0, "nothing is offered any more");
+    let mission = scenarios::mission("polyline").unwrap();
+    flown.lockstep.run(&mission).unwrap();
+    let (cycle, worst) = flown.cycles(1000);
+    assert_eq!(cycle.plan.state, PlanStatus::STATE_RUNNING);
+    assert!(worst < 0.020, "{worst} m");
+}
+
+#[test]
+fn a_refused_mission_moves_nothing() {
+    let mut flown = Flown { lockstep: armed("lab3") };
+    // The drives hold: their speed loops have begun anew.
+    flown.cycles(400);
+    let mut mission = scenarios::mission("polyline").unwrap();
+    let far = planner::Mission::parse("name = \"far\"\n[[leg]]\nline = { to_m = [4.8, 3.0, 2.9] }\n").unwrap();
+    mission.leg.extend(far.leg);
+    let sentence = flown.lockstep.run(&mission).unwrap_err().to_string();
+    assert!(sentence.contains("leg 3") && sentence.contains("cable") && sentence.contains(" N"), "{sentence}");
+    let start = flown.lockstep.cycle().unwrap();
+    let (end, _) = flown.cycles(300);
+    assert_eq!(end.motion.motion, 0);
+    assert_eq!((start.state.counts, end.state.counts), (end.state.counts, start.state.counts));
+    assert_eq!(end.plan.state, PlanStatus::STATE_REFUSED);
+}
+
+fn armed(robot: &'static str) -> Lockstep {
+    let scenario = Case { robot, mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
+    let mut lockstep = Lockstep::new(scenario).unwrap();
+    lockstep.zero_and_arm().unwrap();
+    lockstep
+}
+
+#[test]
+fn before_it_is_armed_or_zeroed_no_mission_is_taken() {
+    let scenario = Case { robot: "lab3", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
+    let mission = scenario.mission.clone();
+    let mut lockstep = Lockstep::new(scenario).unwrap();
+    let refusal = |lockstep: &mut Lockstep| lockstep.run(&mission).unwrap_err().to_string();
+    assert!(refusal(&mut lockstep).contains("nims up"));
+    lockstep.cycle().unwrap();
+    assert!(refusal(&mut lockstep).contains("nims arm"));
+    lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]);
+    lockstep.cycle().unwrap();
+    lockstep.cycle().unwrap();
+    assert!(refusal(&mut lockstep).contains("nims zero"));
+}
+
+/// A line that breaks ends the motion, not the robot: the others hold. Whichever line it is, and whether it is reeled in or paid out,
+/// within a second the robot knows that it is a line that carries nothing.
+#[test]
+fn a_broken_line_is_found_and_stops_the_robot() {
+    for (robot, cable, after) in
+        [("lab3", 1, 1100), ("lab3", 2, 800), ("lab3", 0, 1500), ("lab4", 1, 800), ("lab4", 2, 1100), ("lab4", 3, 1100)]
+    {
+        let mut flown = Flown::new(robot, "polyline");
+        flown.cycles(after);
+        flown.lockstep.plant_mut().apply(plant::Fault::BrokenLine { cable, on: true }).unwrap();
+        let mut last = flown.lockstep.cycle().unwrap();
+        let mut cycles = 1;
+        while last.authority.mode == MotorAuthority::MODE_FOLLOWING {
+            last = flown.lockstep.cycle().unwrap();
+            cycles += 1;
+            assert!(cycles <= 100, "{robot}, line {}: not found within a second", cable + 1);
+        }
+        let named = last.authority.fault_cable;
+        println!("{robot}, line {}: found after {cycles} cycles, naming {named:?}", cable + 1);
+        assert_ne!(last.authority.faults & MotorAuthority::FAULT_SLACK, 0, "{robot}: {:#x}", last.authority.faults);
+        for _ in 0..100 {
+            last = flown.lockstep.cycle().unwrap();
+        }
+        assert_eq!(last.authority.mode, MotorAuthority::MODE_FAULTED);
+        assert_eq!(last.plan.state, PlanStatus::STATE_ABORTED);
+    }
+}
+
+#[test]
+fn every_mission_that_comes_along_can_be_flown_by_every_robot() {
+    for robot in ["lab3", "lab4"] {
+        for mission in ["demo", "spiral", "polyline"] {
+            let scenario = Case { robot, mission, motor_s: QUICK }.scenario(true).unwrap();
+            let config = planner::PlannerConfig {
+                robot: scenario.robot,
+                distribution: scenario.distribution,
+                speed_m_s: 0.2,
+                acceleration_m_s2: 0.3,
+                check_step_m: 0.02,
+            };
+            let summary = planner::dry_run(&scenario.mission, &config, scenarios::START_M).unwrap();
+            assert!(summary.duration_s < 120.0, "{summary:?}");
+        }
+    }
+}

@@ -1,0 +1,22 @@
+//! The same cores without processes, in lockstep with the plant: as fast as the machine computes.
+
+#![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod choices;
+mod energy;
+mod export;
+mod flights;
+mod georeference;
+/// The template for a law of one's own.
+#[path = "../../../scripts/templates/law/src/law.rs"]
+mod law;
+mod laws;
+mod map;
+mod motor_table;
+mod planar;
+mod replay;
+mod report;
+mod scale;
+mod takeover;
+mod tuning;
+mod walk;

@@ -1,0 +1,254 @@
+//! From a flight over known ground to its map: nearer to the truth than the map says it may be off, whether the sensor logger ran in flight or
+//! not, and readable by software of others.
+
+use messages::{Header, Message, Reading, put_text};
+use nims::cli;
+use nims::map::map;
+use nims_tests::lockstep::Lockstep;
+use nims_tests::python;
+use nims_tests::record::Tape;
+use nims_tests::scenarios::Case;
+use planner::Mission;
+use plant::scene::Scene;
+use sensor_logger::{Decoder, Logger, LoggerConfig};
+use serde_json::Value;
+use service::config::{SceneFile, SensorLoggerSection};
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+const LATENCY_NS: u64 = 50_000_000;
+/// Of a reading, m.
+const NOISE_M: f64 = 0.005;
+/// Readings come with every so manyth cycle.
+const EVERY: u64 = 2;
+const MISSION: &str = "name = \"scan\"\nspeed_m_s = 0.4\n[[leg]]\n\
+    raster = { corner_m = [3.4, 2.1, 0.8], opposite_m = [5.6, 4.3, 0.8], pitch_m = 0.1 }\n";
+
+messages::message! {
+    /// A type of somebody's own.
+    pub struct Soil {
+        header: Header,
+        moisture_percent: f64,
+    }
+}
+
+fn configs(file: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join(file)
+}
+
+fn scene() -> Scene {
+    motor_box::config::scene(&SceneFile::load(&configs("scenes/fig10.toml")).unwrap())
+}
+
+fn moisture(x: f64, y: f64) -> f64 {
+    20.0 + 5.0 * (1.2 * x).sin() + 3.0 * y
+}
+
+/// Flies a raster over the scene with a rangefinder that looks down and a probe, into a run file; with `sample/*` if `logged`.
+fn fly(path: &Path, logged: bool) {
+    let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
+    let mut scenario = case.scenario(true).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("mission.toml"), MISSION).unwrap();
+    let mission = Mission::read(&folder.path().join("mission.toml")).unwrap();
+    scenario.mission = mission.clone();
+    let config = LoggerConfig::of(&SensorLoggerSection::default(), &scenario.robot);
+    let mut logger = Logger::new(&config).unwrap();
+    let sensor = config.sensor("range").unwrap();
+    let decoder = Decoder::of(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
+    logger.sensor("range", &sensor, decoder);
+
+    let scene = scene();
+    let mut lockstep = Lockstep::new(scenario).unwrap();
+    let mut tape = Tape::new(path, &configs("boxes/demo3.toml")).unwrap();
+    let mut random = 1_u64;
+    let mut underway: Vec<(u64, Reading, Soil)> = Vec::new();
+    let (mut seq, mut rest, mut begun) = (0, 0, false);
+    for number in 1..40_000_u64 {
+        if number == 2 {
+            lockstep.zero_and_arm().unwrap();
+            lockstep.run(&mission).unwrap();
+            begun = true;
+        }
+        let now = lockstep.cycle().unwrap();
+        tape.cycle(&now, lockstep.slots()).unwrap();
+        logger.authority(&now.authority);
+        logger.estimate(0, &now.estimate);
+        let stamp_ns = now.estimate.header.stamp_ns;
+        if number.is_multiple_of(EVERY) && now.estimate.valid == 1 {
+            random = random.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+            // evenly spread, of this standard deviation
+            let noise = NOISE_M * 12.0_f64.sqrt() * ((random >> 11) as f64 / (1_u64 << 53) as f64 - 0.5);
+            seq += 1;
+            let mut header = Header::at(stamp_ns + LATENCY_NS);
+            (header.oldest_input_ns, header.seq) = (stamp_ns, seq);
+            let mut reading = Reading { header, count: 1, ..Reading::default() };
+            reading.value[0] = scene.distance_m(now.truth_m, 0.0) + noise;
+            put_text(&mut reading.quantity, "distance");
+            put_text(&mut reading.unit, "m");
+            let [x, y, _] = now.truth_m;
+            underway.push((header.stamp_ns, reading, Soil { header, moisture_percent: moisture(x, y) }));
+        }
+        while underway.first().is_some_and(|(arrives_ns, ..)| *arrives_ns <= stamp_ns) {
+            let (_, reading, soil) = underway.remove(0);
+            tape.write("sensor/range", reading).unwrap();
+            tape.write("sensor/soil", soil).unwrap();
+            logger.reading(0, bytemuck::bytes_of(&reading), stamp_ns);
+        }
+        while let Some((_, sample)) = logger.next_sample(stamp_ns) {
+            if logged {
+                tape.write("sample/range", sample).unwrap();
+            }
+        }
+        let done = begun && now.plan.state == messages::PlanStatus::STATE_DONE;
+        rest = if done { rest + 1 } else { 0 };
+        if rest == 100 {
+            tape.finish().unwrap();
+            return;
+        }
+    }
+    panic!("the scan does not end");
+}
+
+fn asked(run: &Path, out: &Path) -> cli::Map {
+    cli::Map {
+        run: run.to_owned(),
+        out: Some(out.to_owned()),
+        sensor: vec!["range".into()],
+        cell: Some(0.05),
+        reach: Some(0.2),
+        value: None,
+        looks_down: true,
+        sigma: None,
+        footprint: None,
+        recompute: false,
+    }
+}
+
+/// x, y, value, sigma of every known cell.
+fn cells(folder: &Path, sensor: &str) -> Vec<[f64; 4]> {
+    let text = std::fs::read_to_string(folder.join(format!("{sensor}-grid.csv"))).unwrap();
+    let rows = text.lines().skip(1).map(|line| line.split(',').map(|word| word.parse().unwrap()).collect::<Vec<f64>>());
+    rows.map(|row| [row[0], row[1], row[2], row[3]]).collect()
+}
+
+#[test]
+fn ground_that_was_flown_over_is_on_the_map() {
+    let folder = tempfile::tempdir().unwrap();
+    // NIMS_KEEP: a folder that the pictures stay in
+    let out = std::env::var_os("NIMS_KEEP").map_or_else(|| folder.path().join("map"), PathBuf::from);
+    let run = folder.path().join("run");
+    std::fs::create_dir(&run).unwrap();
+    fly(&run.join("run.mcap"), false);
+    let site = "\n[site]\nlatitude_deg = 34.0722\nlongitude_deg = -118.4441\nazimuth_deg = 30.0\n";
+    let robot = std::fs::read_to_string(configs("robots/lab3.toml")).unwrap() + site;
+    std::fs::write(run.join("robot.toml"), robot).unwrap();
+    let (value, words) = map(&asked(&run, &out)).unwrap();
+    println!("{words}");
+    let told = &value["maps"][0];
+    assert_eq!((told["samples_are"].as_str(), told["quantity"].as_str()), (Some("computed"), Some("height")));
+    let noise = told["noise"].as_f64().unwrap();
+    assert!((noise / NOISE_M - 1.0).abs() < 0.3, "the noise that was found: {noise}");
+
+    let scene = scene();
+    let (mut within, mut flat, mut steep, mut all) = (0, Vec::new(), Vec::new(), 0);
+    for [x, y, height, sigma] in cells(&out, "range") {
+        let truth = scene.height_m([x, y]);
+        let error = height - truth;
+        all += 1;
+        within += u32::from(error.abs() < 2.0 * sigma + 1e-4);
+        let edge = [
+            [-0.1, 0.0],
+            [0.1, 0.0],
+            [0.0, -0.1],
+            [0.0, 0.1],
+            [0.07, 0.07],
+            [-0.07, 0.07],
+            [0.07, -0.07],
+            [-0.07, -0.07],
+        ]
+        .iter()
+        .any(|[dx, dy]| (scene.height_m([x + dx, y + dy]) - truth).abs() > 0.01);
+        if edge { steep.push(error) } else { flat.push(error) }
+    }
+    let rms = |errors: &[f64]| (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
+    println!(
+        "{all} cells: {:.1} % within two standard deviations; {:.1} mm RMS on {} cells away from edges, {:.1} mm on {} beside them",
+        100.0 * f64::from(within) / f64::from(all),
+        1e3 * rms(&flat),
+        flat.len(),
+        1e3 * rms(&steep),
+        steep.len()
+    );
+    assert!(all > 1500);
+    assert!(f64::from(within) > 0.9 * f64::from(all));
+    assert!(rms(&flat) < 0.004);
+    assert!(rms(&steep) < 0.08);
+
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let python = python();
+    let output = Command::new(&python).arg(root.join("python/check_map.py")).arg(&out).arg("range").output();
+    let output = output.unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(out.join("range.geojson").is_file());
+    for ending in [".png", ".svg", "-sigma.png", "-sigma.svg"] {
+        assert!(std::fs::metadata(out.join(format!("range{ending}"))).unwrap().len() > 5_000, "{ending}");
+    }
+}
+
+#[test]
+fn the_report_of_the_flight_shows_the_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    fly(&run, false);
+    let out = std::env::var_os("NIMS_KEEP").map_or_else(|| folder.path().to_owned(), PathBuf::from);
+    let page = out.join("page.html");
+    nims::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
+    let text = std::fs::read_to_string(&page).unwrap();
+    assert!(
+        text.contains("range as a map: distance from 0.") && text.contains("soil as a map: moisture_percent from ")
+    );
+}
+
+#[test]
+fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("run.mcap");
+    fly(&run, true);
+    let (recorded, computed) = (folder.path().join("recorded"), folder.path().join("computed"));
+    let (value, _) = map(&asked(&run, &recorded)).unwrap();
+    let origin = |value: &Value| value["maps"][0]["samples_are"].as_str().unwrap().to_owned();
+    assert_eq!(origin(&value), "recorded");
+    let (value, _) = map(&cli::Map { recompute: true, ..asked(&run, &computed) }).unwrap();
+    assert_eq!(origin(&value), "computed");
+    let (a, b) = (cells(&recorded, "range"), cells(&computed, "range"));
+    assert!(a.len() == b.len() && a.len() > 1500);
+    // the last readings were still under way when the flight ended
+    let near = a.iter().zip(&b).filter(|(a, b)| a[..2] == b[..2] && (a[2] - b[2]).abs() < 2.0 * a[3]).count();
+    assert!(near * 100 >= a.len() * 99, "{near} of {}", a.len());
+
+    // all sensors, of whatever type, if none is named
+    let all = cli::Map { sensor: Vec::new(), looks_down: false, out: None, ..asked(&run, &recorded) };
+    let (value, _) = map(&all).unwrap();
+    let names: Vec<&str> = value["maps"].as_array().unwrap().iter().filter_map(|map| map["sensor"].as_str()).collect();
+    assert_eq!(names, ["range", "soil"]);
+    for [x, y, percent, sigma] in cells(&folder.path().join("map"), "soil") {
+        assert!((percent - moisture(x, y)).abs() < 4.0 * sigma + 0.02, "{x} {y} {percent} {sigma}");
+    }
+}
+
+#[test]
+fn what_is_not_there_is_said_in_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let absent = map(&asked(&folder.path().join("none"), folder.path())).unwrap_err();
+    assert!(absent.exit_code() == 2 && absent.to_string().contains("there is no run"), "{absent}");
+    let box_path = configs("boxes/demo3.toml");
+    let run = folder.path().join("run.mcap");
+    let mut tape = Tape::new(&run, &box_path).unwrap();
+    tape.write("sensor/height", Reading::default()).unwrap();
+    tape.finish().unwrap();
+    let other = map(&asked(&run, folder.path())).unwrap_err();
+    assert!(other.exit_code() == 2 && other.to_string().contains("there are height"), "{other}");
+    let empty = map(&cli::Map { sensor: Vec::new(), ..asked(&run, folder.path()) }).unwrap_err();
+    assert!(empty.exit_code() == 1 && empty.to_string().contains("no reading"), "{empty}");
+}

@@ -1,0 +1,157 @@
+//! `nims motor-table` from runs of raising and lowering known loads against the plant, held against the plant's own motors.
+
+use cable_robot::motor::Motor;
+use cable_robot::{Robot, RobotParts, Vector3};
+use messages::{Message, MotorAuthority, MotorState, NodeEstimate, PlanStatus};
+use nims::cli::{MotorTable, Numbers};
+use nims_tests::lockstep::Lockstep;
+use nims_tests::scenarios::{self, Case};
+use planner::Mission;
+use runlog::{ChannelSpec, RunClock, RunWriter};
+use service::config::{MotorTableFile, RobotFile};
+use std::path::Path;
+
+/// Up and down in two places and across, at five speeds: the slowest for a hand's breadth at several heights, with quick ways between.
+fn mission() -> Mission {
+    let mut text = "name = \"hoist\"\n".to_owned();
+    let mut leg = |points: &str, speed: f64| {
+        text += &format!("[[leg]]\npolyline = {{ points_m = {points}, speed_m_s = {speed} }}\n");
+    };
+    for (x, y) in [(4.8, 3.0), (3.0, 1.6), (4.7, 5.5)] {
+        for z in [0.4, 1.0, 1.6] {
+            leg(&format!("[[{x:?}, {y:?}, {z:?}]]"), 0.4);
+            leg(&format!("[[{x:?}, {y:?}, {:?}], [{x:?}, {y:?}, {z:?}]]", z + 0.25), 0.05);
+        }
+    }
+    for speed in [0.1, 0.2, 0.3, 0.4] {
+        for points in [
+            "[[4.8, 3.0, 1.9], [4.8, 3.0, 0.4]]",
+            "[[3.0, 1.6, 0.5], [3.0, 1.6, 1.8], [3.0, 1.6, 0.4]]",
+            "[[7.0, 1.8, 1.6], [3.2, 2.0, 1.4], [4.7, 5.5, 1.7], [4.8, 3.0, 0.4]]",
+        ] {
+            leg(points, speed);
+        }
+    }
+    Mission::parse(&text).unwrap()
+}
+
+/// Flies the mission with a load of this mass and records what a run file would hold.
+fn record(mass_kg: f64, mission: &Mission, run: &Path) {
+    let mut scenario = Case { robot: "lab3", mission: "demo", motor_s: [0.030, 0.040] }.scenario(true).unwrap();
+    let parts = RobotParts {
+        anchors_m: scenario.robot.anchors().iter().map(|a| (*a).into()).collect(),
+        node_mass_kg: mass_kg,
+        tension_limits_n: [1.0, 120.0],
+        speed_limit_m_s: 0.5,
+        acceleration_limit_m_s2: 0.5,
+        stiffness_n: scenario.robot.stiffness_n(),
+        routed_length_m: Some(scenario.robot.routed_length_m().to_vec()),
+        ..RobotParts::default()
+    };
+    scenario.robot = Robot::new(parts).unwrap();
+    scenario.plant.node.mass_kg = mass_kg;
+    scenario.plant.start_limits_n = [1.0, 120.0];
+    let mut lockstep = Lockstep::new(scenario).unwrap();
+    lockstep.zero_and_arm().unwrap();
+    lockstep.run(mission).unwrap();
+    let mut writer = RunWriter::create(run, RunClock::now(), &Default::default(), &[]).unwrap();
+    let channels = [
+        writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap(),
+        writer.add_channel(&ChannelSpec::of::<MotorAuthority>("motor/authority")).unwrap(),
+        writer.add_channel(&ChannelSpec::of::<NodeEstimate>("node/estimate/a")).unwrap(),
+    ];
+    loop {
+        let cycle = lockstep.cycle().unwrap();
+        let stamp = cycle.state.header().stamp_ns;
+        let samples: [&[u8]; 3] = [
+            bytemuck::bytes_of(&cycle.state),
+            bytemuck::bytes_of(&cycle.authority),
+            bytemuck::bytes_of(&cycle.estimate),
+        ];
+        for (channel, sample) in channels.iter().zip(samples) {
+            writer.write(*channel, 1, stamp, stamp, sample).unwrap();
+        }
+        match cycle.plan.state {
+            PlanStatus::STATE_DONE => break,
+            PlanStatus::STATE_ABORTED => panic!("{}", messages::text_of(&cycle.plan.reason)),
+            _ => {}
+        }
+    }
+    writer.finish(&Default::default()).unwrap();
+}
+
+#[test]
+fn a_table_from_recorded_runs_is_the_plants_own_friction() {
+    let folder = tempfile::tempdir().unwrap();
+    let mission = mission();
+    let runs = [1.2, 3.0].map(|mass_kg| (mass_kg, folder.path().join(format!("{mass_kg}kg.mcap"))));
+    std::thread::scope(|scope| {
+        for (mass_kg, run) in &runs {
+            scope.spawn(|| record(*mass_kg, &mission, run));
+        }
+    });
+    let runs = runs.map(|(_, run)| run).to_vec();
+    let out = folder.path().join("winch.toml");
+    let asked = MotorTable { runs: runs.clone(), out: out.clone(), speeds: None, tensions: None };
+    let (value, words) = nims::motor_table::motor_table(&asked).unwrap();
+    println!("{words}");
+
+    // As a robot file reads it.
+    let text = std::fs::read_to_string("../configs/robots/lab3.toml").unwrap();
+    let robot_file = folder.path().join("robot.toml");
+    std::fs::write(&robot_file, text.replace("[motor] ", "[motor]\ntable = \"winch.toml\" ")).unwrap();
+    let robot = RobotFile::load(&robot_file).unwrap().robot().unwrap();
+    let table = robot.motor_table().expect("the robot file names the table");
+    let (speeds, tensions) = (table.speeds_m_s(), table.tensions_n());
+    assert!(speeds[0] <= -0.15 && speeds[speeds.len() - 1] >= 0.15, "{speeds:?}");
+    assert!(tensions[tensions.len() - 1] - tensions[0] >= 15.0, "{tensions:?}");
+
+    // Everywhere inside, also between its points. The plant's drums grow with the line on them, by which its lines pull up to
+    // a few percent harder on the motors than the bare drums of the model.
+    let motor = Motor::default();
+    let (mut squares, mut worst, mut count) = (0.0, 0.0f64, 0);
+    for i in 0..=40 {
+        for j in 0..=20 {
+            let v = speeds[0] + (speeds[speeds.len() - 1] - speeds[0]) * f64::from(i) / 40.0;
+            let t = tensions[0] + (tensions[tensions.len() - 1] - tensions[0]) * f64::from(j) / 20.0;
+            let off = robot.current().current_a(t, v).unwrap() - motor.current_a(t, v);
+            (squares, worst, count) = (squares + off * off, worst.max(off.abs()), count + 1);
+        }
+    }
+    let rms = (squares / f64::from(count)).sqrt();
+    let largest = motor.current_a(tensions[tensions.len() - 1], speeds[speeds.len() - 1]);
+    println!("against the plant's friction: {rms:.3} A rms, {worst:.3} A at most, of up to {largest:.2} A");
+    assert!(rms < 0.05 && worst < 0.2, "{rms} {worst}");
+    assert!(value["rms_residual_a"].as_f64().unwrap() < 0.1, "{value}");
+
+    // What a move costs is reckoned from the table: faster than was measured, nobody knows.
+    let fast = |robot: &Robot| {
+        let (from, to) = (Vector3::new(3.5, 2.0, 1.6), Vector3::new(6.0, 2.2, 1.6));
+        cable_robot::energy::flight::best_parabola(robot, cable_robot::Distribution::Unique, &from, &to, 2.0, 0.0)
+    };
+    assert!(fast(&scenarios::robot("lab3").unwrap()).is_ok());
+    assert_eq!(fast(&robot).unwrap_err().kind(), "out_of_range");
+
+    // Never over a file that is there; and what is not covered is said.
+    assert_eq!(nims::motor_table::motor_table(&asked).unwrap_err().exit_code(), 2);
+    let far =
+        MotorTable { out: folder.path().join("far.toml"), tensions: Some(Numbers(vec![5.0, 20.0, 110.0])), ..asked };
+    let failure = nims::motor_table::motor_table(&far).unwrap_err();
+    assert!(failure.exit_code() == 2 && failure.to_string().contains("are needed there"), "{failure}");
+    assert!(!far.out.exists());
+    assert!(MotorTableFile::load(&out).is_ok());
+}
+
+#[test]
+fn a_run_that_only_hangs_or_only_lowers_is_refused_in_one_sentence() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = folder.path().join("short.mcap");
+    let mission = Mission::parse("name = \"short\"\n[[leg]]\nline = { to_m = [4.8, 3.0, 0.8] }\n").unwrap();
+    record(1.2, &mission, &run);
+    let out = folder.path().join("winch.toml");
+    let asked = MotorTable { runs: vec![run], out: out.clone(), speeds: None, tensions: None };
+    let failure = nims::motor_table::motor_table(&asked).unwrap_err();
+    let sentence = failure.to_string();
+    assert!(failure.exit_code() == 2 && sentence.contains("raise and lower") && !sentence.contains('\n'), "{sentence}");
+    assert!(!out.exists());
+}

@@ -1,0 +1,176 @@
+//! What was recorded, computed again: the same bits, and every difference found and named.
+
+use messages::OperatorRequest;
+use nims::replay::{Changes, Replayed, Tally, run};
+use nims_tests::golden;
+use nims_tests::lockstep::{Chain, Cycle, Lockstep, Said};
+use nims_tests::record::{self, Tape};
+use nims_tests::scenarios::Case;
+use service::config::BoxFile;
+use std::path::{Path, PathBuf};
+
+const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
+
+fn replayed(path: &Path, changes: &Changes) -> Replayed {
+    run(path, changes, &mut |_| {}).unwrap()
+}
+
+fn tally<'a>(replayed: &'a Replayed, channel: &str) -> &'a Tally {
+    replayed.channels.iter().find(|tally| tally.channel == channel).unwrap_or_else(|| panic!("no {channel}"))
+}
+
+fn assert_same(replayed: &Replayed, cycles: u64) {
+    assert_eq!((replayed.different(), replayed.cycles), (0, cycles), "{:#?}", replayed.channels);
+    assert!(replayed.channels.iter().all(|tally| tally.equal == tally.recorded && tally.equal > 0), "{replayed:#?}");
+}
+
+#[test]
+fn a_recorded_flight_gives_the_same_bits_with_every_law_and_method() {
+    for (name, robot, law, method) in [
+        ("demo3", "lab3", "lq-endpoint", "phi"),
+        ("demo4", "lab4", "lq-endpoint", "kalman"),
+        ("demo3", "lab3", "preview", "kalman"),
+        ("demo4", "lab4", "preview", "phi"),
+        ("demo3", "lab3", "p-feedforward", "phi"),
+    ] {
+        let folder = tempfile::tempdir().unwrap();
+        let words = [("controller", "law", law), ("estimator", "method", method)];
+        let box_path = record::box_with(folder.path(), name, &words).unwrap();
+        // The preview law identifies the drives on the way.
+        let path = record::fly(&folder.path().join("run.mcap"), &box_path, &Case { robot, ..CASE }, 900).unwrap();
+        let replayed = replayed(&path, &Changes::default());
+        assert_same(&replayed, 900);
+        let names: Vec<&str> = replayed.channels.iter().map(|tally| tally.channel.as_str()).collect();
+        let wanted = "motor/state motor/authority motor/slots energy node/estimate/a node/estimate/b motor/command/a \
+                      motor/command/b control/status/a control/status/b";
+        assert_eq!(names.join(" "), wanted);
+    }
+}
+
+/// A short flight, cycle by cycle, with a box file.
+fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
+    let box_path = record::box_with(folder, "demo3", &[]).unwrap();
+    let scenario = CASE.scenario(true).unwrap();
+    let chain = Chain::of(&BoxFile::load(&box_path).unwrap()).unwrap();
+    let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
+    let mut lockstep = Lockstep::with(scenario, chain).unwrap();
+    let mut cycles = Vec::new();
+    for cycle in 1..=400 {
+        match cycle {
+            3 => lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]),
+            5 => lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]),
+            10 => drop(lockstep.run(&mission).unwrap()),
+            _ => {}
+        }
+        let now = lockstep.cycle().unwrap();
+        cycles.push((now, *lockstep.slots().said().next().unwrap()));
+    }
+    (box_path, cycles)
+}
+
+#[test]
+fn one_bit_is_found_and_a_gap_is_not_hidden() {
+    let folder = tempfile::tempdir().unwrap();
+    let (box_path, cycles) = flight(folder.path());
+    let tape = |name: &str| Tape::new(&folder.path().join(name), &box_path).unwrap();
+
+    let mut bent = tape("bent.mcap");
+    for (cycle, said) in &cycles {
+        let mut said = *said;
+        if cycle.input.header.cycle == 300 {
+            let velocity = &mut said.command.velocity_m_s[1];
+            *velocity = f64::from_bits(velocity.to_bits() ^ 1);
+        }
+        bent.write("motor/input", cycle.input).unwrap();
+        bent.write("motor/state", cycle.state).unwrap();
+        bent.write("motor/authority", cycle.authority).unwrap();
+        bent.write("node/estimate/a", cycle.estimate).unwrap();
+        bent.write("motor/command/a", said.command).unwrap();
+        bent.write("control/status/a", said.status).unwrap();
+        bent.write("plan/motion", cycle.motion).unwrap();
+    }
+    let bent = replayed(&bent.finish().unwrap(), &Changes::default());
+    let command = tally(&bent, "motor/command/a");
+    assert_eq!((bent.different(), command.different, command.equal), (1, 1, 399), "{bent:#?}");
+    let first = command.first.as_ref().unwrap();
+    assert_eq!((first.cycle, first.field.as_str()), (300, "velocity_m_s[1]"));
+    assert_ne!(first.recorded, first.replayed);
+
+    let mut gap = tape("gap.mcap");
+    for (cycle, said) in &cycles {
+        match cycle.input.header.cycle {
+            // The recorder missed one sample of one channel.
+            200 => gap.miss("motor/input"),
+            _ => gap.write("motor/input", cycle.input).unwrap(),
+        }
+        gap.write("motor/state", cycle.state).unwrap();
+        match cycle.input.header.cycle {
+            300 => gap.miss("motor/authority"),
+            _ => gap.write("motor/authority", cycle.authority).unwrap(),
+        }
+        gap.write("node/estimate/a", cycle.estimate).unwrap();
+        gap.write("motor/command/a", said.command).unwrap();
+        gap.write("control/status/a", said.status).unwrap();
+        gap.write("plan/motion", cycle.motion).unwrap();
+    }
+    let gap = replayed(&gap.finish().unwrap(), &Changes::default());
+    assert_eq!(gap.different(), 0, "{gap:#?}");
+    // What comes after the gap rests on what nobody knows.
+    for (channel, equal, not) in [
+        ("motor/state", 199, 201),
+        ("motor/authority", 199, 200),
+        ("node/estimate/a", 299, 101),
+        ("motor/command/a", 299, 101),
+        ("control/status/a", 299, 101),
+    ] {
+        let tally = tally(&gap, channel);
+        assert_eq!((tally.equal, tally.not_compared.values().sum::<u64>()), (equal, not), "{tally:?}");
+    }
+}
+
+#[test]
+fn what_is_changed_is_compared_with_what_was_commanded() {
+    let folder = tempfile::tempdir().unwrap();
+    let box_path = record::box_with(folder.path(), "demo3", &[]).unwrap();
+    let path = record::fly(&folder.path().join("run.mcap"), &box_path, &CASE, 600).unwrap();
+    let set = |key: &str, value: &str| Changes { set: vec![(key.to_owned(), value.to_owned())], ..Changes::default() };
+    let instead = |changes: &Changes| replayed(&path, changes).instead.unwrap();
+
+    // Nothing new: nothing differs.
+    let same = instead(&set("controller.horizon_cycles", "20"));
+    assert!(same.cycles > 200, "{same:?}");
+    assert!(same.command_m_s.iter().chain(&same.sent_m_s).all(|spread| spread.max == 0.0), "{same:?}");
+
+    let law = instead(&Changes { law: Some("p-feedforward".to_owned()), ..Changes::default() });
+    assert_eq!(law.command_m_s.len(), 3);
+    assert!(law.command_m_s.iter().all(|spread| spread.max >= spread.rms && spread.rms > 0.0), "{law:?}");
+    assert!(law.sent_m_s.iter().all(|spread| spread.max == 0.0), "motor-io is fed with what was recorded: {law:?}");
+
+    let stop = instead(&set("robot.tension_limits_n", "[2.0, 8.0]"));
+    assert!(stop.cycles_of_other_mode > 100, "every line is over its limit: {stop:?}");
+    let method = instead(&set("estimator.method", "kalman"));
+    assert!(method.position_m.max > 0.0 && method.position_m.max < 0.01, "{method:?}");
+    assert!(method.command_m_s.iter().any(|spread| spread.max > 0.0), "the controllers see it: {method:?}");
+
+    let refused = run(&path, &set("controller.horizon_cycles", "0"), &mut |_| {}).unwrap_err();
+    assert!(refused.to_string().contains("`controller.horizon_cycles`"), "{refused}");
+    assert_eq!(refused.exit_code(), 2);
+}
+
+/// The regression net: whoever changes a bit of what is decided is told so here.
+#[test]
+fn the_golden_run_still_computes_to_the_same_bits() {
+    let replayed = replayed(&golden::file(), &Changes::default());
+    let renew = golden::RENEW;
+    assert_eq!(
+        replayed.different(),
+        0,
+        "what is decided has changed; if that is meant, make the golden run anew with `{renew}` and say why in the commit\n{:#?}",
+        replayed.channels
+    );
+    for tally in &replayed.channels {
+        assert!(tally.not_compared.is_empty() && tally.equal > 0, "the golden run does not fit; `{renew}`\n{tally:#?}");
+    }
+    assert_eq!(replayed.channels.len(), 10);
+    assert!(golden::file().metadata().unwrap().len() < 300_000);
+}

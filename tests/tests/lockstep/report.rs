@@ -1,0 +1,111 @@
+//! `nims report` of runs that are made here, so that what it has to say is known.
+
+use nims::demo::analysis::analyse;
+use nims::report::report;
+use nims_tests::recorded::record;
+use nims_tests::scenarios::Case;
+use std::path::{Path, PathBuf};
+
+/// Long enough for the first legs of the mission.
+const SECONDS: f64 = 14.0;
+
+fn run(folder: &Path, name: &str, robot: &'static str, boxed: &str, truth: bool) -> PathBuf {
+    let case = Case { robot, mission: "polyline", motor_s: [0.030, 0.040] };
+    let run = folder.join(name);
+    std::fs::create_dir_all(&run).unwrap();
+    let box_path = format!("{}/../configs/boxes/{boxed}.toml", env!("CARGO_MANIFEST_DIR"));
+    record(&run.join("run.mcap"), Path::new(&box_path), &case, SECONDS, truth).unwrap();
+    run
+}
+
+/// A page that needs nothing else, with nothing drawn that is no number.
+fn sound(page: &str) {
+    for foreign in ["http:", "https:", "<script", "src=", "url(", "@import"] {
+        assert!(!page.contains(foreign), "the page names {foreign}");
+    }
+    for wrong in ["NaN", "inf ", "infm"] {
+        assert!(!page.contains(wrong), "the page holds {wrong}");
+    }
+    for tag in ["svg", "figure", "table", "section", "div", "main"] {
+        let (open, close) = (page.matches(&format!("<{tag}")).count(), page.matches(&format!("</{tag}>")).count());
+        assert_eq!(open, close, "<{tag}>");
+    }
+}
+
+#[test]
+fn one_run_several_and_a_torn_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let three = run(folder.path(), "three", "lab3", "demo3", true);
+    let four = run(folder.path(), "four", "lab4", "demo4", false);
+
+    let (value, words) = report(std::slice::from_ref(&three), None).unwrap();
+    let page = std::fs::read_to_string(three.join("report.html")).unwrap();
+    sound(&page);
+    assert!(page.len() < 2_000_000, "{} bytes", page.len());
+    let one = &value["runs"][0];
+    // as the demonstration's report has it
+    let analysis = serde_json::to_value(analyse(&three).unwrap()).unwrap();
+    assert_eq!(one["analysis"], analysis);
+    assert!(one["analysis"]["truth"]["rms_m"].as_f64().unwrap() < 0.01);
+    assert_eq!(one["recording"]["healthy"], true);
+    assert_eq!(one["faults"], 0);
+    let legs = one["legs"].as_array().unwrap();
+    assert!(legs.len() >= 2 && legs[0]["complete"] == true, "{legs:?}");
+    let first = &legs[0];
+    let (flown, planned) = (first["duration_s"].as_f64().unwrap(), first["planned_s"].as_f64().unwrap());
+    assert!(flown >= planned && flown < planned + 1.0, "{flown} s where {planned} s were planned");
+    // A straight line costs by the model what a straight line costs, and about that by the currents.
+    let (reckoned, straight) = (first["reckoned_j"].as_f64().unwrap(), first["straight_j"].as_f64().unwrap());
+    assert!((reckoned / straight - 1.0).abs() < 0.02, "{reckoned} J, {straight} J");
+    let lost = first["loss_j"].as_f64().unwrap();
+    assert!(lost > 0.3 * reckoned && lost < 3.0 * reckoned, "{lost} J by the currents, {reckoned} J by the model");
+    assert_eq!(one["sensors"][0]["channel"], "sensor/height");
+    for seen in [
+        "Path from above",
+        "Tension, by truth",
+        "Power of all motors",
+        "sensor/height over the path",
+        "cable 3",
+        "Following",
+    ] {
+        assert!(page.contains(seen), "{seen}");
+    }
+    assert!(!page.contains("cable 4"));
+    assert!(words.contains("periods were steered, nothing failed and the recording is complete"), "{words}");
+
+    // Without truth, and cut off in the middle.
+    let bytes = std::fs::read(four.join("run.mcap")).unwrap();
+    std::fs::write(four.join("run.mcap"), &bytes[..bytes.len() * 2 / 3]).unwrap();
+    let (value, words) = report(&[three.clone(), four.clone()], Some(&folder.path().join("both.html"))).unwrap();
+    let page = std::fs::read_to_string(folder.path().join("both.html")).unwrap();
+    sound(&page);
+    assert_eq!(value["runs"][1]["recording"]["healthy"], false);
+    assert!(value["runs"][1]["analysis"]["truth"].is_null());
+    assert!(
+        page.contains("three beside four") && page.contains("cable 4") && page.contains("There is no truth in the run")
+    );
+    assert!(words.contains("four: ") && words.contains("the recording is not whole"), "{words}");
+    // The same axes on both sides.
+    let ticks = |caption: &str, which: usize| -> String {
+        let figure = page.split(&format!("<b>{caption}</b>")).nth(which).unwrap();
+        figure
+            .split("</figure>")
+            .next()
+            .unwrap()
+            .split("text-anchor=\"end\">")
+            .skip(1)
+            .map(|t| t.split('<').next().unwrap())
+            .collect::<Vec<_>>()
+            .join(" ")
+    };
+    assert_eq!(ticks("Motor current", 1), ticks("Motor current", 2));
+}
+
+#[test]
+fn what_is_no_run_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let nothing = report(&[folder.path().join("nothing")], None).unwrap_err();
+    assert!(nothing.to_string().contains("there is no run") && nothing.exit_code() == 2, "{nothing}");
+    let empty = report(&[folder.path().to_path_buf()], None).unwrap_err();
+    assert!(empty.to_string().contains("no run file"), "{empty}");
+}
