@@ -86,7 +86,7 @@ pub struct CoreConfig {
     pub announce_s: f64,
     /// Time in which one command fades into another, s: longer than drives lag, shorter than a person notices.
     pub fade_s: f64,
-    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, s.
+    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, unless it had no processor, s.
     pub probation_s: f64,
     /// Time of good answers after which a standby's falls are forgiven, s.
     pub forgive_s: f64,

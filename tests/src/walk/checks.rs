@@ -4,11 +4,17 @@ use crate::lockstep::Cycle;
 use cable_robot::Vector3;
 use messages::MotorAuthority;
 use service::motion::motion_of;
+use std::collections::VecDeque;
 
 /// A line with less tension holds nothing, N.
 const SLACK_N: f64 = 0.5;
+/// Longer than the node takes to swing there and back on its lines, s: what is not seen in this time is no swing.
+const SWING_S: f64 = 0.6;
 
 /// Bounds on the node while the robot is in a mode; speed in m/s, acceleration in m/s².
+///
+/// They are those of a node that hung still. One that still swings on its lines when it is told to move, because it was stopped at once
+/// before, is bounded by the sum of both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bound {
     /// Largest speed.
@@ -47,6 +53,10 @@ pub struct Seen {
     pub alone_m: f64,
     /// Speed where it should be at rest, m/s.
     pub resting_m_s: f64,
+    /// By how much a node that swung already was faster than the bound of its mode, m/s.
+    pub swing_m_s: f64,
+    /// The same of its acceleration, m/s².
+    pub swing_m_s2: f64,
 }
 
 /// Compares each cycle with the one before.
@@ -61,6 +71,7 @@ pub struct Checks {
     halted: Option<Vector3<f64>>,
     /// Time since something was commanded, s.
     resting_s: f64,
+    swing: Swing,
     /// Largest values so far.
     pub seen: Seen,
 }
@@ -68,7 +79,8 @@ pub struct Checks {
 impl Checks {
     /// Nothing seen yet.
     pub fn new(bounds: Bounds, period_s: f64) -> Self {
-        Self { bounds, period_s, before: None, off_m: None, halted: None, resting_s: 0.0, seen: Seen::default() }
+        let swing = Swing::default();
+        Self { bounds, period_s, before: None, off_m: None, halted: None, resting_s: 0.0, swing, seen: Seen::default() }
     }
 
     /// A new life of motor-io: what follows is not compared with what was.
@@ -87,6 +99,7 @@ impl Checks {
         let bound = self.bounds.of_mode[mode];
         let (speed_m_s, travel_m) = (Vector3::from(truth_m_s).norm(), (here - from).norm());
         self.resting_s += self.period_s;
+        self.swing.at_rest(self.period_s, speed_m_s, 0.0);
         // From then on the lines are let go, and the node sinks as fast as unpowered motors turn.
         let driven = held && self.resting_s <= self.bounds.watchdog_s;
         self.seen.alone_m = if driven { self.seen.alone_m.max(travel_m) } else { self.seen.alone_m };
@@ -113,11 +126,24 @@ impl Checks {
         let seen = &mut self.seen;
         seen.speed_m_s[mode] = seen.speed_m_s[mode].max(speed_m_s);
         seen.acceleration_m_s2[mode] = seen.acceleration_m_s2[mode].max(acceleration_m_s2);
-        if speed_m_s > one.speed_m_s.max(other.speed_m_s) {
-            return Some(format!("the node moves at {speed_m_s:.3} m/s in mode {mode}"));
+        if !commanded {
+            self.swing.at_rest(self.period_s, speed_m_s, acceleration_m_s2);
         }
-        if acceleration_m_s2 > one.acceleration_m_s2.max(other.acceleration_m_s2) {
-            return Some(format!("the node is accelerated by {acceleration_m_s2:.2} m/s² in mode {mode}"));
+        let faster_m_s = speed_m_s - one.speed_m_s.max(other.speed_m_s);
+        let harder_m_s2 = acceleration_m_s2 - one.acceleration_m_s2.max(other.acceleration_m_s2);
+        seen.swing_m_s = seen.swing_m_s.max(faster_m_s);
+        seen.swing_m_s2 = seen.swing_m_s2.max(harder_m_s2);
+        // What swings while nothing is commanded is judged below.
+        let (swing_m_s, swing_m_s2) = if commanded { self.swing.largest() } else { (0.0, 0.0) };
+        if faster_m_s > swing_m_s {
+            return Some(format!(
+                "the node moves at {speed_m_s:.3} m/s in mode {mode}, and swung at {swing_m_s:.3} m/s"
+            ));
+        }
+        if harder_m_s2 > swing_m_s2 {
+            return Some(format!(
+                "the node is accelerated by {acceleration_m_s2:.2} m/s² in mode {mode}, and swung with {swing_m_s2:.2} m/s²"
+            ));
         }
         let here = Vector3::from(cycle.truth_m);
         let began = one.travel_m.is_finite() && other.travel_m.is_infinite() && mode != was;
@@ -152,5 +178,26 @@ impl Checks {
         let away = before_m.is_some_and(|before_m| off_m > before_m);
         (off_m > self.bounds.from_setpoint_m && away)
             .then(|| format!("the node is {off_m:.3} m from the set point and goes away from it"))
+    }
+}
+
+/// How much the node swung on its lines while nothing was commanded, for the last time that it was so.
+#[derive(Debug, Clone, Default)]
+struct Swing {
+    /// Speeds, m/s, and accelerations, m/s², of the last [`SWING_S`].
+    last: VecDeque<(f64, f64)>,
+}
+
+impl Swing {
+    /// A period in which nothing is commanded.
+    fn at_rest(&mut self, period_s: f64, speed_m_s: f64, acceleration_m_s2: f64) {
+        self.last.push_back((speed_m_s, acceleration_m_s2));
+        if self.last.len() as f64 * period_s > SWING_S {
+            self.last.pop_front();
+        }
+    }
+
+    fn largest(&self) -> (f64, f64) {
+        self.last.iter().fold((0.0, 0.0), |(v, a), at| (at.0.max(v), at.1.max(a)))
     }
 }

@@ -71,6 +71,8 @@ impl Tally {
         a.from_setpoint_m = a.from_setpoint_m.max(b.from_setpoint_m);
         a.alone_m = a.alone_m.max(b.alone_m);
         a.resting_m_s = a.resting_m_s.max(b.resting_m_s);
+        a.swing_m_s = a.swing_m_s.max(b.swing_m_s);
+        a.swing_m_s2 = a.swing_m_s2.max(b.swing_m_s2);
     }
 }
 

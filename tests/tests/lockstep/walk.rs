@@ -20,9 +20,9 @@ const SPRING: f64 = 2.5;
 const CAUGHT_M_S2: f64 = 10.0;
 /// How far the node swings on its lines after its drives have stopped at once, m.
 const SWING_M: f64 = 0.02;
-/// A second after the last command the node only swings on its lines, m/s: one that was caught while it sank does so for many seconds,
-/// measured up to 0.14 m/s.
-const REST: (f64, f64) = (1.0, 0.2);
+/// A second after the last command the node only swings on its lines, m/s: one that was stopped at once, or caught while it sank, does so
+/// for many seconds, measured up to 0.238 m/s.
+const REST: (f64, f64) = (1.0, 0.25);
 
 /// What motor-io states, by its configuration: the table in ARCHITECTURE.md.
 fn bounds(case: &Case) -> Bounds {

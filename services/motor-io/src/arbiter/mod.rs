@@ -50,6 +50,8 @@ pub struct Scene {
     pub moving: bool,
     /// What the drives were told last, m/s.
     pub sent_m_s: [f64; CABLES],
+    /// The computer kept the slots in charge, or this program, from running: an answer that is missing is not held against a newcomer.
+    pub starved: bool,
 }
 
 /// One row of a command.
@@ -134,7 +136,7 @@ impl Arbiter {
             let bias = self.bias[slot].beside(self.bias_share, self.bias_bound_m_s);
             Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s).map(|apart| apart.max(bias)) }
         });
-        let controller = self.roles[CONTROLLERS].step(cycle, scene.moving, &reports);
+        let controller = self.roles[CONTROLLERS].step(cycle, scene, &reports);
         self.note_verdicts(&reports, scene.moving);
 
         let reports: [Report; SLOTS] = std::array::from_fn(|e| {
@@ -146,7 +148,7 @@ impl Arbiter {
             let incarnation = if reply == Reply::Silent { 0 } else { input.estimate_incarnation[e] };
             Report { reply, incarnation, apart: share(self.apart[SLOTS + e], self.bound_m) }
         });
-        let estimator = self.roles[ESTIMATORS].step(cycle, scene.moving, &reports);
+        let estimator = self.roles[ESTIMATORS].step(cycle, scene, &reports);
         let (Some(controller), Some(estimator)) = (controller, estimator) else {
             return None;
         };

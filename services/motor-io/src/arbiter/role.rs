@@ -10,8 +10,9 @@
 //!
 //! A slot that falls three times (`quarantine_falls`) without a good while between is set aside until the operator admits it again: one that comes and
 //! goes is no standby. In probation the first cycle that the new one misses makes the old one Active again, by its command of the
-//! same cycle.
+//! same cycle. Where the computer kept the new one from running, the old one only stands in for it, for a few cycles.
 
+use super::Scene;
 use messages::{MotorSlots, SLOTS};
 
 /// A slot in charge that gives no answer is stood in for; after more than so many cycles it has lost its place. As many cycles
@@ -312,7 +313,8 @@ impl Role {
     }
 
     /// One cycle: who is used in it. At the announced cycle the swap takes effect; whoever is gone is replaced.
-    pub fn step(&mut self, cycle: u64, moving: bool, reports: &[Report; SLOTS]) -> Option<usize> {
+    pub fn step(&mut self, cycle: u64, scene: &Scene, reports: &[Report; SLOTS]) -> Option<usize> {
+        let Scene { moving, starved, .. } = *scene;
         let (lead, side) = (self.in_charge, 1 - self.in_charge);
         let good = |slot: usize| reports[slot].reply == Reply::Good;
         let led = self.lead(moving, &reports[lead]);
@@ -327,13 +329,16 @@ impl Role {
             && self.slots[side].incarnation == reports[side].incarnation
             && (self.slots[side].phase.is_standby() || (!moving && self.slots[side].phase != Phase::Quarantined));
         if self.commit_cycle != 0 && cycle >= self.commit_cycle {
-            self.commit_cycle = 0;
             if side_counts {
                 self.commit(side);
                 return Some(side);
             }
-            // It is not there in the very cycle that was announced: the swap is off, and may be asked for again.
-            self.slots[side].phase = Phase::Qualified;
+            // It is not there in the very cycle that was announced: the swap is off, and may be asked for again. One that had no processor
+            // is waited for.
+            if !starved || cycle >= self.commit_cycle.saturating_add(u64::from(GONE_CYCLES)) {
+                self.commit_cycle = 0;
+                self.slots[side].phase = Phase::Qualified;
+            }
         }
         if led {
             self.pass_probation();
@@ -342,7 +347,7 @@ impl Role {
         if !side_counts {
             return None;
         }
-        if self.is_over(lead, &reports[lead], moving) {
+        if self.is_over(lead, &reports[lead], scene) {
             self.replace(lead, side, &reports[lead]);
         }
         Some(side)
@@ -372,15 +377,15 @@ impl Role {
     }
 
     /// Whether the slot in charge has lost its place to a standby that answers, or is only stood in for.
-    fn is_over(&self, lead: usize, report: &Report, moving: bool) -> bool {
+    fn is_over(&self, lead: usize, report: &Report, scene: &Scene) -> bool {
         let slot = &self.slots[lead];
         if slot.phase != Phase::Active {
             // At the start: whoever is to be in charge may take a moment longer than the other.
             return slot.absent > self.times.qualify;
         }
-        self.probation.is_some()
+        self.probation.is_some() && !scene.starved
             || matches!(report.reply, Reply::Wrong(_))
-            || (slot.stranger && moving)
+            || (slot.stranger && scene.moving)
             || slot.absent > GONE_CYCLES
     }
 

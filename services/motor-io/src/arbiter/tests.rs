@@ -23,6 +23,7 @@ struct Table {
     input: MotorInput,
     sent: [f64; CABLES],
     moving: bool,
+    starved: bool,
 }
 
 impl Table {
@@ -40,7 +41,7 @@ impl Table {
             command.velocity_m_s = [0.1 + 0.01 * slot as f64; 16];
         }
         input.header.cycle = 1;
-        Self { arbiter: Arbiter::new(&config()), input, sent: [0.1; CABLES], moving: false }
+        Self { arbiter: Arbiter::new(&config()), input, sent: [0.1; CABLES], moving: false, starved: false }
     }
 
     /// In flight, slot a in charge in both roles, slot b its standby.
@@ -66,7 +67,7 @@ impl Table {
         for command in &mut input.command {
             command.based_on_cycle = command.based_on_cycle.wrapping_add(input.header.cycle - 1);
         }
-        let scene = Scene { epoch: EPOCH, moving: self.moving, sent_m_s: self.sent };
+        let scene = Scene { epoch: EPOCH, moving: self.moving, sent_m_s: self.sent, starved: self.starved };
         let chosen = self.arbiter.choose(&input, &scene, |segment| segment == 1);
         if let Some(chosen) = chosen {
             self.sent = chosen.velocity_m_s;
@@ -257,6 +258,52 @@ fn in_probation_the_first_missed_cycle_brings_the_old_one_back() {
     table.input.command_arrived[1] = 1;
     assert_eq!(table.used(), Some((0, 0)));
     assert_eq!(table.arbiter.slot(CONTROLLERS, 1).cause(), MotorSlots::CAUSE_PROBATION);
+}
+
+#[test]
+fn in_probation_one_that_had_no_processor_is_stood_in_for() {
+    for role in [CONTROLLERS, ESTIMATORS] {
+        let mut table = Table::flying();
+        let commit = table.arbiter.announce(role, 1, table.input.header.cycle).unwrap();
+        while table.input.header.cycle < commit + 5 {
+            table.cycles(1);
+        }
+        let answers = |table: &mut Table, there: bool| match role {
+            CONTROLLERS => table.input.command_arrived[1] = u8::from(there),
+            _ => table.input.estimate_valid[1] = u8::from(there),
+        };
+        let [old, new] = if role == CONTROLLERS { [(0, 0), (1, 0)] } else { [(0, 0), (0, 1)] };
+        table.starved = true;
+        for _ in 0..GONE_CYCLES {
+            answers(&mut table, false);
+            assert_eq!(table.used(), Some(old));
+        }
+        answers(&mut table, true);
+        assert_eq!(table.used(), Some(new));
+        // Not for ever: by then it is gone, whatever the cause.
+        answers(&mut table, false);
+        for _ in 0..=GONE_CYCLES {
+            assert_eq!(table.used(), Some(old));
+        }
+        answers(&mut table, true);
+        assert_eq!(table.used(), Some(old));
+        assert_eq!(table.arbiter.slot(role, 1).cause(), MotorSlots::CAUSE_PROBATION);
+    }
+}
+
+#[test]
+fn a_swap_waits_for_one_that_had_no_processor_in_the_announced_cycle() {
+    for missed in [GONE_CYCLES, GONE_CYCLES + 1] {
+        let mut table = Table::flying();
+        let commit = table.arbiter.announce(CONTROLLERS, 1, table.input.header.cycle).unwrap();
+        while table.input.header.cycle + 1 < commit {
+            table.cycles(1);
+        }
+        (table.starved, table.input.command_arrived[1]) = (true, 0);
+        table.cycles(missed);
+        table.input.command_arrived[1] = 1;
+        assert_eq!(table.used(), Some((usize::from(missed == GONE_CYCLES), 0)));
+    }
 }
 
 #[test]

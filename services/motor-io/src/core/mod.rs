@@ -218,7 +218,8 @@ impl Core {
         self.planner.note(input.planner_beat);
         self.motion.note(input);
         let ended = self.motion.ended(self.clock.time_s());
-        let scene = Scene { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s };
+        let starved = self.chain_starves();
+        let scene = Scene { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s, starved };
         let motion = &self.motion;
         self.chosen = self.arbiter.choose(input, &scene, |segment| motion.has(segment) || (ended && segment == 0));
         for i in 0..REQUESTS {

@@ -150,7 +150,7 @@ pub struct ArbiterSection {
     pub announce_s: f64,
     /// Time in which one command fades into another, s.
     pub fade_s: f64,
-    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, s.
+    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, unless it had no processor, s.
     pub probation_s: f64,
     /// A standby that fails so often is set aside until it is admitted again.
     pub quarantine_falls: u8,
