@@ -1,7 +1,7 @@
 //! Lives of motor-io on a robot as it is run: what a dead estimator, a dead motor-io or a stranger left in a channel moves nothing, and
 //! stops nothing.
 
-use crate::robot::{Robot, steadily};
+use crate::robot::{Robot, samples_of, steadily};
 use messages::{
     ESTIMATORS, Header, MotorAuthority, MotorSlots, NodeEstimate, OperatorRequest, SLOTS, Sample, TruthNode,
 };
@@ -38,13 +38,9 @@ fn another_life(robot: &mut Robot) {
     robot.told(&["confirm-position"]);
 }
 
-fn of_run<T: messages::Message>(run: &Path, channel: &str) -> Vec<T> {
-    runlog::read_channel::<T>(run, channel).unwrap().into_iter().map(|(_, sample)| sample).collect()
-}
-
 /// By truth: down from there to there, near the line, and not faster than the robot may.
 fn goes_down(run: &Path, begun_ns: u64, from_z: f64, to_z: f64) {
-    let truth: Vec<TruthNode> = of_run(run, "truth/node");
+    let truth: Vec<TruthNode> = samples_of(run, "truth/node");
     let flown: Vec<&TruthNode> = truth.iter().filter(|sample| sample.header.stamp_ns > begun_ns).collect();
     assert!(flown.len() > 50, "{} samples of the truth", flown.len());
     for sample in &flown {

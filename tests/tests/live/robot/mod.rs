@@ -521,6 +521,11 @@ fn box_file(folder: &Path, file: &str) -> PathBuf {
     folder.join(format!("configs/boxes/{file}-up.toml"))
 }
 
+/// What a run's file holds of a channel, without the times.
+pub fn samples_of<T: messages::Message>(run: &Path, channel: &str) -> Vec<T> {
+    runlog::read_channel::<T>(run, channel).unwrap().into_iter().map(|(_, sample)| sample).collect()
+}
+
 fn run_of(folder: &Path, run: usize) -> PathBuf {
     folder.join(format!("run-{run}"))
 }
