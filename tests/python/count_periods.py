@@ -60,6 +60,7 @@ class Life:
     def __init__(self):
         self.told = self.authority = None
         self.period, self.cause, self.trouble = NO_MISSION, 0, None
+        self.late_tick = False
 
     def judge(self, told, authority):
         """What the cycle is, and how many periods before it never ran and what those are."""
@@ -69,11 +70,11 @@ class Life:
         under_way = self.authority is not None and self.authority.motion != 0
         fresh = is_fresh(told, authority)
         late_tick = (told.begin_ns - told.tick_ns) * 1e-9 > LATE_SHARE * period_s
-        late = late_tick or (before is not None and not grown(told.begin_ns, before.end_ns))
-        held_up = late_tick or (
-            before is not None
-            and (waited(told.run_delay_ns, before.run_delay_ns) or grown(told.box_left_out_ns, before.box_left_out_ns))
+        kept = before is not None and (
+            waited(told.run_delay_ns, before.run_delay_ns) or grown(told.box_left_out_ns, before.box_left_out_ns)
         )
+        late = late_tick or ((kept or self.late_tick) and not grown(told.begin_ns, before.end_ns))
+        held_up = late_tick or kept
         units = list(told.unit)[: told.unit_count]
         if any(unit in (UNIT_ABSENT, UNIT_LOST, UNIT_REBOOTED) for unit in units):
             trouble = DRIVE
@@ -114,8 +115,11 @@ class Life:
             period = cause
             if not (self.period >= COMPUTER and self.cause == ANSWER and cause == COMPUTER):
                 self.cause = cause
+        if not under_way:
+            self.cause = 0
         gap = (PAUSED if self.period == PAUSED else COMPUTER, skipped(told, before, period_s) if under_way else 0)
         self.told, self.authority, self.period, self.trouble = told, authority, period, trouble
+        self.late_tick = late_tick
         return period, gap
 
 

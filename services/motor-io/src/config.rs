@@ -232,7 +232,13 @@ impl CoreConfig {
         inside("cable_speed_limit_m_s", self.cable_speed_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
         inside("cable_acceleration_m_s2", self.cable_acceleration_m_s2, 1e-3, 100.0, "0.001 to 100 m/s²")?;
         inside("node_speed_margin", self.node_speed_margin, 0.0, 1.0, "0 to 1")?;
-        inside("node_acceleration_limit_m_s2", self.node_acceleration_m_s2, 1e-3, 100.0, "0.001 to 100 m/s²")?;
+        inside(
+            "node_acceleration_limit_m_s2",
+            self.node_acceleration_m_s2,
+            self.robot.acceleration_limit_m_s2(),
+            100.0,
+            "the robot's acceleration_limit_m_s2, by which motions are planned, to 100 m/s²",
+        )?;
         inside("correction_limit_m_s", self.correction_limit_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
         inside("start_bound_m", self.start_bound_m, 1e-3, 10.0, "0.001 to 10 metres")?;
         inside("divergence_m", self.divergence_m, 1e-3, 10.0, "0.001 to 10 metres")?;

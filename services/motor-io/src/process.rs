@@ -47,6 +47,8 @@ impl CoreConfig {
     pub fn from_files(box_file: &BoxFile, robot_file: &RobotFile) -> Result<Self, BadInput> {
         let section = &box_file.motor_io;
         let robot = robot_file.robot().map_err(|error| BadInput(error.to_string()))?;
+        // The estimate is compared with this: both take the lines for the same.
+        let robot = if box_file.estimator.stretch { robot } else { robot.with_rigid_lines() };
         let units: Vec<Vec<usize>> = section
             .ports
             .iter()
@@ -149,8 +151,8 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         let mut answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);
         let earliest_ns = tick.woke_ns.saturating_add(grace_ns);
         // By the tick and not by the wake-up: what begins later than this is the computer's lateness, and never patience.
-        let latest_ns = tick.scheduled_ns.saturating_add(grace_most_ns).max(earliest_ns);
-        let patient_ns = published_ns.saturating_add(answer_least_ns).clamp(earliest_ns, latest_ns);
+        let latest_ns = tick.scheduled_ns.saturating_add(grace_most_ns);
+        let patient_ns = published_ns.saturating_add(answer_least_ns).max(earliest_ns).min(latest_ns);
         while !answered && core.awaits_command() && now_ns() < patient_ns {
             reporter.bus(waiter.wait_until(Some(patient_ns)).map(|_| ()));
             answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);

@@ -141,7 +141,9 @@ impl Core {
             }
             Mode::Holding => {
                 // A motion that would begin in this very cycle begins paused.
-                if self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s) {
+                if self.motion.offered(input, self.safety.epoch(), self.clock.time_s(), self.config.period_s)
+                    && self.begins_here(input)
+                {
                     self.motion.begin(input);
                     self.motion.suspend();
                 }
@@ -173,7 +175,12 @@ impl Core {
                 if input.motion != self.motion.id() || input.motion_epoch != self.safety.epoch() {
                     return no!("Not resumed: the planner no longer has this motion; stop, then start a new one.");
                 }
-                if !self.chosen.is_some_and(|chosen| self.motion.has(chosen.segment)) {
+                // One that only stands in for a cycle is not followed from rest.
+                let in_charge = self.arbiter.in_charge();
+                let answers = self.chosen.is_some_and(|chosen| {
+                    self.motion.has(chosen.segment) && (chosen.controller, chosen.estimator) == in_charge
+                });
+                if !answers {
                     return no!(
                         "Not resumed: no controller answers for this motion; look at nims status which process is missing."
                     );

@@ -21,8 +21,8 @@ const LOST_CYCLES: u32 = 3;
 /// A resynchronisation takes 50 to 100 ms (quiet line, then a fence), and several times that where answers come late; after this it will
 /// not succeed, s.
 const RESYNC_S: f64 = 0.4;
-/// Where the computer had no time for this program, a reply that is not there says nothing of its unit; but after this it is gone all the
-/// same, s.
+/// Where the computer had no time for this program, a reply that is not there says nothing of its unit, and little tension nothing of its
+/// line; but after this both count all the same, s.
 const AWAY_S: f64 = 3.0;
 /// Below this commanded velocity nothing is said about a cable that does not move, m/s.
 const STALL_COMMAND_M_S: f64 = 0.01;
@@ -37,9 +37,14 @@ const SUPPLY_READINGS: u32 = 5;
 /// The current tells of a tension only where that tension makes this much of it, A; the reading has steps of 10 mA and the model's
 /// friction is known to a few of them.
 const TELLING_A: f64 = 0.1;
-/// A current that lacks more than this share of what the tension draws speaks against it: the rest is for the motor's inertia and a
-/// friction that was not measured on this day.
+/// A current that lacks more than this share of what the tension draws speaks against it: the rest is for a friction that was not
+/// measured on this day.
 const LACKING_SHARE: f64 = 0.5;
+/// Rotor and gear as a mass on the line, kg, which turns on while the line is reeled in more slowly: then the motor draws less. A 24 V, 150 W
+/// motor (142 g cm²) geared to 40 N/A comes to 25 kg.
+const INERTIA_KG: f64 = 25.0;
+/// Time over which a velocity is smoothed to see it change, s: the encoder's steps are 1 cm/s at 100 Hz.
+const SMOOTHED_S: f64 = 0.1;
 /// No single reading counts for more or less than this.
 const LACKING_MOST: f64 = 1.0;
 /// So much of it, summed up over cycles, and the line carries nothing: a quarter of a second of a line that is broken. A sound robot
@@ -92,7 +97,8 @@ pub struct Situation {
     pub released: [bool; CABLES],
     /// Least and largest velocity that commands explain, m/s.
     pub excused_m_s: [[f64; 2]; CABLES],
-    /// The computer had no time for this program or for those that answer it: estimates are not what they seem.
+    /// The computer had no time in this cycle for this program or for those that answer it: an estimate of little tension may be made of
+    /// late readings.
     pub starved: bool,
     /// The estimate slot in use.
     pub estimator: usize,
@@ -116,9 +122,13 @@ pub struct Watch {
     lacking: [f64; CABLES],
     /// Cycles since the current was last read.
     unread: [u32; CABLES],
+    /// Smoothed velocity of each line, m/s.
+    smooth_m_s: [f64; CABLES],
     /// How far the motion has to be slowed down.
     ease: f64,
     late: u32,
+    /// Cycles in a row in which estimates could not be judged.
+    unjudged: u32,
     current_a: [f64; CABLES],
     duty: [f64; CABLES],
     supply_v: [f64; UNITS],
@@ -142,8 +152,10 @@ impl Watch {
             straining: [Lasting::default(); CABLES],
             lacking: [0.0; CABLES],
             unread: [0; CABLES],
+            smooth_m_s: [0.0; CABLES],
             ease: 1.0,
             late: 0,
+            unjudged: 0,
             current_a: [0.0; CABLES],
             duty: [0.0; CABLES],
             supply_v: [0.0; UNITS],
@@ -230,6 +242,8 @@ impl Watch {
         let estimate_valid = input.estimate_valid[situation.estimator] == 1
             && input.estimate_cycle[situation.estimator].checked_add(1) == Some(input.header.cycle);
         self.ease = 1.0;
+        count(&mut self.unjudged, situation.starved);
+        let judged = self.unjudged == 0 || self.unjudged >= config.cycles(AWAY_S);
         for i in 0..config.cable_count() {
             let unit = config.unit_of_cable[i];
             let new_current = has(input, unit, MotorInput::SLOW_CURRENT) && plausible(input.current_a[i]);
@@ -244,6 +258,7 @@ impl Watch {
             let driven = situation.energised && !situation.released[i];
             // Without this cycle's reading a counter stays where it is: it neither proves nor excuses.
             if fresh[i] {
+                self.smooth_m_s[i] += (v - self.smooth_m_s[i]) * config.period_s / (SMOOTHED_S + config.period_s);
                 let still = v.abs() < STALL_SHARE * sent.abs();
                 let pushing = self.duty[i].abs() > config.stall_duty;
                 let stalled = driven && sent.abs() > STALL_COMMAND_M_S && still && pushing;
@@ -276,14 +291,16 @@ impl Watch {
                 let limit = config.current_limit_a.min(most);
                 self.ease = self.ease.min(headroom(current, EASE_CURRENT_SHARE * limit, limit));
             }
-            if estimate_valid && tensions[i].is_finite() && !situation.starved {
+            if estimate_valid && tensions[i].is_finite() {
                 if situation.following {
                     let [least, largest] = config.robot.tension_limits_n();
                     self.ease = self.ease.min(headroom(tensions[i], largest, strongest));
                     self.ease = self.ease.min(headroom(-tensions[i], -least, -config.slack_n));
                 }
-                self.lacks(i, motor, tensions[i], v, new_current, situation.following && driven);
-                count(&mut self.slack[i], situation.following && tensions[i] < config.slack_n);
+                if judged {
+                    self.lacks(i, motor, tensions[i], v, new_current, situation.following && driven);
+                    count(&mut self.slack[i], situation.following && tensions[i] < config.slack_n);
+                }
                 count(&mut self.tight[i], situation.following && tensions[i] > strongest);
             }
             if self.slack[i] >= config.slack_cycles || self.lacking[i] >= LACKING_CYCLES {
@@ -319,11 +336,13 @@ impl Watch {
         if !new_current {
             return;
         }
+        // A line's velocity rises where it is reeled in more slowly.
+        let slowing_m_s2 = ((v - self.smooth_m_s[i]) / SMOOTHED_S).max(0.0);
+        let current_a = self.current_a[i] + INERTIA_KG * slowing_m_s2 / motor.force_constant_n_a;
         let cycles = f64::from(self.unread[i].min(SPARSE_CYCLES));
         self.unread[i] = 0;
         if motor.friction_sign(reel_in) > 0.5 && drawn_a > TELLING_A {
-            let lacking =
-                (1.0 - (self.current_a[i] - idle_a) / drawn_a - LACKING_SHARE).clamp(-LACKING_MOST, LACKING_MOST);
+            let lacking = (1.0 - (current_a - idle_a) / drawn_a - LACKING_SHARE).clamp(-LACKING_MOST, LACKING_MOST);
             self.lacking[i] = (self.lacking[i] + lacking * cycles).max(0.0);
         }
     }

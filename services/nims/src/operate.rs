@@ -121,8 +121,11 @@ pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
     let (path, mu) = path_of(asked)?;
     let [x, y, z] = to;
     let answer = send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path, mu])?)?;
-    if let Some(why) = live::unrecorded(bus)? {
-        eprintln!("nims: warning: nothing is being recorded ({why})");
+    // The node moves already: whatever goes wrong here, the planner has accepted.
+    match live::unrecorded(bus) {
+        Ok(None) => {}
+        Ok(Some(why)) => eprintln!("nims: warning: nothing is being recorded ({why})"),
+        Err(failure) => eprintln!("nims: warning: it is not known whether this is being recorded ({failure})"),
     }
     Ok(answer)
 }

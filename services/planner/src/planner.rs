@@ -360,9 +360,6 @@ impl Planner {
             }
             _ => return refuse("the position is not known; tell where the node hangs with nims zero --at x,y,z"),
         }
-        if seen.estimate.is_none() {
-            return refuse("there is no position estimate; is the estimator running? See nims status");
-        }
         let fresh = |(estimate, epoch): &(NodeEstimate, u32)| {
             // another epoch may have another idea of where the node is
             *epoch == authority.epoch

@@ -139,6 +139,12 @@ impl Recorder {
     pub fn close(mut self, bus: &Bus, reason: &str) -> Result<Option<PathBuf>, RecorderError> {
         self.listening.discover(bus, &mut self.session)?;
         self.take();
+        // What was lost since the last second nobody would hear of otherwise; the file is finished whether it is heard or not.
+        for mut row in self.session.status(now_ns()) {
+            if self.status.send(&mut row).is_err() {
+                break;
+            }
+        }
         Ok(self.session.close(reason)?)
     }
 }

@@ -71,8 +71,10 @@ pub struct Session {
     reason: String,
     /// A file of this session could not be finished.
     unfinished: bool,
-    /// The file was removed while it was written.
+    /// The file was removed or moved while it was written.
     removed: bool,
+    /// It could not be seen at the last look whether the file is still there.
+    unseen: bool,
 }
 
 impl Session {
@@ -99,6 +101,7 @@ impl Session {
             reason: String::new(),
             unfinished: false,
             removed: false,
+            unseen: false,
         };
         if free_bytes < session.settings.min_free_bytes {
             session.say_full();
@@ -326,19 +329,31 @@ impl Session {
         }
     }
 
-    /// Notices that somebody removed the file: what is written to it goes nowhere, and without an error. True if it was.
+    /// Notices that somebody removed or moved the file: what is written to it goes nowhere, and without an error. True if it was.
     fn look_for_removal(&mut self, now_ns: u64) -> bool {
         let State::Recording(recording) = &self.state else { return false };
         let writer = &recording.writer;
-        if writer.is_there() {
-            return false;
+        let seen = writer.is_there();
+        let was_unseen = std::mem::replace(&mut self.unseen, seen.is_err());
+        match seen {
+            Ok(false) => {}
+            Ok(true) => return false,
+            // What is written may well arrive: no reason to leave the file.
+            Err(error) => {
+                if !was_unseen {
+                    let file = writer.path().display();
+                    tracing::warn!(
+                        "{file}: it cannot be seen whether the file is still there ({error}); the recording goes on"
+                    );
+                }
+                return false;
+            }
         }
         let error = RunError::Removed { path: writer.path().to_owned() };
         self.removed = true;
         // What had been settled there is gone too, but only what comes now can still be counted.
         self.fail(&error, now_ns);
         self.state = State::Failed { retry_ns: now_ns + REMOVED_NS };
-        self.unfinished = false;
         true
     }
 

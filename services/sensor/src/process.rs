@@ -22,9 +22,9 @@ const COMPLAIN_NS: u64 = 10_000_000_000;
 ///
 /// # Errors
 /// The file cannot be used, or the channel is taken.
-pub fn serve(file: &Path, chassis: &mut Chassis) -> anyhow::Result<()> {
-    chassis.reads(file);
-    let file = SensorFile::load(file)?;
+pub fn serve(path: &Path, chassis: &mut Chassis) -> anyhow::Result<()> {
+    let file = SensorFile::load(path)?;
+    chassis.reads(path);
     let port = file.port.replace("{domain}", &chassis.bus().domain().root().to_string_lossy());
     let mut sensor = Sensor::new(&file, now_ns()).map_err(BadInput)?;
     let mut line = Line::new(&port, file.baud);

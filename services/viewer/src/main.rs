@@ -3,8 +3,8 @@
 use std::net::IpAddr;
 use std::process::ExitCode;
 
-use bus::CHANNELS_EVENT;
 use bus::clock::now_ns;
+use bus::{CHANNELS_EVENT, Party};
 use runlog::RunClock;
 use service::config::ViewerSection;
 use service::{Chassis, CommonArgs};
@@ -31,7 +31,7 @@ impl AsRef<CommonArgs> for Args {
 }
 
 fn main() -> ExitCode {
-    service::main("viewer", run)
+    service::main_as("viewer", Party::Guest, run)
 }
 
 fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {

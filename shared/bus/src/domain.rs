@@ -37,6 +37,9 @@ const OWN_FILES: [&str; 7] = [
     "clock.txt.new",
     crate::estop::SOCKET,
 ];
+/// How the name of a file ends that a virtual motor box keeps beside each of its ports (`LeftOut` of the crate `serial`): one that was killed
+/// leaves it.
+const PORT_CLOCKS: &str = ".time";
 /// Both clocks at one instant of the run: UNIX time and CLOCK_MONOTONIC, ns.
 const CLOCK_FILE: &str = "clock.txt";
 /// What iceoryx2 keeps here, besides the files that begin with the domain's prefix.
@@ -376,7 +379,10 @@ impl Domain {
             } else if kind.is_symlink() {
                 fs::read_link(&path).is_ok_and(|to| to.starts_with(PSEUDO_TERMINALS)) && fs::remove_file(&path).is_ok()
             } else {
-                (name.starts_with(&self.prefix) || OWN_FILES.contains(&name.as_ref())) && fs::remove_file(&path).is_ok()
+                let own = name.starts_with(&self.prefix)
+                    || OWN_FILES.contains(&name.as_ref())
+                    || kind.is_file() && name.ends_with(PORT_CLOCKS);
+                own && fs::remove_file(&path).is_ok()
             };
             removed += usize::from(gone);
         }

@@ -70,7 +70,8 @@ pub enum BusError {
     },
     /// The channel was made with a smaller quality of service.
     #[error(
-        "channel `{channel}` was made with other settings than the channel table has ({why}): stop {holders} first"
+        "channel `{channel}` was made with other settings than the channel table has ({why}): stop {} first",
+        known(holders)
     )]
     QualityMismatch {
         /// The channel.
@@ -81,7 +82,7 @@ pub enum BusError {
         holders: String,
     },
     /// All places are taken.
-    #[error("channel `{channel}` already has its {limit} {what}; it is held by {holders}: stop one of them first")]
+    #[error("channel `{channel}` already has its {limit} {what}{}: stop one of them first", held(holders))]
     Full {
         /// The channel.
         channel: String,
@@ -89,7 +90,7 @@ pub enum BusError {
         limit: usize,
         /// `publisher(s)`, `subscriber(s)`, `process(es)`.
         what: &'static str,
-        /// Who holds the channel.
+        /// Who holds the channel; empty where that is not known.
         holders: String,
     },
     /// Shared memory is full, or nearly.
@@ -153,8 +154,19 @@ fn megabytes(bytes: u64) -> String {
     format!("{:.1} MB", bytes as f64 * 1e-6)
 }
 
+/// Who has to be stopped, also where nobody could be named.
+fn known(holders: &str) -> &str {
+    if holders.is_empty() { "whoever holds it" } else { holders }
+}
+
+/// Who holds a channel, as the end of a clause; nothing where that is not known.
+fn held(holders: &str) -> String {
+    if holders.is_empty() { String::new() } else { format!("; it is held by {holders}") }
+}
+
 /// What helps where two types meet on one channel: a changed sensor gets a new name, everything else comes from one build.
 fn way_out(channel: &str, holders: &str) -> String {
+    let holders = known(holders);
     match channel.strip_prefix("sensor/") {
         Some(name) => format!(
             "a changed type needs a new name, because the old channel is still held (by {holders}): plug it in as e.g. `{name}-2`"
@@ -170,5 +182,23 @@ impl BusError {
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         matches!(self, Self::DomainName { .. } | Self::ChannelName { .. } | Self::Claimed { .. })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_full_channel_names_its_holders_where_they_are_known() {
+        let full = |holders: &str| {
+            BusError::Full { channel: "x".to_owned(), limit: 2, what: "subscribers", holders: holders.to_owned() }
+                .to_string()
+        };
+        assert_eq!(full(""), "channel `x` already has its 2 subscribers: stop one of them first");
+        assert_eq!(
+            full("a (process 1)"),
+            "channel `x` already has its 2 subscribers; it is held by a (process 1): stop one of them first"
+        );
     }
 }

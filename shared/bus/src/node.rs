@@ -11,6 +11,7 @@ use iceoryx2::prelude::{
     CallbackProgression, EventId, LogLevel, MessagingPattern, NodeBuilder, NodeName, NodeState, PortFactory as _,
     PortName, Service, ServiceName, SignalHandlingMode, ipc, set_log_level,
 };
+use iceoryx2::service::ServiceDetails;
 use iceoryx2::service::builder::event::EventOpenOrCreateError;
 use iceoryx2::service::builder::publish_subscribe::{PublishSubscribeCreateError, PublishSubscribeOpenError};
 use iceoryx2::service::port_factory::{event, publish_subscribe};
@@ -184,9 +185,10 @@ impl Bus {
     fn explain(&self, channel: &str, error: PublishSubscribeOpenError, wanted: &str, quality: &Quality) -> BusError {
         use PublishSubscribeOpenError as E;
         let channel_name = channel.to_owned();
-        let (found, holders) = self.held_by(channel);
+        let holders = self.held_by(channel, MessagingPattern::PublishSubscribe);
         match error {
             E::IncompatibleTypes => {
+                let found = self.carried_by(channel);
                 BusError::TypeMismatch { channel: channel_name, found, wanted: wanted.to_owned(), holders }
             }
             E::ExceedsMaxNumberOfNodes => {
@@ -202,15 +204,25 @@ impl Bus {
         }
     }
 
-    /// The type name that the channel carries, and who holds it, in words.
-    pub(crate) fn held_by(&self, channel: &str) -> (String, String) {
-        let details = ServiceName::new(channel).ok().and_then(|name| {
-            ipc::Service::details(&name, self.domain.config(), MessagingPattern::PublishSubscribe).ok().flatten()
-        });
-        let Some(details) = details else { return ("nothing".to_owned(), "nobody".to_owned()) };
-        let found = details.static_details.publish_subscribe().message_type_details().payload.type_name().to_string();
+    fn details(&self, channel: &str, pattern: MessagingPattern) -> Option<ServiceDetails<ipc::Service>> {
+        let name = ServiceName::new(channel).ok()?;
+        ipc::Service::details(&name, self.domain.config(), pattern).ok().flatten()
+    }
+
+    /// The type name that the channel carries.
+    fn carried_by(&self, channel: &str) -> String {
+        self.details(channel, MessagingPattern::PublishSubscribe).map_or_else(
+            || "nothing".to_owned(),
+            |details| details.static_details.publish_subscribe().message_type_details().payload.type_name().to_string(),
+        )
+    }
+
+    /// Who holds the channel, or the event or the requests of that name, in words; empty where that is not known.
+    fn held_by(&self, channel: &str, pattern: MessagingPattern) -> String {
+        let details = self.details(channel, pattern);
+        let Some(dynamic) = details.and_then(|details| details.dynamic_details) else { return String::new() };
         let mut holders: Vec<String> = Vec::new();
-        for node in details.dynamic_details.iter().flat_map(|dynamic| &dynamic.nodes) {
+        for node in &dynamic.nodes {
             if let NodeState::Alive(node) = node {
                 let info = info_of(node);
                 holders.push(if info.pid == std::process::id() {
@@ -221,7 +233,7 @@ impl Bus {
             }
         }
         holders.dedup();
-        (found, if holders.is_empty() { "a process that has died".to_owned() } else { holders.join(", ") })
+        if holders.is_empty() { "a process that has died".to_owned() } else { holders.join(", ") }
     }
 
     /// Opens or makes the event beside a channel.
@@ -262,7 +274,7 @@ impl Bus {
             })
         };
         self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
-            Refused::NoPlace(limit) => self.full(channel, limit, "processes that wake it"),
+            Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, "processes that wake it"),
             Refused::Error(error) => failed(channel, "make its event", &error),
         })
     }
@@ -279,14 +291,14 @@ impl Bus {
             })
         };
         self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
-            Refused::NoPlace(limit) => self.full(channel, limit, "processes that wait for it"),
+            Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, "processes that wait for it"),
             Refused::Error(error) => failed(channel, "be waited for", &error),
         })
     }
 
-    /// That a channel has all the ports of this kind that it may have.
-    pub(crate) fn full(&self, channel: &str, limit: usize, what: &'static str) -> BusError {
-        BusError::Full { channel: channel.to_owned(), limit, what, holders: self.held_by(channel).1 }
+    /// That a channel, or the event or the requests of that name, has all the ports of this kind that it may have.
+    pub(crate) fn full(&self, channel: &str, pattern: MessagingPattern, limit: usize, what: &'static str) -> BusError {
+        BusError::Full { channel: channel.to_owned(), limit, what, holders: self.held_by(channel, pattern) }
     }
 
     /// A place may be held by a process that has died since this one joined.

@@ -123,6 +123,7 @@ pub(crate) fn listed<T>(list: impl FnOnce(&mut dyn FnMut(T))) -> Vec<T> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use messages::CHANNELS;
 
     fn port(party: Party) -> PortName {
         party.port_name("x").unwrap_or_else(|_| PortName::new_empty())
@@ -134,6 +135,15 @@ mod tests {
             let [guests, commands, all] = [Party::Guest, Party::Command, Party::Member].map(|one| one.ceiling(limit));
             assert!(guests <= commands && commands <= all && all == limit);
             assert!(limit < 8 || (guests >= 3 && commands - guests >= 2 && all - commands >= 3), "{limit}");
+        }
+    }
+
+    /// Five processes of a robot hear what `nims set` says on `system/config/nims`, and one that is started again hears it beside them.
+    #[test]
+    fn the_robot_has_six_places_on_every_channel() {
+        for row in CHANNELS {
+            let limit = row.quality.subscribers;
+            assert!(limit - Party::Command.ceiling(limit) >= 6, "{}", row.pattern);
         }
     }
 

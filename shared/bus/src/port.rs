@@ -5,9 +5,13 @@ use iceoryx2::port::notifier::Notifier;
 use iceoryx2::port::publisher::PublisherCreateError;
 use iceoryx2::port::subscriber::SubscriberCreateError;
 use iceoryx2::port::update_connections::UpdateConnections;
-use iceoryx2::prelude::{CallbackProgression, PortFactory as _, PortName, ipc};
+use iceoryx2::prelude::{
+    CallbackProgression, IceoryxSend, MessagingPattern, PortFactory as _, PortName, ZeroCopySend, ipc,
+};
+use iceoryx2::service::port_factory::publish_subscribe::PortFactory;
 use messages::ros::Payload;
 use messages::{Quality, quality_for};
+use std::fmt::Debug;
 
 use crate::BusError;
 use crate::losses::Losses;
@@ -63,12 +67,9 @@ impl Bus {
                 .create()
         };
         let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
-            PublisherCreateError::ExceedsMaxSupportedPublishers => BusError::Full {
-                channel: channel.to_owned(),
-                limit: quality.publishers,
-                what: "publisher(s)",
-                holders: self.held_by(channel).1,
-            },
+            PublisherCreateError::ExceedsMaxSupportedPublishers => {
+                self.full(channel, MessagingPattern::PublishSubscribe, quality.publishers, "publisher(s)")
+            }
             other => failed(channel, "be published on", &other),
         })?;
         let publisher = Publisher { port, notifier: self.notifier(channel)?, channel: channel.to_owned(), seq: 0 };
@@ -99,6 +100,18 @@ impl Bus {
         let made = service.static_config();
         let buffer = made.subscriber_max_buffer_size().min(depth);
         let history = late.min(made.history_size()).min(buffer);
+        let port = self.attach(&service, channel, buffer, history)?;
+        Ok(Subscriber { port, channel: channel.to_owned(), losses: Losses::default(), received: 0, broken: 0 })
+    }
+
+    /// Makes a subscriber where there is a place for it: one of its kind, and, with a buffer of more than [`Quality::SHALLOW`], a deep one.
+    pub(crate) fn attach<P: IceoryxSend + Debug + ?Sized, H: ZeroCopySend + Debug>(
+        &self,
+        service: &PortFactory<ipc::Service, P, H>,
+        channel: &str,
+        buffer: usize,
+        history: usize,
+    ) -> Result<iceoryx2::port::subscriber::Subscriber<ipc::Service, P, H>, BusError> {
         let make =
             || service.subscriber_builder().buffer_size(buffer).history_request(history).name(&self.port_name).create();
         let taken = || {
@@ -109,33 +122,20 @@ impl Bus {
                 });
             })
         };
-        let port = self.attach(channel, buffer, made.max_subscribers(), taken, make)?;
-        Ok(Subscriber { port, channel: channel.to_owned(), losses: Losses::default(), received: 0, broken: 0 })
-    }
-
-    /// Makes a subscriber where there is a place for it: one of its kind, and, with a buffer of more than [`Quality::SHALLOW`], a deep one.
-    pub(crate) fn attach<R>(
-        &self,
-        channel: &str,
-        buffer: usize,
-        limit: usize,
-        taken: impl Fn() -> Vec<(PortName, usize)>,
-        make: impl Fn() -> Result<R, SubscriberCreateError>,
-    ) -> Result<R, BusError> {
+        let limit = service.static_config().max_subscribers();
+        let full = |limit, what| self.full(channel, MessagingPattern::PublishSubscribe, limit, what);
         let is_deep = |buffer: usize| buffer > Quality::SHALLOW;
         let all_deep = || taken().iter().filter(|(_, buffer)| is_deep(*buffer)).count() >= Quality::DEEP_PLACES;
         if is_deep(buffer) && all_deep() {
             self.clean();
             if all_deep() {
-                return Err(self.full(channel, Quality::DEEP_PLACES, "subscribers that hear everything"));
+                return Err(full(Quality::DEEP_PLACES, "subscribers that hear everything"));
             }
         }
-        let names = || taken().into_iter().map(|(name, _)| name).collect();
+        let names = || taken().into_iter().map(|(name, _): (PortName, usize)| name).collect();
         self.take_place(limit, names, make).map_err(|refused| match refused {
-            Refused::NoPlace(limit) => self.full(channel, limit, "subscribers of this kind"),
-            Refused::Error(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
-                self.full(channel, limit, "subscribers")
-            }
+            Refused::NoPlace(limit) => full(limit, "subscribers of this kind"),
+            Refused::Error(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => full(limit, "subscribers"),
             Refused::Error(other) => failed(channel, "be subscribed to", &other),
         })
     }

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use iceoryx2::active_request::ActiveRequest;
 use iceoryx2::port::notifier::Notifier;
-use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, PortFactory as _, ipc};
+use iceoryx2::prelude::{BackpressureStrategy, CallbackProgression, MessagingPattern, PortFactory as _, ipc};
 use iceoryx2::service::builder::request_response::RequestResponseOpenOrCreateError;
 use iceoryx2::service::port_factory::{request_response, server::ServerCreateError};
 use messages::{OperatorRequest, put_sentence};
@@ -160,7 +160,9 @@ impl Bus {
             })
         };
         let port = self.take_place(CLIENTS, taken, make).map_err(|refused| match refused {
-            Refused::NoPlace(limit) => self.full(&event, limit, "commands that wait for an answer"),
+            Refused::NoPlace(limit) => {
+                self.full(&event, MessagingPattern::RequestResponse, limit, "commands that wait for an answer")
+            }
             Refused::Error(error) => failed(&event, "be asked", &error),
         })?;
         let notifier = self.notifier(&event)?;

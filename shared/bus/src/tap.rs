@@ -141,18 +141,7 @@ impl Bus {
         let (service, info) = self.open_raw(name)?;
         let buffer = info.buffer.min(depth);
         let history = info.history.min(samples).min(buffer);
-        let make =
-            || service.subscriber_builder().buffer_size(buffer).history_request(history).name(&self.port_name).create();
-        let taken = || {
-            listed(|note| {
-                service.dynamic_config().list_subscribers(|port| {
-                    note((port.subscriber_name, port.buffer_size));
-                    CallbackProgression::Continue
-                });
-            })
-        };
-        let limit = service.static_config().max_subscribers();
-        let port = self.attach(name, buffer, limit, taken, make)?;
+        let port = self.attach(&service, name, buffer, history)?;
         let layout = info.schema.as_deref().and_then(|text| Schema::parse(text).ok());
         let has_header = layout.is_some_and(|layout| layout.has_header());
         Ok(Tap { port, info, has_header, losses: Losses::default(), received: 0 })

@@ -98,9 +98,12 @@ fn who_looks_on_and_who_commands_leave_places_to_the_robot() {
     let _server = members.server("motor-io").unwrap();
     let clients: Vec<Client> = (0..100).map_while(|_| commands.client("motor-io").ok()).collect();
     assert!(clients.len() >= 8, "{}", clients.len());
+    let refused = |error: BusError| matches!(&error, BusError::Full { holders, .. } if holders == "this process");
+    assert!(commands.client("motor-io").is_err_and(refused), "it says who asks");
     members.client("motor-io").expect("a place for what stops the robot");
     let waiting: Vec<_> = (0..100).map_while(|_| guests.waiter(&[STATE]).ok()).collect();
     assert!(waiting.len() >= 8 && members.waiter(&[STATE]).is_ok(), "{}", waiting.len());
+    assert!(guests.waiter(&[STATE]).is_err_and(refused), "it says who waits");
 }
 
 #[test]

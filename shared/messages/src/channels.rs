@@ -116,7 +116,7 @@ const SCENE: Quality = Quality { buffer: 64, history: 32, late: 1, publishers: 1
 const SLOW_SCENE: Quality = Quality { buffer: 8, history: 4, late: 1, publishers: 1, subscribers: 24, nodes: 48 };
 
 /// What processes work with: said at the start and on a change, kept for who comes late.
-const CONFIG: Quality = Quality { buffer: 4, history: 2, late: 2, publishers: 1, subscribers: 8, nodes: 40 };
+const CONFIG: Quality = Quality { buffer: 4, history: 2, late: 2, publishers: 1, subscribers: 24, nodes: 48 };
 
 const fn row<T: Payload>(pattern: &'static str, quality: Quality) -> Channel {
     Channel { pattern, type_name: Some(T::type_name), schema: Some(T::schema), quality }

@@ -24,8 +24,8 @@ pub enum RunError {
         /// The writer's own words.
         why: String,
     },
-    /// The file was removed while it was written.
-    #[error("{} was removed while it was written, and what was in it is gone; a new file is begun", path.display())]
+    /// The file was removed or moved while it was written.
+    #[error("{} was removed or moved while it was written, so what was in it is missing here; a new file is begun", path.display())]
     Removed {
         /// The file.
         path: PathBuf,

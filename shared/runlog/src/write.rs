@@ -305,9 +305,16 @@ impl RunWriter {
     }
 
     /// Whether the file still stands where it was made. One that was removed takes everything that is written to it, and keeps nothing.
-    #[must_use]
-    pub fn is_there(&self) -> bool {
-        fs::metadata(&self.part).is_ok_and(|meta| (meta.dev(), meta.ino()) == self.identity)
+    ///
+    /// # Errors
+    /// It cannot be seen, which says nothing about the file.
+    pub fn is_there(&self) -> io::Result<bool> {
+        match fs::metadata(&self.part) {
+            Ok(meta) => Ok((meta.dev(), meta.ino()) == self.identity),
+            // The second: something that is no folder stands on the way.
+            Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(false),
+            Err(error) => Err(error),
+        }
     }
 
     /// The name the file will have when it is finished.

@@ -5,6 +5,9 @@
 //! small file beside its port, [`LeftOut`], and the two tell each other who they are and how much time was left out. A program that does not
 //! know of the file, or does not use this crate, sees a device that runs on the machine's clock.
 //!
+//! A device that is killed leaves its file: who runs the domain removes it with the rest (`Domain::sweep` of the crate `bus`, which knows the
+//! end of its name).
+//!
 //! The file holds numbers, each followed by its complement, so that half a number is never taken for one.
 
 use std::fs::{File, OpenOptions};

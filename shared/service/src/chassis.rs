@@ -8,7 +8,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use bus::clock::now_ns;
-use bus::{Bus, BusError, Domain, Publisher, Waiter, Wake};
+use bus::{Bus, BusError, Domain, Party, Publisher, Waiter, Wake};
 use messages::{Heartbeat, Message, put_text};
 use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing::{error, info, warn};
@@ -17,6 +17,7 @@ use crate::args::{CommonArgs, Slot};
 use crate::build;
 use crate::config::{BoxFile, RealtimeSection, RobotFile};
 use crate::declared::{Declared, Since};
+use crate::file;
 use crate::lease;
 use crate::logging::{self, Log};
 use crate::output::{Output, Spoiler};
@@ -82,6 +83,14 @@ impl Chassis {
     /// # Errors
     /// [`ConfigError`] for the box file, [`BadInput`] without a domain or if a process of that name already runs there, [`BusError`] otherwise.
     pub fn start(role: &str, args: &CommonArgs) -> anyhow::Result<Self> {
+        Self::start_as(role, args, Party::Member)
+    }
+
+    /// [`Chassis::start`] as one that leaves places to others.
+    ///
+    /// # Errors
+    /// As [`Chassis::start`].
+    pub fn start_as(role: &str, args: &CommonArgs, party: Party) -> anyhow::Result<Self> {
         let box_file = args.load_box()?;
         let named = args.domain.clone().or_else(|| from_the_supervisor(DOMAIN_VARIABLE));
         let domain = match (&named, &box_file) {
@@ -108,7 +117,7 @@ impl Chassis {
         let domain = Domain::parse(domain)?;
         // first, so that a signal during start-up is an orderly stop too
         let (stop, stop_pipe) = stop_on_signals()?;
-        let bus = Bus::join(&domain, &name)?;
+        let bus = Bus::join_as(&domain, &name, party)?;
         let beat = first_beat(&name);
         let ports = from_the_supervisor(SUCCESSOR_VARIABLE).is_none().then(|| lease::take(&bus)).transpose()?;
         let (heartbeat, port) = ports.unzip();
@@ -202,10 +211,10 @@ impl Chassis {
         self.declared.since(since, now_ns())
     }
 
-    /// The process goes by a file of its own, of which its parameters are the keys.
+    /// The process goes by a file of its own, of which its parameters are the keys: one that it has read, and found sound, before.
     pub fn reads(&mut self, file: &Path) {
         self.declared.read(file, &[PathBuf::from(file)]);
-        let keys = std::fs::read_to_string(file).ok().and_then(|text| text.parse::<toml::Table>().ok());
+        let keys = file::read_text(file).ok().and_then(|text| text.parse::<toml::Table>().ok());
         self.declared.uses("", &keys.and_then(|keys| toml::to_string(&keys).ok()).unwrap_or_default());
     }
 
@@ -364,9 +373,17 @@ pub fn main<A>(role: &str, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result
 where
     A: clap::Parser + AsRef<CommonArgs>,
 {
+    main_as(role, Party::Member, body)
+}
+
+/// [`main`] for a process that leaves places to others.
+pub fn main_as<A>(role: &str, party: Party, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result<()>) -> ExitCode
+where
+    A: clap::Parser + AsRef<CommonArgs>,
+{
     let args = A::parse();
     bus::make_private();
-    let mut chassis = match Chassis::start(role, args.as_ref()) {
+    let mut chassis = match Chassis::start_as(role, args.as_ref(), party) {
         Ok(chassis) => chassis,
         Err(error) => {
             let _ = std::io::Write::write_all(&mut std::io::stderr(), format!("{role}: {error:#}\n").as_bytes());

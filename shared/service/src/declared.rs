@@ -1,6 +1,5 @@
 //! What a process works with, on `system/config/NAME`: at its start and whenever it changes.
 
-use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
@@ -9,6 +8,7 @@ use messages::{Header, SystemConfig, put_text};
 use sha2::{Digest, Sha256};
 
 use crate::config::{BoxFile, RobotFile};
+use crate::file;
 
 /// Stands at the end of parameters that a sample does not hold.
 const MORE: &str = "# and more: see the file";
@@ -147,12 +147,13 @@ fn sections_of(role: &str) -> &'static [&'static str] {
     }
 }
 
-/// SHA-256 of files, one behind the other, as `cat FILES | sha256sum` has it; `None` if one cannot be read.
+/// SHA-256 of regular files of any size (a program has more than a configuration may), one behind the other, as `cat FILES | sha256sum` has
+/// it; `None` if one cannot be read.
 #[must_use]
 pub fn hash_of(files: &[PathBuf]) -> Option<String> {
     let mut hash = Hasher(Sha256::new());
-    for file in files {
-        std::io::copy(&mut File::open(file).ok()?, &mut hash).ok()?;
+    for path in files {
+        std::io::copy(&mut file::open(path).ok()?, &mut hash).ok()?;
     }
     Some(hash.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
 }
@@ -208,6 +209,7 @@ mod tests {
         let known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!(hash_of(&files).as_deref(), Some(known));
         assert_eq!(hash_of(&[folder.path().join("x")]), None);
+        assert_eq!(hash_of(&[PathBuf::from("/dev/zero")]), None, "it has no end");
     }
 
     #[test]

@@ -45,21 +45,30 @@ impl ReadError {
     }
 }
 
-/// The bytes of a regular file of at most [`LARGEST_BYTES`].
+/// Opens a regular file of any size to be read.
 ///
 /// # Errors
 /// See [`ReadError`]; a file of another kind is refused without waiting for it.
-pub fn read(path: &Path) -> Result<Vec<u8>, ReadError> {
+pub(crate) fn open(path: &Path) -> Result<File, ReadError> {
     // Looked at before it is opened, because opening a device may already do something to it ..
     regular(fs::metadata(path).map_err(ReadError::of)?.file_type())?;
     let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits();
     let flags = i32::try_from(flags).map_err(|_| ReadError::System(io::ErrorKind::InvalidInput.into()))?;
     let file = OpenOptions::new().read(true).custom_flags(flags).open(path).map_err(ReadError::of)?;
     // .. and again afterwards, because another file may have taken its name meanwhile.
-    let found = file.metadata().map_err(ReadError::of)?;
-    regular(found.file_type())?;
-    if found.len() > LARGEST_BYTES {
-        return Err(ReadError::TooLarge(found.len()));
+    regular(file.metadata().map_err(ReadError::of)?.file_type())?;
+    Ok(file)
+}
+
+/// The bytes of a regular file of at most [`LARGEST_BYTES`].
+///
+/// # Errors
+/// See [`ReadError`]; a file of another kind is refused without waiting for it.
+pub fn read(path: &Path) -> Result<Vec<u8>, ReadError> {
+    let file = open(path)?;
+    let length = file.metadata().map_err(ReadError::of)?.len();
+    if length > LARGEST_BYTES {
+        return Err(ReadError::TooLarge(length));
     }
     let mut bytes = Vec::new();
     file.take(LARGEST_BYTES + 1).read_to_end(&mut bytes).map_err(ReadError::of)?;

@@ -59,6 +59,7 @@ pub use args::{Args, CommonArgs, LawArgs, Slot};
 pub use bus::clock::now_ns;
 pub use chassis::{
     BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
+    main_as,
 };
 pub use declared::{Since, hash_of};
 pub use output::{OUTPUT_FAULTS, Output};

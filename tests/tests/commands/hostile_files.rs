@@ -16,9 +16,9 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
 }
 
-/// The output of a command that ends by itself.
-fn nims(args: &[&str]) -> Output {
-    let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("nims");
+/// The output of a program of the robot that ends by itself.
+fn output(program: &str, args: &[&str]) -> Output {
+    let program = std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join(program);
     let mut child = Command::new(program)
         .args(args)
         .current_dir(root())
@@ -40,7 +40,12 @@ fn nims(args: &[&str]) -> Output {
 
 /// Asserts exit code 2 and one short sentence that contains all of `words`.
 fn refused(args: &[&str], words: &[&str]) {
-    let output = nims(args);
+    refused_by("nims", args, words);
+}
+
+/// The same of another program.
+fn refused_by(program: &str, args: &[&str], words: &[&str]) {
+    let output = output(program, args);
     let err = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{args:?}: {err}");
     assert!(output.stdout.is_empty(), "{args:?} printed an answer");
@@ -86,6 +91,15 @@ fn what_is_no_small_file_is_refused_by_every_command_that_reads_one() {
     }
     // a mission has to be a file before it is looked for by its name
     refused(&["run", "--dry-run", "--config", "configs/boxes/demo3.toml", &files[3].0], &["3072 MB"]);
+}
+
+#[test]
+fn a_sensor_refuses_what_is_no_small_file() {
+    let (_folder, files) = hostile();
+    let domain = bus::Domain::for_test();
+    for (file, says) in &files {
+        refused_by("sensor", &["--domain", domain.name(), file], &[says]);
+    }
 }
 
 #[test]

@@ -1,19 +1,23 @@
-//! An emergency stop gets through where nothing else does: every place taken, every byte of shared memory too.
+//! An emergency stop gets through where nothing else does: every place taken, every byte of shared memory and of the disk too.
 
 use crate::robot::{GOAL, Robot, START};
 use bus::{Bus, Client, Party, Subscriber, Tap, Waiter};
-use messages::{MotorAuthority, MotorInput, MotorState, OperatorRequest};
-use rustix::fs::{FallocateFlags, fallocate, statvfs};
+use messages::{MotorAuthority, MotorInput, MotorState, OperatorRequest, RecorderStatus};
+use rustix::fs::{FallocateFlags, fallocate, fstatvfs};
+use std::cell::RefCell;
 use std::fs::File;
 use std::process::Command;
 
-/// Set in a process that has a /dev/shm of its own.
+/// Set in a process that has a /dev/shm and a disk of its own.
 const OWN: &str = "NIMS_TEST_OWN_SHARED_MEMORY";
 const TEST: &str = "emergency::an_emergency_stop_gets_through_where_nothing_else_does";
 /// How often; more with this variable.
 const ROUNDS: &str = "NIMS_TEST_ROUNDS";
 /// Cycles from the one in which the stop arrived to the first in which nothing moves any more.
 const CYCLES: u64 = 5;
+/// Room for a second or two of the robot's run, which the recorder uses to the last megabyte.
+const DISK: &str = "64m";
+const RECORDER: &str = "[recorder]\nmin_free_bytes = 1000000\n";
 const CROWDED: [&str; 9] = [
     "motor/state",
     "motor/authority",
@@ -64,34 +68,40 @@ fn an_emergency_stop_gets_through_where_nothing_else_does() {
     if std::env::var_os(OWN).is_some() {
         return stop_in_a_crowd();
     }
-    let mount = "mount -t tmpfs -o size=96m tmpfs /dev/shm";
+    let disk = tempfile::tempdir().unwrap();
+    let mount = format!("mount -t tmpfs -o size=96m tmpfs /dev/shm && mount -t tmpfs -o size={DISK} tmpfs \"$1\"");
+    let program = std::env::current_exe().unwrap();
     let unshare = |command: &str| {
         let mut unshare = Command::new("unshare");
-        unshare.args(["--mount", "--map-root-user", "sh", "-c", command]);
+        unshare.args(["--mount", "--map-root-user", "sh", "-c", command]).arg(&program).arg(disk.path());
         unshare
     };
-    if !unshare(mount).output().is_ok_and(|tried| tried.status.success()) {
+    if !unshare(&mount).output().is_ok_and(|tried| tried.status.success()) {
         eprintln!("{TEST} is left out: this user cannot mount a /dev/shm of its own (unshare --mount --map-root-user)");
         return;
     }
-    let program = std::env::current_exe().unwrap();
-    let again = format!("{mount} && exec \"$0\" --exact --nocapture {TEST}");
-    assert!(unshare(&again).arg(program).env(OWN, "1").status().unwrap().success());
+    let again = format!("{mount} && TMPDIR=\"$1\" exec \"$0\" --exact --nocapture {TEST}");
+    assert!(unshare(&again).env(OWN, "1").status().unwrap().success());
 }
 
 fn stop_in_a_crowd() {
     let rounds = std::env::var(ROUNDS).ok().and_then(|rounds| rounds.parse().ok()).unwrap_or(5);
-    let mut robot = Robot::up("");
+    let mut robot = Robot::up(RECORDER);
+    let recorder = RefCell::new(robot.bus.subscriber::<RecorderStatus>("recorder/status").unwrap());
     let mut inputs = robot.bus.deep_subscriber::<MotorInput>("motor/input").unwrap();
     let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
     robot.arm();
     // What the test itself needs is open before the crowd comes.
     robot.request("planner", OperatorRequest::VERB_NONE, &[], "");
     let crowd = Crowd::gather(&robot);
-    let filler = File::create("/dev/shm/filler").unwrap();
-    fill(&filler);
+    let fillers = ["/dev/shm".as_ref(), robot.folder()].map(|place| File::create(place.join("filler")).unwrap());
+    fillers.iter().for_each(fill);
     let before = robot.nims(&["status"]);
     assert!(!before.status.success(), "it is full");
+    robot.until("the disk is full", |_| {
+        // The recorder needs no room to say so.
+        recorder.borrow_mut().latest().unwrap().is_some_and(|status| status.state == RecorderStatus::STATE_DISK_FULL)
+    });
     let mut slowest = 0;
     for round in 0..rounds {
         // To the farther one of two places, wherever the last stop left the node.
@@ -99,7 +109,7 @@ fn stop_in_a_crowd() {
         robot.ask("planner", OperatorRequest::VERB_GOTO, &[x, y, z, 0.12]);
         robot.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
         robot.for_cycles(20);
-        fill(&filler);
+        fillers.iter().for_each(fill);
         let cycles = stop_once(&robot, &mut inputs, &mut states);
         assert!(cycles <= CYCLES, "round {round}: {cycles} cycles");
         slowest = slowest.max(cycles);
@@ -133,8 +143,8 @@ fn stop_once(robot: &Robot, inputs: &mut Subscriber<MotorInput>, states: &mut Su
     last.max().map_or(0, |cycle| cycle + 1 - arrived)
 }
 
-/// Takes what is left of shared memory.
+/// Takes what is left where the file lies.
 fn fill(file: &File) {
-    let room = statvfs("/dev/shm").unwrap();
+    let room = fstatvfs(file).unwrap();
     let _ = fallocate(file, FallocateFlags::empty(), file.metadata().unwrap().len(), room.f_bavail * room.f_frsize);
 }

@@ -16,7 +16,7 @@ use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorInput, MotorSlots, ROLES, SEATS, SLOTS,
     same_life,
 };
-use role::{Refusal, Reply, Report, Role, Slot, Times};
+use role::{Phase, Refusal, Reply, Report, Role, Slot, Times};
 
 /// A velocity beyond this many times the limit is not a command that saturates but a command that is wrong.
 const ABSURD: f64 = 4.0;
@@ -50,8 +50,8 @@ pub struct Scene {
     pub moving: bool,
     /// What the drives were told last, m/s.
     pub sent_m_s: [f64; CABLES],
-    /// The computer kept the slots in charge, or this program, from running: an answer that is missing is not held against a newcomer.
-    pub starved: bool,
+    /// Seats that the computer kept from running: an answer that is missing is not held against a newcomer there.
+    pub starved: [bool; SEATS],
 }
 
 /// One row of a command.
@@ -125,6 +125,7 @@ impl Arbiter {
         let rows: [Rows; SLOTS] = std::array::from_fn(|slot| self.rows(input, slot, scene, &follows));
         let estimates: [Reply; SLOTS] = std::array::from_fn(|slot| estimate(input, slot));
         let lead = self.in_charge();
+        let of_role = |role: usize| -> [bool; SLOTS] { std::array::from_fn(|slot| scene.starved[role * SLOTS + slot]) };
         self.compare(input, &rows, &estimates);
         let usable: [bool; SLOTS] = std::array::from_fn(|e| {
             let who = input.estimate_incarnation[e];
@@ -136,7 +137,7 @@ impl Arbiter {
             let bias = self.bias[slot].beside(self.bias_share, self.bias_bound_m_s);
             Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s).map(|apart| apart.max(bias)) }
         });
-        let controller = self.roles[CONTROLLERS].step(cycle, scene, &reports);
+        let controller = self.roles[CONTROLLERS].step(cycle, scene.moving, &of_role(CONTROLLERS), &reports);
         self.note_verdicts(&reports, scene.moving);
 
         let reports: [Report; SLOTS] = std::array::from_fn(|e| {
@@ -148,7 +149,7 @@ impl Arbiter {
             let incarnation = if reply == Reply::Silent { 0 } else { input.estimate_incarnation[e] };
             Report { reply, incarnation, apart: share(self.apart[SLOTS + e], self.bound_m) }
         });
-        let estimator = self.roles[ESTIMATORS].step(cycle, scene, &reports);
+        let estimator = self.roles[ESTIMATORS].step(cycle, scene.moving, &of_role(ESTIMATORS), &reports);
         let (Some(controller), Some(estimator)) = (controller, estimator) else {
             return None;
         };
@@ -266,7 +267,10 @@ impl Arbiter {
                 self.bias[other].add(&lead, &side, BIAS_PASSES / f64::from(self.qualify.max(1)));
             }
         }
-        if input.command_arrived[other] == 0 {
+        // One cycle without an answer does not take back what an average has shown of this process.
+        let slot = self.roles[CONTROLLERS].slot(other);
+        let changed = input.command_arrived[other] != 0 && input.command[other].incarnation != slot.incarnation();
+        if changed || slot.phase() == Phase::Empty {
             self.bias[other] = Bias::default();
         }
         self.bias[controller] = Bias::default();

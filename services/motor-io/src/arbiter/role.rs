@@ -12,7 +12,6 @@
 //! goes is no standby. In probation the first cycle that the new one misses makes the old one Active again, by its command of the
 //! same cycle. Where the computer kept the new one from running, the old one only stands in for it, for a few cycles.
 
-use super::Scene;
 use messages::{MotorSlots, SLOTS};
 
 /// A slot in charge that gives no answer is stood in for; after more than so many cycles it has lost its place. As many cycles
@@ -145,6 +144,12 @@ impl Slot {
             Phase::Active if self.stranger => Phase::Attached,
             phase => phase,
         }
+    }
+
+    /// Who speaks there: number of the process's life.
+    #[must_use]
+    pub fn incarnation(&self) -> u32 {
+        self.incarnation
     }
 
     /// Good answers in a row.
@@ -313,8 +318,13 @@ impl Role {
     }
 
     /// One cycle: who is used in it. At the announced cycle the swap takes effect; whoever is gone is replaced.
-    pub fn step(&mut self, cycle: u64, scene: &Scene, reports: &[Report; SLOTS]) -> Option<usize> {
-        let Scene { moving, starved, .. } = *scene;
+    pub fn step(
+        &mut self,
+        cycle: u64,
+        moving: bool,
+        starved: &[bool; SLOTS],
+        reports: &[Report; SLOTS],
+    ) -> Option<usize> {
         let (lead, side) = (self.in_charge, 1 - self.in_charge);
         let good = |slot: usize| reports[slot].reply == Reply::Good;
         let led = self.lead(moving, &reports[lead]);
@@ -335,7 +345,7 @@ impl Role {
             }
             // It is not there in the very cycle that was announced: the swap is off, and may be asked for again. One that had no processor
             // is waited for.
-            if !starved || cycle >= self.commit_cycle.saturating_add(u64::from(GONE_CYCLES)) {
+            if !starved[side] || cycle >= self.commit_cycle.saturating_add(u64::from(GONE_CYCLES)) {
                 self.commit_cycle = 0;
                 self.slots[side].phase = Phase::Qualified;
             }
@@ -347,7 +357,7 @@ impl Role {
         if !side_counts {
             return None;
         }
-        if self.is_over(lead, &reports[lead], scene) {
+        if self.is_over(lead, &reports[lead], moving, starved[lead]) {
             self.replace(lead, side, &reports[lead]);
         }
         Some(side)
@@ -377,15 +387,15 @@ impl Role {
     }
 
     /// Whether the slot in charge has lost its place to a standby that answers, or is only stood in for.
-    fn is_over(&self, lead: usize, report: &Report, scene: &Scene) -> bool {
+    fn is_over(&self, lead: usize, report: &Report, moving: bool, starved: bool) -> bool {
         let slot = &self.slots[lead];
         if slot.phase != Phase::Active {
             // At the start: whoever is to be in charge may take a moment longer than the other.
             return slot.absent > self.times.qualify;
         }
-        self.probation.is_some() && !scene.starved
+        self.probation.is_some() && !starved
             || matches!(report.reply, Reply::Wrong(_))
-            || (slot.stranger && scene.moving)
+            || (slot.stranger && moving)
             || slot.absent > GONE_CYCLES
     }
 

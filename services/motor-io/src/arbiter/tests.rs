@@ -67,7 +67,7 @@ impl Table {
         for command in &mut input.command {
             command.based_on_cycle = command.based_on_cycle.wrapping_add(input.header.cycle - 1);
         }
-        let scene = Scene { epoch: EPOCH, moving: self.moving, sent_m_s: self.sent, starved: self.starved };
+        let scene = Scene { epoch: EPOCH, moving: self.moving, sent_m_s: self.sent, starved: [self.starved; SEATS] };
         let chosen = self.arbiter.choose(&input, &scene, |segment| segment == 1);
         if let Some(chosen) = chosen {
             self.sent = chosen.velocity_m_s;
@@ -303,6 +303,22 @@ fn a_swap_waits_for_one_that_had_no_processor_in_the_announced_cycle() {
         table.cycles(missed);
         table.input.command_arrived[1] = 1;
         assert_eq!(table.used(), Some((usize::from(missed == GONE_CYCLES), 0)));
+    }
+}
+
+#[test]
+fn a_law_of_zeros_that_misses_a_cycle_now_and_then_does_not_qualify() {
+    let mut table = Table::new();
+    for command in &mut table.input.command {
+        command.velocity_m_s = [0.11; 16];
+    }
+    table.input.command[1].velocity_m_s = [0.0; 16];
+    table.cycles(5);
+    table.moving = true;
+    for cycle in 0..600 {
+        table.input.command_arrived[1] = u8::from(cycle % 15 != 0);
+        table.cycles(1);
+        assert_ne!(table.phases()[1], Phase::Qualified, "cycle {cycle}");
     }
 }
 

@@ -56,7 +56,9 @@ impl Account {
             () if at_rest(cycle) && cycle.resting && cycle.faults & STOPS == 0 => MotorAuthority::PERIOD_PAUSED,
             () => cause,
         };
-        if self.period == cause {
+        if !cycle.under_way {
+            self.cause = 0;
+        } else if self.period == cause {
             self.remember(before);
         }
         self.trouble = trouble;
@@ -68,11 +70,6 @@ impl Account {
             self.counts[usize::from(skipped)] += self.skipped(input, cycle.period_s);
         }
         self.tick_ns = input.tick_ns;
-    }
-
-    /// A unit did not answer in the cycle before.
-    pub(super) fn is_in_trouble(&self) -> bool {
-        self.trouble.is_some()
     }
 
     /// What keeps a unit from answering in this cycle, and the cause of the period if it is lost.

@@ -176,8 +176,12 @@ impl Core {
         }
     }
 
-    /// Comes to rest on the path. `cause` 0: somebody asked for it.
+    /// Comes to rest on the path. `cause` 0: it was asked for, or the motion is at its end.
     pub(crate) fn begin_stop(&mut self, dropped: bool, cause: u32) {
+        if cause == 0 {
+            // Whatever had slowed the robot down before is not why it rests now.
+            self.safety.clear_stops(MotorAuthority::FAULT_LONG_GAP | MotorAuthority::FAULT_COMPUTER);
+        }
         self.safety.note_stop(cause);
         self.stop = Stop { open: false, dropped, waited: 0 };
         self.safety.enter(Mode::Stopping);

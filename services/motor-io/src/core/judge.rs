@@ -76,7 +76,7 @@ impl Core {
     }
 
     /// Whether the motion that is offered begins where the node is. While it does not, the authority says so.
-    pub(super) fn begins_here(&mut self, input: &MotorInput) -> bool {
+    pub(crate) fn begins_here(&mut self, input: &MotorInput) -> bool {
         let Some(node_m) = self.node.position_m().filter(|_| input.motion_start_known == 1) else { return true };
         let off_m = (Vector3::from(input.motion_start_m) - node_m).norm();
         // Not a number is not here.

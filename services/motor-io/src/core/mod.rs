@@ -218,7 +218,7 @@ impl Core {
         self.planner.note(input.planner_beat);
         self.motion.note(input);
         let ended = self.motion.ended(self.clock.time_s());
-        let starved = self.chain_starves();
+        let starved = self.starved_seats();
         let scene = Scene { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s, starved };
         let motion = &self.motion;
         self.chosen = self.arbiter.choose(input, &scene, |segment| motion.has(segment) || (ended && segment == 0));
@@ -247,15 +247,16 @@ impl Core {
             }
             _ => {
                 let mut limits = self.limits.clone();
-                let sent = limits.toward(&wanted, self.node_limit().as_ref());
+                // A fault ends at once, as fast as the cables' limits allow.
+                let node = if self.safety.mode() == Mode::Faulted { None } else { self.node_limit() };
+                let sent = limits.toward(&wanted, node.as_ref());
                 if self.judge(input, &wanted) && self.keep_lengths(&wanted) && self.keep_lengths(&sent.0) {
                     self.limits = limits;
                     sent
                 } else {
-                    limits = self.limits.clone();
-                    let sent = limits.toward(&[0.0; CABLES], self.node_limit().as_ref());
-                    self.limits = limits;
-                    sent
+                    // Nothing of the command is sent.
+                    (self.fresh, self.command_age_ns) = (false, 0);
+                    self.limits.toward(&[0.0; CABLES], None)
                 }
             }
         };

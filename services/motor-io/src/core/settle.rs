@@ -79,8 +79,6 @@ impl Core {
             Mode::Following if self.pausing && self.clock.rate() == 0.0 => {
                 self.stop.waited += 1;
                 if gentle || self.stop.waited > self.config.cycles(REST_S) {
-                    // It is the operator's pause now, whatever had slowed the robot down before.
-                    self.safety.clear_stops(MotorAuthority::FAULT_LONG_GAP | MotorAuthority::FAULT_COMPUTER);
                     self.begin_stop(false, 0);
                     self.stop.open = true;
                 }

@@ -33,7 +33,8 @@ const EXPLAINED: u32 = MotorAuthority::FAULT_LOST_UNIT
 pub(super) struct Evidence {
     /// This program came too late for the tick.
     late_tick: bool,
-    /// The exchange with the drives before took so long that estimator and controller had no time for an answer.
+    /// The exchange with the drives before ended so late, because the computer kept this program or the virtual box waiting, that estimator
+    /// and controller had no time for an answer.
     overrun: bool,
     /// This program's thread waited for a processor.
     waited: bool,
@@ -50,13 +51,8 @@ impl Evidence {
     }
 
     /// What these slots did not answer to the cycle before may be.
-    pub fn of_chain(&self, in_charge: (usize, usize)) -> bool {
-        self.late_tick || self.overrun || self.waited_of(in_charge)
-    }
-
-    /// Evidence of the computer, in whatever was not answered. A long exchange is none if a drive was silent in it (`drive_silent`).
-    fn of_the_computer(&self, in_charge: (usize, usize), drive_silent: bool) -> bool {
-        self.of_drives() || self.overrun && !drive_silent || self.waited_of(in_charge)
+    pub fn of_chain(&self, pair: (usize, usize)) -> bool {
+        self.late_tick || self.overrun || self.waited_of(pair)
     }
 
     fn waited_of(&self, (controller, estimator): (usize, usize)) -> bool {
@@ -73,9 +69,7 @@ pub(super) struct Starved {
     box_left_out_ns: u64,
     /// Cycles since the last evidence of this program; 0: in this one.
     own_age: u32,
-    /// The same of this program or the pair in charge: evidence by which the computer is named.
-    named_age: u32,
-    /// The same with exchanges that left the pair no time, also because a drive was silent.
+    /// The same of this program or the pair in charge.
     age: u32,
     /// Cycles for which a stop of this cause is still named.
     said: u32,
@@ -89,7 +83,6 @@ impl Default for Starved {
             chain_delay_ns: [0; SEATS],
             box_left_out_ns: 0,
             own_age: u32::MAX,
-            named_age: u32::MAX,
             age: u32::MAX,
             said: 0,
         }
@@ -112,11 +105,15 @@ impl Core {
         let waited = |now_ns: u64, then_ns: u64| then_ns != 0 && grown(now_ns, then_ns);
         let starved = &mut self.starved;
         let late_tick = since_s(input.tick_ns) > LATE_SHARE * period_s;
+        let own_wait = waited(input.run_delay_ns, starved.run_delay_ns);
+        let left_out = grown(input.box_left_out_ns, starved.box_left_out_ns);
+        // A long exchange alone is no evidence: drives take their time, and this program waits for answers.
+        let held_up = starved.now.late_tick || own_wait || left_out;
         starved.now = Evidence {
             late_tick,
-            overrun: !grown(input.begin_ns, self.end_ns),
-            waited: waited(input.run_delay_ns, starved.run_delay_ns),
-            left_out: grown(input.box_left_out_ns, starved.box_left_out_ns),
+            overrun: held_up && !grown(input.begin_ns, self.end_ns),
+            waited: own_wait,
+            left_out,
             chain: std::array::from_fn(|seat| waited(input.chain_delay_ns[seat], starved.chain_delay_ns[seat])),
         };
         (starved.run_delay_ns, starved.chain_delay_ns) = (input.run_delay_ns, input.chain_delay_ns);
@@ -124,11 +121,9 @@ impl Core {
 
         let own = starved.now.of_drives() || since_s(self.begin_ns) > LATE_PERIODS * period_s;
         let in_charge = self.arbiter.in_charge();
-        let named = own || starved.now.of_the_computer(in_charge, self.account.is_in_trouble());
         let age = |age: u32, evidence: bool| if evidence { 0 } else { age.saturating_add(1) };
         starved.own_age = age(starved.own_age, own);
-        starved.named_age = age(starved.named_age, named);
-        starved.age = age(starved.age, named || starved.now.of_chain(in_charge));
+        starved.age = age(starved.age, own || starved.now.of_chain(in_charge));
     }
 
     /// What this cycle shows.
@@ -142,16 +137,24 @@ impl Core {
     }
 
     /// True where the estimates of this cycle may come from readings that were late.
-    pub(super) fn chain_starves(&self) -> bool {
-        self.starved.within(1)
+    pub(super) fn chain_starves_now(&self) -> bool {
+        self.starved.within(0)
+    }
+
+    /// Controllers and estimators that may have had no processor to answer to the cycle before, each beside the one in charge of the other role.
+    pub(super) fn starved_seats(&self) -> [bool; SEATS] {
+        let (controller, estimator) = self.arbiter.in_charge();
+        std::array::from_fn(|seat| {
+            let pair = if seat < SLOTS { (seat, estimator) } else { (controller, seat - SLOTS) };
+            self.starved.now.of_chain(pair)
+        })
     }
 
     /// A command is missing for too long: true if that is the computer's doing, and the robot slows down and waits for the next one.
     pub(super) fn waits_for_the_computer(&mut self) -> bool {
         let recent = self.missing.min(RECENT_CYCLES);
         let waits = self.missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
-        // Drives that keep the exchange waiting are named by themselves.
-        if waits && self.starved.named_age <= recent {
+        if waits {
             self.safety.note_stop(MotorAuthority::FAULT_COMPUTER);
             self.starved.said = self.config.cycles(SAID_S);
         }
@@ -179,7 +182,7 @@ impl Core {
 
     /// Names the computer beside a fault that it can have brought about.
     pub(super) fn name_the_computer(&self, found: &mut Faults) {
-        if found.bits & EXPLAINED != 0 && self.starved.named_age <= self.config.cycles(COINCIDES_S) {
+        if found.bits & EXPLAINED != 0 && self.starved.age <= self.config.cycles(COINCIDES_S) {
             found.robot(MotorAuthority::FAULT_COMPUTER);
         }
     }

@@ -189,7 +189,8 @@ impl World {
     fn cycle(&mut self) -> Result<(), TestCaseError> {
         self.cycle += 1;
         let input = self.input();
-        let scene = Scene { epoch: self.epoch, moving: self.moving, sent_m_s: self.sent, starved: false };
+        let scene =
+            Scene { epoch: self.epoch, moving: self.moving, sent_m_s: self.sent, starved: [false; messages::SEATS] };
         let chosen = self.arbiter.choose(&input, &scene, |segment| segment == SEGMENT);
         let mut now = A::default();
         self.arbiter.describe(&mut now);

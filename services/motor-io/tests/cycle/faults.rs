@@ -202,6 +202,23 @@ fn a_line_without_the_current_of_its_tension_is_slack() {
     }
 }
 
+/// Rotor and gear turn on while a line is reeled in more and more slowly: the motor of a light line draws hardly any current.
+#[test]
+fn a_motor_that_slows_down_is_not_taken_for_a_slack_line() {
+    let (motor, tension_n, slowing_m_s2) = (rig::config().robot.motor().to_owned(), 6.0, 0.3);
+    let mut rig = Rig::following([0.05, -0.18, 0.0]);
+    rig.tension_n = [tension_n; messages::CABLES];
+    for cycle in 0..160 {
+        let slowing = cycle >= 100;
+        let reel_in = if slowing { 0.18 - slowing_m_s2 * rig::PERIOD_S * f64::from(cycle - 100) } else { 0.18 };
+        rig.controller.as_mut().unwrap()[1] = -reel_in.max(0.0);
+        let inertia_a = if slowing { 25.0 * slowing_m_s2 / motor.force_constant_n_a } else { 0.0 };
+        rig.current_a[1] = motor.current_a(tension_n, reel_in) - inertia_a;
+        rig.step();
+        assert_eq!(rig.mode(), A::MODE_FOLLOWING, "cycle {cycle}");
+    }
+}
+
 #[test]
 fn one_reading_that_is_not_followed_by_another_is_no_fault() {
     let mut rig = Rig::following([0.05, -0.05, 0.0]);

@@ -69,7 +69,8 @@ pub struct Events {
     mode: Option<u8>,
     bits: u32,
     mission: Option<(u8, u32, String)>,
-    processes: BTreeMap<String, (u8, u32)>,
+    /// State, restarts and process id of each.
+    processes: BTreeMap<String, (u8, u32, u32)>,
 }
 
 impl Events {
@@ -163,9 +164,16 @@ impl Events {
     /// Deaths and restarts.
     pub fn process(&mut self, time_s: f64, process: &ProcessState) {
         let name = text_of(&process.name);
-        let now = (process.state, process.restarts);
-        let before = self.processes.insert(name.clone(), now);
-        if before == Some(now) {
+        let lives = |state: u8| {
+            matches!(state, ProcessState::STATE_READY | ProcessState::STATE_RUNNING | ProcessState::STATE_SILENT)
+        };
+        // A newcomer that did not get the name (`nims plug --replace`) is not the process of that name.
+        let other = |&(state, _, pid): &(u8, u32, u32)| lives(state) && process.pid != 0 && pid != process.pid;
+        if process.state == ProcessState::STATE_STOPPED && self.processes.get(&name).is_some_and(other) {
+            return;
+        }
+        let before = self.processes.insert(name.clone(), (process.state, process.restarts, process.pid));
+        if before.is_some_and(|(state, restarts, _)| (state, restarts) == (process.state, process.restarts)) {
             return;
         }
         let reason = text_of(&process.reason);
@@ -178,7 +186,7 @@ impl Events {
             ProcessState::STATE_DIED => "has died",
             ProcessState::STATE_SILENT => "gives no sign of life",
             ProcessState::STATE_GAVE_UP => "died too often and is not started again",
-            ProcessState::STATE_READY if before.is_some_and(|(_, restarts)| restarts < process.restarts) => {
+            ProcessState::STATE_READY if before.is_some_and(|(_, restarts, _)| restarts < process.restarts) => {
                 "was started again"
             }
             ProcessState::STATE_READY if process.restarts > 0 => "is ready again",
@@ -217,6 +225,20 @@ mod tests {
         (row.state, row.restarts) = (ProcessState::STATE_DIED, 1);
         events.process(2.0, &row);
         assert_eq!(events.died, ["motor-io"]);
+    }
+
+    #[test]
+    fn a_newcomer_that_is_given_up_is_no_death_of_the_one_that_works() {
+        let mut events = Events::default();
+        let mut row = ProcessState { state: ProcessState::STATE_READY, restarts: 1, pid: 7, ..ProcessState::default() };
+        messages::put_text(&mut row.name, "wind");
+        events.process(1.0, &row);
+        let told = events.all().len();
+        (row.state, row.restarts, row.pid) = (ProcessState::STATE_STOPPED, 2, 8);
+        events.process(2.0, &row);
+        (row.state, row.restarts, row.pid) = (ProcessState::STATE_READY, 1, 7);
+        events.process(3.0, &row);
+        assert_eq!((events.died.len(), events.all().len()), (0, told));
     }
 
     #[test]

@@ -3,6 +3,7 @@
 use super::crew::Crew;
 use crate::failure::Answer;
 use bus::{Bus, Subscriber, clock};
+use evidence::State;
 use messages::{Heartbeat, text_of};
 use std::collections::BTreeMap;
 
@@ -10,6 +11,8 @@ use std::collections::BTreeMap;
 const SILENT_NS: u64 = 2_000_000_000;
 /// A process that has been silent for this long is looked at more closely, ns.
 const SUSPECT_NS: u64 = 500_000_000;
+/// A process that was seen blocked in the kernel within this time still waits for its disk, ns: between two blocks it may sleep for a moment.
+const BLOCKED_NS: u64 = 500_000_000;
 /// Longer than this between two looks, and it is this program, with the rest of the machine, that stood still, ns.
 const LOOKED_NS: u64 = 250_000_000;
 
@@ -24,8 +27,25 @@ struct Heard {
     subscriber: Subscriber<Heartbeat>,
     /// The last one: when, on the clock of [`Awake`], and of which process.
     last: Option<(u64, u32)>,
-    /// When it began to be suspect, on the same clock, and how it had been scheduled until then.
-    suspect: Option<(u64, Scheduled)>,
+    suspicion: Suspicion,
+}
+
+/// What is known of a process since it began to be suspect, on the clock of [`Awake`].
+#[derive(Debug, Default)]
+struct Suspicion {
+    /// When it began, and how the process had been scheduled until then.
+    began: Option<(u64, Scheduled)>,
+    /// When it was last seen blocked in the kernel.
+    blocked_ns: Option<u64>,
+}
+
+/// Why a process is silent that does not hang.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Excuse {
+    /// The machine has no time for it.
+    Starved,
+    /// It is blocked in the kernel: its disk does not answer. Not even a kill would end it.
+    Blocked,
 }
 
 /// A clock that runs only while this program does: what passes while the whole machine stands still is nobody's silence.
@@ -52,6 +72,8 @@ pub enum Change {
     Silent(String, u64),
     /// It has shown none, because the machine had no time for it.
     Starved(String, u64),
+    /// It has shown none, because it waits for its disk.
+    Blocked(String, u64),
     /// It shows signs of life again.
     Back(String),
 }
@@ -64,7 +86,7 @@ impl Beats {
     pub fn listen(&mut self, bus: &Bus, name: &str) -> Answer {
         if !self.heard.contains_key(name) {
             let subscriber = bus.subscriber(&format!("system/heartbeat/{name}"))?;
-            self.heard.insert(name.to_owned(), Heard { subscriber, last: None, suspect: None });
+            self.heard.insert(name.to_owned(), Heard { subscriber, last: None, suspicion: Suspicion::default() });
         }
         Ok(())
     }
@@ -89,7 +111,7 @@ impl Beats {
                 if beat.pid != child.pid {
                     continue;
                 }
-                (heard.last, heard.suspect) = (Some((awake_ns, beat.pid)), None);
+                heard.last = Some((awake_ns, beat.pid));
                 if beat.state == Heartbeat::STATE_READY && child.ready_ns.is_none() {
                     child.ready_ns = Some(now);
                     child.version = Some(text_of(&beat.version)).filter(|version| !version.is_empty());
@@ -101,17 +123,20 @@ impl Beats {
                 Some((at_ns, pid)) if pid == child.pid && expected => awake_ns.saturating_sub(at_ns),
                 _ => 0,
             };
-            let starved = heard.is_starved(child.pid, silent_ns, awake_ns);
-            let (silent, hangs) = (silent_ns > SILENT_NS, silent_ns > SILENT_NS && !starved);
+            let excuse = heard.excuse(child.pid, silent_ns, awake_ns);
+            let silent = silent_ns > SILENT_NS;
+            let hangs = silent && excuse.is_none();
+            child.blocked = silent && excuse == Some(Excuse::Blocked);
             if (silent, hangs) == (child.silent, child.hangs) {
                 continue;
             }
             (child.silent, child.hangs) = (silent, hangs);
             let (name, seconds) = (child.member.name.clone(), SILENT_NS / 1_000_000_000);
-            changes.push(match (silent, hangs) {
+            changes.push(match (silent, excuse) {
                 (false, _) => Change::Back(name),
-                (true, false) => Change::Starved(name, seconds),
-                (true, true) => Change::Silent(name, seconds),
+                (true, Some(Excuse::Starved)) => Change::Starved(name, seconds),
+                (true, Some(Excuse::Blocked)) => Change::Blocked(name, seconds),
+                (true, None) => Change::Silent(name, seconds),
             });
         }
         Ok(changes)
@@ -119,18 +144,38 @@ impl Beats {
 }
 
 impl Heard {
-    /// Whether the machine had no time for the process while it was silent: since it began to be suspect, it waited for a processor for
-    /// more than half of the time, or it waits now and has hardly run. One that was stopped, or waits for something that never comes,
-    /// waits for no processor, and one that runs in a circle has it.
-    fn is_starved(&mut self, pid: u32, silent_ns: u64, awake_ns: u64) -> bool {
+    /// Why the process is silent, if it does not hang.
+    fn excuse(&mut self, pid: u32, silent_ns: u64, awake_ns: u64) -> Option<Excuse> {
         if silent_ns < SUSPECT_NS {
-            self.suspect = None;
-            return false;
+            self.suspicion = Suspicion::default();
+            return None;
         }
-        let Some(now) = Scheduled::now(pid) else { return false };
-        let (since_ns, before) = *self.suspect.get_or_insert((awake_ns, now));
-        now.starved_since(&before, awake_ns.saturating_sub(since_ns))
+        self.suspicion.judge(awake_ns, state_of(pid), Scheduled::now(pid))
     }
+}
+
+impl Suspicion {
+    /// A process that is or was just blocked in the kernel waits for its disk. The machine had no time for one that, since it began to be
+    /// suspect, waited for a processor for more than half of the time, or waits now and has hardly run. One that was stopped, or waits
+    /// for something that never comes, does neither, and one that runs in a circle has its processor.
+    fn judge(&mut self, awake_ns: u64, state: Option<State>, now: Option<Scheduled>) -> Option<Excuse> {
+        if state == Some(State::Blocked) {
+            self.blocked_ns = Some(awake_ns);
+        }
+        let starved = now.is_some_and(|now| {
+            let (since_ns, before) = *self.began.get_or_insert((awake_ns, now));
+            now.starved_since(&before, awake_ns.saturating_sub(since_ns))
+        });
+        if self.blocked_ns.is_some_and(|at_ns| awake_ns.saturating_sub(at_ns) < BLOCKED_NS) {
+            return Some(Excuse::Blocked);
+        }
+        starved.then_some(Excuse::Starved)
+    }
+}
+
+/// What the process does; `None` where the kernel does not say.
+fn state_of(pid: u32) -> Option<State> {
+    evidence::Thread::of(pid).ok().map(|thread| thread.state())
 }
 
 /// How the kernel has scheduled a process.
@@ -191,6 +236,22 @@ mod tests {
         assert!(!now(PASSED_NS, 0, true), "it runs in a circle");
         assert!(now(0, 0, true), "it waits and has not run at all");
         assert!(now(PASSED_NS / 6, PASSED_NS / 2 + 1, true), "one of many that want to run");
+    }
+
+    #[test]
+    fn one_that_waits_for_its_disk_does_not_hang() {
+        let asleep = Scheduled { ran_ns: 7, waited_ns: 5, runnable: false };
+        let mut suspicion = Suspicion::default();
+        let mut judge = |ms: u64, state| suspicion.judge(ms * 1_000_000, Some(state), Some(asleep));
+        assert_eq!(judge(1000, State::Asleep), None);
+        assert_eq!(judge(1050, State::Blocked), Some(Excuse::Blocked));
+        assert_eq!(judge(1100, State::Asleep), Some(Excuse::Blocked), "asleep for a moment between two blocks");
+        assert_eq!(judge(1600, State::Asleep), None, "the disk has answered, and it still says nothing");
+        assert_eq!(judge(1650, State::Blocked), Some(Excuse::Blocked));
+        assert_eq!(judge(2500, State::Stopped), None);
+        let mut unknown = Suspicion::default();
+        assert_eq!(unknown.judge(1, Some(State::Blocked), None), Some(Excuse::Blocked));
+        assert_eq!(Suspicion::default().judge(1, None, None), None);
     }
 
     #[test]

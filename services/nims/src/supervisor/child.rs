@@ -63,6 +63,8 @@ pub struct Child {
     pub silent: bool,
     /// And the machine had time for it.
     pub hangs: bool,
+    /// And it waits for its disk.
+    pub blocked: bool,
     /// It was ended because it hung.
     pub hung: bool,
     /// It has been named for not getting ready.
@@ -137,6 +139,7 @@ impl Child {
             version: None,
             silent: false,
             hangs: false,
+            blocked: false,
             hung: false,
             overdue: false,
             asked: None,
@@ -161,7 +164,7 @@ impl Child {
             let _ = kill_process_group(pid, Signal::KILL);
             if let Ok(Some(status)) = self.process.try_wait() {
                 self.exit = Some(status);
-                (self.silent, self.hangs) = (false, false);
+                (self.silent, self.hangs, self.blocked) = (false, false, false);
                 self.said = self.hear_last_words();
             }
         }

@@ -1,12 +1,13 @@
 //! The end of a run: the robot at rest, the processes ended in order, the run files whole.
 
-use super::child::ending;
+use super::child::{Child, ending};
 use super::leftovers::parts;
 use super::members::Member;
 use super::orphans;
 use super::{Ending, Supervisor};
 use crate::live::RUNNING_FILE;
 use crate::operate;
+use bus::BusError;
 use bus::clock::{self, WallClock};
 use messages::{Heartbeat, MotorAuthority, OperatorRequest, put_text};
 use serde_json::{Value, json};
@@ -19,6 +20,8 @@ const REST_NS: u64 = 6_000_000_000;
 /// From the last command to standing drums, ns: several times a drive's delay and lag.
 const SETTLE_NS: u64 = 500_000_000;
 
+/// How long motor-io may take to answer that it stops.
+const ANSWER: Duration = Duration::from_secs(1);
 /// How long the end of a run waits for what earlier ones left, once the robot is at rest and its processes have ended.
 const LEFTOVERS: Duration = Duration::from_secs(5);
 
@@ -40,7 +43,7 @@ impl Supervisor {
         let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
         let unfinished = self.mission.unfinished(self.last_authority.as_ref());
         self.close(because);
-        let unrecorded = self.recording.troubles().to_vec();
+        let unrecorded = self.recording.troubles();
         let Self {
             crew,
             domain,
@@ -55,13 +58,14 @@ impl Supervisor {
             waiter,
             claim,
             requests,
+            stopper,
             recording,
             mission,
             ..
         } = self;
         drop((
-            crew, voice, settings, heartbeat, table, authority, beats, server, waiter, requests, recording, mission,
-            bus,
+            crew, voice, settings, heartbeat, table, authority, beats, server, waiter, requests, stopper, recording,
+            mission, bus,
         ));
         // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
         let _ = domain.sweep();
@@ -80,8 +84,7 @@ impl Supervisor {
         let mut stop = operate::plain(OperatorRequest::VERB_STOP);
         stop.origin = OperatorRequest::ORIGIN_SUPERVISOR;
         put_text(&mut stop.requester, "supervisor");
-        let asked = self.bus.client(operate::MOTOR_IO).and_then(|mut client| client.ask(&stop, Duration::from_secs(1)));
-        if let Err(error) = asked {
+        if let Err(error) = self.ask_to_stop(&stop) {
             self.voice.warn(&format!("motor-io was not asked to stop: {error}"));
         }
         let give_up = clock::now_ns() + REST_NS;
@@ -96,6 +99,16 @@ impl Supervisor {
         self.voice.warn("the robot has not come to rest in time; the processes end all the same, and the drives hold");
     }
 
+    /// Asks by the client that was opened while there was room for it, which also finds a motor-io that was started since; by a new one
+    /// where that fails.
+    fn ask_to_stop(&mut self, stop: &OperatorRequest) -> Result<OperatorRequest, BusError> {
+        let asked = self.stopper.as_mut().map(|client| client.ask(stop, ANSWER));
+        match asked {
+            Some(answer @ (Ok(_) | Err(BusError::NoAnswer { .. }))) => answer,
+            Some(Err(_)) | None => self.bus.client(operate::MOTOR_IO)?.ask(stop, ANSWER),
+        }
+    }
+
     /// Ends the processes; recovers what a dead recorder left; completes the manifest.
     pub(super) fn close(&mut self, because: &str) {
         self.beat.state = Heartbeat::STATE_STOPPING;
@@ -107,6 +120,7 @@ impl Supervisor {
         crew.end(
             |_| {
                 let _ = self.beat_if_due();
+                let _ = self.look_at_recording();
             },
             |name| killed.push(name.to_owned()),
         );
@@ -114,6 +128,9 @@ impl Supervisor {
         for name in killed {
             self.voice.warn(&format!("{name} did not end by itself and was killed"));
         }
+        // The recorder says last of all what it has lost.
+        let _ = self.look_at_recording();
+        self.judge_recorder();
         let _ = self.publish_table();
         for trouble in self.archive.finish() {
             self.voice.warn(&trouble);
@@ -131,6 +148,22 @@ impl Supervisor {
         let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
         let _ = self.domain.set_wall_clock(None);
         let _ = orphans::note(&self.domain, &[]);
+    }
+
+    /// A recorder that has not ended well has lost what it still held.
+    fn judge_recorder(&mut self) {
+        let unclosed = |child: &Child| match child.exit {
+            Some(exit) if exit.success() && !child.has_died() => None,
+            Some(_) => Some(format!("the recorder {}, so the end of the run may be missing", child.ending())),
+            None => Some("the recorder does not end, so the end of the run may be missing".to_owned()),
+        };
+        // One that never was ready has recorded nothing.
+        let recorders = |child: &&Child| child.member.role == Role::Recorder && child.ready_ns.is_some();
+        let whys: Vec<String> = self.crew.iter().filter(recorders).filter_map(unclosed).collect();
+        for why in whys {
+            self.recording.fails(&why);
+            self.voice.error(&why);
+        }
     }
 
     /// Now, by the clock of the run.
@@ -183,14 +216,20 @@ impl Supervisor {
     fn recover(&mut self, run: &Path) {
         for part in parts(run) {
             match runlog::recover(&part, &mut |_, _| {}) {
-                Ok(_) => self
-                    .voice
-                    .warn(&format!("{} was not closed by its recorder and has been recovered", part.display())),
-                Err(error) => self.voice.error(&format!(
-                    "{} could not be recovered: {error}; try again with `nims recover {}`",
-                    part.display(),
-                    run.display()
-                )),
+                Ok(_) => {
+                    let why = format!("{} was not closed by its recorder and has been recovered", part.display());
+                    self.recording.fails(&why);
+                    self.voice.warn(&why);
+                }
+                Err(error) => {
+                    let why = format!(
+                        "{} could not be recovered: {error}; try again with `nims recover {}`",
+                        part.display(),
+                        run.display()
+                    );
+                    self.recording.fails(&why);
+                    self.voice.error(&why);
+                }
             }
         }
     }

@@ -246,6 +246,8 @@ impl Site {
             limit: section.restart_limit,
             forgiven_ns: (section.restart_forgive_s * 1e9) as u64,
         });
+        // What is not recorded is lost: as long as the robot runs, its recorder is tried again.
+        let limit = if role == Role::Recorder { u32::MAX } else { restart.limit };
         Ok(Member {
             alias: section.map(|section| section.name.clone()).filter(|alias| *alias != name),
             law: law.map(str::to_owned),
@@ -255,7 +257,7 @@ impl Site {
             program,
             args,
             folder,
-            restart: Policy { again, ..restart },
+            restart: Policy { again, limit, ..restart },
             beats: role != Role::Other,
             priority: section.map_or(0, |section| section.priority),
             cpu: section.and_then(|section| section.cpu),

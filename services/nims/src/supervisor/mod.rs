@@ -37,7 +37,7 @@ use crate::busy;
 use crate::failure::{Answer, Failure};
 use archive::Archive;
 use beats::Beats;
-use bus::{Bus, Claim, Domain, Publisher, Server, Subscriber, Waiter, clock};
+use bus::{Bus, Claim, Client, Domain, Publisher, Server, Subscriber, Waiter, clock};
 use crew::Crew;
 use leftovers::Leftovers;
 use members::Site;
@@ -140,6 +140,8 @@ pub struct Supervisor {
     recording: Recording,
     mission: Missions,
     requests: Subscriber<OperatorRequest>,
+    /// By which motor-io is asked to stop when everything ends: kept, because there may be no shared memory left for it then.
+    stopper: Option<Client>,
     beat: Heartbeat,
     last_beat_ns: u64,
     last_table_ns: u64,

@@ -3,6 +3,12 @@
 use crate::failure::Answer;
 use bus::{Bus, Subscriber};
 use messages::{RecorderStatus, text_of};
+use std::collections::BTreeMap;
+
+/// What is lost within this time after the last loss belongs to the same spell, ns.
+const SPELL_NS: u64 = 10_000_000_000;
+/// Rows of the first moments after a stop still count what was lost during it, ns: each channel has one a second.
+const RESUMED_NS: u64 = 2_000_000_000;
 
 /// What is to be said.
 #[derive(Debug, PartialEq, Eq)]
@@ -11,6 +17,8 @@ pub enum Said {
     Stopped(String),
     /// It goes on.
     GoesOn(String),
+    /// The run is being recorded, and samples are missing in it.
+    Lost(String),
 }
 
 /// Follows the recorder's own account.
@@ -33,10 +41,12 @@ impl Recording {
     /// # Errors
     /// Shared memory fails.
     pub fn look(&mut self, now_ns: u64) -> Answer<Vec<Said>> {
-        let mut said = Vec::new();
+        let (mut said, mut lost) = (Vec::new(), 0_u64);
         while let Some(row) = self.status.receive()? {
             said.extend(self.ledger.note(row.state, &text_of(&row.reason), now_ns));
+            lost = lost.saturating_add(self.ledger.count(row.header.seq, text_of(&row.channel), row.lost, now_ns));
         }
+        said.extend(self.ledger.lose(lost, now_ns));
         Ok(said)
     }
 
@@ -47,8 +57,9 @@ impl Recording {
 
     /// Why, each time, a part of the run was not recorded.
     #[must_use]
-    pub fn troubles(&self) -> &[String] {
-        &self.ledger.troubles
+    pub fn troubles(&self) -> Vec<String> {
+        let lost = (self.ledger.lost > 0).then(|| missing(self.ledger.lost));
+        self.ledger.troubles.iter().cloned().chain(lost).collect()
     }
 }
 
@@ -57,7 +68,21 @@ impl Recording {
 struct Ledger {
     /// Since when nothing is, ns.
     since_ns: Option<u64>,
+    /// Since when something is again, ns.
+    resumed_ns: Option<u64>,
+    /// Number of the last row.
+    seq: u64,
+    /// The most that each channel had lost so far; a name that had several types has a row of each.
+    counted: BTreeMap<String, u64>,
+    /// Samples lost while the run was recorded, and when the last ones were, ns.
+    lost: u64,
+    lost_ns: Option<u64>,
     troubles: Vec<String>,
+}
+
+fn missing(lost: u64) -> String {
+    let samples = if lost == 1 { "sample is" } else { "samples are" };
+    format!("{lost} {samples} missing in the run file: `nims report` names the channels")
 }
 
 impl Ledger {
@@ -70,12 +95,37 @@ impl Ledger {
                 Some(Said::Stopped(format!("NOTHING IS BEING RECORDED: {why}")))
             }
             (true, Some(since_ns)) => {
-                self.since_ns = None;
+                (self.since_ns, self.resumed_ns) = (None, Some(now_ns));
                 let seconds = now_ns.saturating_sub(since_ns) as f64 * 1e-9;
                 Some(Said::GoesOn(format!("the run is recorded again; what happened in {seconds:.1} s is not in it")))
             }
             _ => None,
         }
+    }
+
+    /// How many more samples that channel has lost than at its last row; none where that is already told as a time without a recording.
+    fn count(&mut self, seq: u64, channel: String, lost: u64, now_ns: u64) -> u64 {
+        // A recorder that was started again numbers its rows, and counts, anew.
+        if std::mem::replace(&mut self.seq, seq) >= seq {
+            self.counted.clear();
+        }
+        let most = self.counted.entry(channel).or_default();
+        let more = lost.saturating_sub(*most);
+        *most += more;
+        let told = self.since_ns.is_some()
+            || self.resumed_ns.is_some_and(|resumed_ns| now_ns.saturating_sub(resumed_ns) < RESUMED_NS);
+        if told { 0 } else { more }
+    }
+
+    /// Samples were lost although the run is recorded: said once per spell.
+    fn lose(&mut self, lost: u64, now_ns: u64) -> Option<Said> {
+        if lost == 0 {
+            return None;
+        }
+        self.lost = self.lost.saturating_add(lost);
+        let before_ns = self.lost_ns.replace(now_ns);
+        let fresh = before_ns.is_none_or(|at_ns| now_ns.saturating_sub(at_ns) >= SPELL_NS);
+        fresh.then(|| Said::Lost(missing(lost)))
     }
 
     fn keep(&mut self, why: &str) {
@@ -101,5 +151,40 @@ mod tests {
         assert_eq!(ledger.note(well, "", 3), None);
         assert!(ledger.note(RecorderStatus::STATE_FAILED, "it was removed", 4).is_some());
         assert_eq!(ledger.troubles, ["the disk is full", "it was removed"]);
+    }
+
+    #[test]
+    fn what_is_lost_is_said_once_per_spell() {
+        const SECOND_NS: u64 = 1_000_000_000;
+        let mut ledger = Ledger::default();
+        let mut seq = 0;
+        let mut rows = |at_s: u64, lost: [u64; 2]| {
+            let (at_ns, mut more) = (at_s * SECOND_NS, 0);
+            for (name, lost) in ["a", "b"].into_iter().zip(lost) {
+                seq += 1;
+                more += ledger.count(seq, name.to_owned(), lost, at_ns);
+            }
+            ledger.lose(more, at_ns)
+        };
+        assert_eq!(rows(1, [0, 0]), None);
+        assert!(matches!(rows(2, [3, 2]), Some(Said::Lost(said)) if said.starts_with("5 samples")));
+        assert_eq!(rows(3, [4, 2]), None, "the same spell");
+        assert_eq!(rows(20, [4, 2]), None, "nothing more");
+        assert!(matches!(rows(21, [5, 2]), Some(Said::Lost(said)) if said.starts_with("1 sample is")));
+        assert_eq!(rows(22, [0, 2]), None, "of another type");
+        assert_eq!(ledger.lost, 7);
+        assert_eq!(ledger.count(1, "b".to_owned(), 1, 40 * SECOND_NS), 1, "of another recorder");
+        assert_eq!(ledger.count(2, "b".to_owned(), 1, 41 * SECOND_NS), 0);
+    }
+
+    #[test]
+    fn what_is_lost_while_nothing_is_recorded_is_told_as_such() {
+        let (well, full) = (RecorderStatus::STATE_RECORDING, RecorderStatus::STATE_DISK_FULL);
+        let mut ledger = Ledger::default();
+        assert!(ledger.note(full, "", 1).is_some());
+        assert_eq!(ledger.count(1, "a".to_owned(), 7, 1), 0);
+        assert!(ledger.note(well, "", 2).is_some());
+        assert_eq!(ledger.count(2, "a".to_owned(), 9, 2), 0, "until the recording went on");
+        assert_eq!(ledger.count(3, "a".to_owned(), 10, 2 + RESUMED_NS), 1);
     }
 }

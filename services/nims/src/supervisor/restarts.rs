@@ -86,6 +86,13 @@ mod tests {
     }
 
     #[test]
+    fn without_a_limit_it_is_started_again_for_ever() {
+        let endless = Policy { limit: u32::MAX, ..POLICY };
+        let mut restarts = Restarts::default();
+        assert!((0..10_000).all(|_| matches!(restarts.died(&endless, 0), Verdict::After(_))));
+    }
+
+    #[test]
     fn a_minute_of_health_is_forgiveness() {
         let mut restarts = Restarts::default();
         for _ in 0..50 {

@@ -18,6 +18,7 @@ use super::{NAME, StopFlag, Supervisor, Wanted};
 use crate::busy::{self, Busy};
 use crate::failure::{Answer, Failure};
 use crate::live::{RUNNING_FILE, Running};
+use crate::operate;
 use bus::clock::{self, WallClock};
 use bus::{Bus, Domain};
 use messages::{Heartbeat, put_text};
@@ -113,6 +114,7 @@ impl Supervisor {
             recording: Recording::new(&bus)?,
             mission: Missions::new(&bus)?,
             requests: bus.subscriber("operator/request")?,
+            stopper: None,
             beat,
             last_beat_ns: 0,
             last_table_ns: 0,
@@ -137,6 +139,8 @@ impl Supervisor {
                 Failure::NotNow(_) => Failure::NotNow(in_run),
             });
         }
+        // Without it the end of the run tries once more.
+        supervisor.stopper = supervisor.bus.client(operate::MOTOR_IO).ok();
         supervisor.beat.state = Heartbeat::STATE_READY;
         supervisor.note_processes();
         supervisor.recover_leftovers(earlier);

@@ -172,9 +172,11 @@ impl Supervisor {
         successor.given_up = true;
         self.voice.warn(&format!("the new {} {why}", successor.child.member.name));
         let mut row = row(&successor.child);
-        row.state = ProcessState::STATE_DIED;
+        // Nobody of that name has died: the row is for the command that asked, and the one that works has the last word.
+        row.state = ProcessState::STATE_STOPPED;
         put_sentence(&mut row.reason, why);
-        self.send_row(&mut row)
+        self.send_row(&mut row)?;
+        self.publish_table()
     }
 
     /// The process of that name has ended, on whatever way: its successor, if it has one, takes its place. Whether it has.

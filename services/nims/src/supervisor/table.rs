@@ -99,6 +99,7 @@ fn reason(child: &Child) -> String {
         }
         (None, Some(_)) => "asked to end".to_owned(),
         (None, None) if child.hangs => "no sign of life; `nims restart` ends it and starts it again".to_owned(),
+        (None, None) if child.blocked => "no sign of life, because it waits for its disk".to_owned(),
         (None, None) if child.silent => "no sign of life, because the machine has no time for it".to_owned(),
         (None, None) if child.overdue => "does not become ready; see its log in the run folder".to_owned(),
         (None, None) if child.member.role == Role::Other && child.ready_ns.is_none() => {

@@ -70,6 +70,9 @@ impl Supervisor {
                 Change::Starved(name, seconds) => self.voice.warn(&format!(
                     "{name} has shown no sign of life for {seconds} s, because the machine has no time for it: look for what else runs here"
                 )),
+                Change::Blocked(name, seconds) => self.voice.warn(&format!(
+                    "{name} has shown no sign of life for {seconds} s, because it waits for its disk: it is left alone, and goes on when the disk answers; look at the disk and at what else writes to it"
+                )),
                 Change::Back(name) => self.voice.warn(&format!("{name} is back")),
             }
         }
@@ -123,12 +126,7 @@ impl Supervisor {
                 self.archive.keep_mission(planner::requests::mission_file(&given, &self.site.file.planner.missions));
             }
         }
-        for said in self.recording.look(clock::now_ns())? {
-            match said {
-                Said::Stopped(sentence) => self.voice.error(&sentence),
-                Said::GoesOn(sentence) => self.voice.warn(&sentence),
-            }
-        }
+        self.look_at_recording()?;
         if let Some(sentence) = self.mission.look(self.last_authority.as_ref())? {
             self.voice.error(&sentence);
         }
@@ -137,6 +135,17 @@ impl Supervisor {
         }
         let news = self.leftovers.news();
         self.tell(news);
+        Ok(())
+    }
+
+    /// Says what is not being recorded.
+    pub(super) fn look_at_recording(&mut self) -> Answer {
+        for said in self.recording.look(clock::now_ns())? {
+            match said {
+                Said::Stopped(sentence) => self.voice.error(&sentence),
+                Said::GoesOn(sentence) | Said::Lost(sentence) => self.voice.warn(&sentence),
+            }
+        }
         Ok(())
     }
 
