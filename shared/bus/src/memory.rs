@@ -11,6 +11,7 @@
 //!   foreign program perhaps never. The peers of such a file touch it too.
 //! * Under another C library than glibc nothing is reserved.
 
+use std::cell::Cell;
 use std::ffi::{c_int, c_long};
 use std::fs;
 use std::os::fd::{AsRawFd, BorrowedFd};
@@ -28,6 +29,11 @@ use crate::{Bus, BusError, Domain};
 const INTERRUPTIONS: usize = 1000;
 /// Bytes that one connection takes, rounded up.
 pub(crate) const CONNECTION_BYTES: usize = 24 << 10;
+
+thread_local! {
+    /// Reservations of this thread for which there was no room.
+    static SHORT: Cell<u64> = const { Cell::new(0) };
+}
 
 /// Shared memory of the machine, and what of it belongs to a domain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -90,6 +96,19 @@ impl Bus {
     /// [`BusError::NoMemory`] if not.
     pub fn room_for(&self, bytes: usize, what: &str) -> Result<(), BusError> {
         self.need(bytes, what)
+    }
+
+    /// Makes a port with all of its memory. iceoryx2 makes one also where a connection of it finds no room, and hears nothing on that connection
+    /// for good.
+    pub(crate) fn whole<R>(&self, what: &str, make: impl FnOnce() -> Result<R, BusError>) -> Result<R, BusError> {
+        let before = SHORT.get();
+        let port = make()?;
+        if SHORT.get() == before {
+            return Ok(port);
+        }
+        drop(port);
+        let needed = CONNECTION_BYTES as u64 + self.party.margin();
+        Err(BusError::NoMemory { what: what.to_owned(), needed, free: room().map_or(0, |(_, free)| free) })
     }
 
     /// Refuses to make something for which there is no room, so that neither this nor anything that is just being made elsewhere gets stuck
@@ -165,6 +184,7 @@ fn reserve(file: BorrowedFd<'_>, length: u64) -> Result<(), Errno> {
         // a file system of memory that cannot reserve, such as ramfs, has no limit either
         Ok(()) | Err(Errno::OPNOTSUPP | Errno::NOSYS) => Ok(()),
         Err(error) => {
+            SHORT.set(SHORT.get() + 1);
             let _ = rustix::fs::ftruncate(file, 0);
             // What is left half made would be waited for by each peer that comes across it.
             let name = fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd()));

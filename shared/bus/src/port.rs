@@ -66,12 +66,13 @@ impl Bus {
                 .name(&self.port_name)
                 .create()
         };
-        let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
+        let refused = |error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
                 self.full(channel, MessagingPattern::PublishSubscribe, quality.publishers, "publisher(s)")
             }
             other => failed(channel, "be published on", &other),
-        })?;
+        };
+        let port = self.whole(channel, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
         let publisher = Publisher { port, notifier: self.notifier(channel)?, channel: channel.to_owned(), seq: 0 };
         self.announce();
         Ok(publisher)
@@ -133,11 +134,12 @@ impl Bus {
             }
         }
         let names = || taken().into_iter().map(|(name, _): (PortName, usize)| name).collect();
-        self.take_place(limit, names, make).map_err(|refused| match refused {
+        let refused = |refused| match refused {
             Refused::NoPlace(limit) => full(limit, "subscribers of this kind"),
             Refused::Error(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => full(limit, "subscribers"),
             Refused::Error(other) => failed(channel, "be subscribed to", &other),
-        })
+        };
+        self.whole(channel, || self.take_place(limit, names, make).map_err(refused))
     }
 }
 

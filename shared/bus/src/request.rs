@@ -125,7 +125,7 @@ impl Bus {
                 .name(&self.port_name)
                 .create()
         };
-        let port = make().or_else(|_| self.after_cleaning(make)).map_err(|error| match error {
+        let refused = |error| match error {
             ServerCreateError::ExceedsMaxSupportedServers => BusError::Full {
                 channel: event.clone(),
                 limit: 1,
@@ -133,7 +133,8 @@ impl Bus {
                 holders: format!("another `{process}`"),
             },
             other => failed(&event, "be answered", &other),
-        })?;
+        };
+        let port = self.whole(&event, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
         Ok(Server { port, log: self.publisher(REQUESTS)?, event })
     }
 
@@ -159,12 +160,13 @@ impl Bus {
                 });
             })
         };
-        let port = self.take_place(CLIENTS, taken, make).map_err(|refused| match refused {
+        let refused = |refused| match refused {
             Refused::NoPlace(limit) => {
                 self.full(&event, MessagingPattern::RequestResponse, limit, "commands that wait for an answer")
             }
             Refused::Error(error) => failed(&event, "be asked", &error),
-        })?;
+        };
+        let port = self.whole(&event, || self.take_place(CLIENTS, taken, make).map_err(refused))?;
         let notifier = self.notifier(&event)?;
         Ok(Client {
             port,

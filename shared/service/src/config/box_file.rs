@@ -446,7 +446,7 @@ pub struct ProcessSection {
     /// Pause before it is started again, s; doubles each time, up to 30 s.
     #[serde(default = "default_restart_pause")]
     pub restart_pause_s: f64,
-    /// How often in a row.
+    /// How often in a row; a recorder is started again for as long as the robot runs.
     #[serde(default = "default_restart_limit")]
     pub restart_limit: u32,
     /// A process that was ready for this long begins to count anew, s: what killed it before is over.
