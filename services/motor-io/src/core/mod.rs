@@ -333,9 +333,15 @@ impl Core {
                 self.odometry.restore(input.restored_m, input.restored_counts);
             }
         }
+        let left_out_s = self.left_out_s(input);
         self.note_evidence(input);
         self.gap_s = input.begin_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
         self.begin_ns = input.begin_ns;
+        if let Some(jog) = &mut self.jog {
+            // The drives went on for as long as no new velocity came, and `settle` counted a period of it.
+            let passed_s = self.gap_s.min(self.config.watchdog_s) - left_out_s;
+            jog.left_m -= self.sent.speed_m_s[jog.cable] * (passed_s - self.config.period_s);
+        }
         let moving = matches!(self.safety.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);
         if moving && self.gap_s > self.config.watchdog_s {
             // The drives stopped by themselves: from here the robot starts again, from rest.

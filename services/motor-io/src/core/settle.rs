@@ -9,6 +9,8 @@ use messages::{CABLES, MotorAuthority, MotorState};
 const REST_S: f64 = 1.0;
 /// How far a jog may come beyond a length limit before it is a fault: its end was checked, and readings have steps, m.
 const JOG_MARGIN_M: f64 = 0.01;
+/// What is left of a jog that is done, m: far below a step of an encoder.
+const JOGGED_M: f64 = 1e-6;
 /// Drives react after up to 0.16 s (delay and lag), and the readings are a cycle old, s.
 const REACTION_S: f64 = 0.2;
 
@@ -19,7 +21,9 @@ impl Core {
             self.cancel_jog();
         }
         let mut wanted = [0.0; CABLES];
-        if let Some(Jog { cable, left_m, cancelled: false }) = self.jog {
+        if let Some(Jog { cable, left_m, cancelled: false }) = self.jog
+            && left_m.abs() >= JOGGED_M
+        {
             // Slows down as it comes near, gently: a quarter of what the cable may do.
             let near = (0.5 * self.config.cable_acceleration_m_s2 * left_m.abs()).sqrt();
             let speed = self.config.jog_speed_m_s.min(near).min(left_m.abs() / self.config.period_s);
@@ -96,7 +100,7 @@ impl Core {
             Mode::Jogging => {
                 let over = self.jog.as_mut().is_none_or(|jog| {
                     jog.left_m -= sent[jog.cable] * self.config.period_s;
-                    speed == 0.0 && (jog.cancelled || jog.left_m.abs() < 1e-6)
+                    speed == 0.0 && (jog.cancelled || jog.left_m.abs() < JOGGED_M)
                 });
                 if over {
                     self.jog = None;

@@ -126,6 +126,11 @@ impl Core {
         starved.age = age(starved.age, own || starved.now.of_chain(in_charge));
     }
 
+    /// Time that the virtual box left out since the cycle before, s: nothing moved in it.
+    pub(super) fn left_out_s(&self, input: &MotorInput) -> f64 {
+        input.box_left_out_ns.saturating_sub(self.starved.box_left_out_ns) as f64 * 1e-9
+    }
+
     /// What this cycle shows.
     pub(super) fn evidence(&self) -> Evidence {
         self.starved.now

@@ -245,6 +245,20 @@ fn jogging_moves_one_cable_the_distance_and_no_other() {
 }
 
 #[test]
+fn a_jog_is_as_long_as_it_was_asked_for_where_the_machine_stands_still_meanwhile() {
+    let mut rig = Rig::default();
+    rig.steps(3);
+    rig.demand(R::VERB_ARM, &[]);
+    let before = rig.length_m;
+    rig.demand(R::VERB_JOG, &[2.0, -0.05]);
+    rig.steps(50);
+    rig.step_after(150_000_000, 150_000_000);
+    rig.until(600, |rig| rig.mode() == A::MODE_HOLDING);
+    rig.steps(50);
+    assert!((rig.length_m[1] - before[1] + 0.05).abs() < 1e-3, "{}", rig.length_m[1] - before[1]);
+}
+
+#[test]
 fn a_jog_beyond_the_length_limit_is_refused_once_lengths_are_known() {
     let mut rig = Rig::default().ready();
     rig.demand(R::VERB_ZERO_LENGTHS, &[13.5, 5.0, 5.0]);
