@@ -332,7 +332,7 @@ impl Chassis {
             self.declared.take(port, now)?;
         }
         self.log.serve_late_listeners();
-        self.declared.serve_late_listeners();
+        self.declared.keep_up(now)?;
         let beat = &mut self.beat;
         (beat.header.stamp_ns, beat.header.oldest_input_ns) = (now, now);
         beat.beat += 1;

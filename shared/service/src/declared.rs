@@ -35,7 +35,7 @@ pub(crate) struct Declared {
     /// `None` while a predecessor of the same name has it.
     port: Option<Publisher<SystemConfig>>,
     sample: Box<SystemConfig>,
-    /// The program is read while the process starts.
+    /// The program is read beside the start of the process. On a busy computer that takes seconds, for which nothing waits.
     hashing: Option<JoinHandle<String>>,
     /// The process has said that it is ready, so a change is said at once.
     open: bool,
@@ -106,17 +106,29 @@ impl Declared {
         if std::mem::replace(&mut self.open, true) {
             return Ok(());
         }
-        if let Some(hash) = self.hashing.take().and_then(|hashing| hashing.join().ok()) {
-            put_text(&mut self.sample.program_sha256, &hash);
-        }
+        self.hashed();
         self.say(now_ns)
     }
 
-    /// A listener that came since the last change gets it too.
-    pub(crate) fn serve_late_listeners(&mut self) {
+    /// The program's hash, once it is there; a listener that came since the last change gets that too.
+    pub(crate) fn keep_up(&mut self, now_ns: u64) -> Result<(), BusError> {
+        if self.open && self.hashed() {
+            self.say(now_ns)?;
+        }
         if let Some(port) = &mut self.port {
             port.update_connections();
         }
+        Ok(())
+    }
+
+    /// True if the program has been read meanwhile.
+    fn hashed(&mut self) -> bool {
+        let done = self.hashing.take_if(|hashing| hashing.is_finished());
+        let hash = done.and_then(|hashing| hashing.join().ok());
+        if let Some(hash) = &hash {
+            put_text(&mut self.sample.program_sha256, hash);
+        }
+        hash.is_some()
     }
 
     fn say(&mut self, now_ns: u64) -> Result<(), BusError> {
