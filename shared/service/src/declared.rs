@@ -5,6 +5,8 @@ use std::thread::JoinHandle;
 
 use bus::{BusError, Publisher};
 use messages::{Header, SystemConfig, put_text};
+use rustix::process::setpriority_process;
+use rustix::thread::gettid;
 use sha2::{Digest, Sha256};
 
 use crate::config::{BoxFile, RobotFile};
@@ -13,6 +15,8 @@ use crate::file;
 /// Stands at the end of parameters that a sample does not hold.
 const MORE: &str = "# and more: see the file";
 
+/// Niceness of the thread that reads the program.
+const LEFT_OVER: i32 = 19;
 /// Stack of the thread that reads the program: it may stay locked in memory.
 const STACK_BYTES: usize = 256 * 1024;
 
@@ -55,7 +59,11 @@ impl Declared {
         put_text(&mut sample.name, name);
         let program = std::env::current_exe().unwrap_or_default();
         put_text(&mut sample.program, &program.to_string_lossy());
-        let hash = move || hash_of(&[program]).unwrap_or_default();
+        let hash = move || {
+            // It takes what time is left over; where that is not permitted, it takes its turn.
+            let _ = setpriority_process(Some(gettid()), LEFT_OVER);
+            hash_of(&[program]).unwrap_or_default()
+        };
         let hashing = std::thread::Builder::new().name("hash".to_owned()).stack_size(STACK_BYTES).spawn(hash).ok();
         let mut declared = Self { port, sample, hashing, open: false, life: 0 };
         if let Some((path, file)) = file {
