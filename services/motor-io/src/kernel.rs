@@ -74,14 +74,16 @@ impl Evidence {
 impl Evidence {
     /// Since when each seat owes an answer to the cycle before, ns: an estimator from the state on, a controller from the first estimate on.
     fn given_ns(&self, published_ns: u64, input: &MotorInput) -> [Option<u64>; SEATS] {
+        if published_ns == 0 {
+            return [None; SEATS];
+        }
         let (life, cycle) = (input.header.life, input.header.cycle);
         let of_last = |of: u64| of.checked_add(1) == Some(cycle);
         // No estimate is older than the state that it is of, whatever it claims.
-        let owed = (published_ns != 0).then_some(published_ns);
         let estimates = self.estimated.iter().filter(|(of, _)| of_last(*of)).map(|(_, at_ns)| published_ns.max(*at_ns));
-        let estimated_ns = estimates.min().filter(|_| owed.is_some());
+        let estimated_ns = estimates.min();
         std::array::from_fn(|seat| match seat.checked_sub(ESTIMATORS * SLOTS) {
-            Some(slot) => owed.filter(|_| !of_last(self.estimated[slot].0)),
+            Some(slot) => (!of_last(self.estimated[slot].0)).then_some(published_ns),
             None => {
                 let command = &input.command[seat - CONTROLLERS * SLOTS];
                 let answered = command.header.life == life && of_last(command.based_on_cycle);

@@ -175,12 +175,7 @@ impl Core {
                 if input.motion != self.motion.id() || input.motion_epoch != self.safety.epoch() {
                     return no!("Not resumed: the planner no longer has this motion; stop, then start a new one.");
                 }
-                // One that only stands in for a cycle is not followed from rest.
-                let in_charge = self.arbiter.in_charge();
-                let answers = self.chosen.is_some_and(|chosen| {
-                    self.motion.has(chosen.segment) && (chosen.controller, chosen.estimator) == in_charge
-                });
-                if !answers {
+                if !self.chosen_in_charge().is_some_and(|chosen| self.motion.has(chosen.segment)) {
                     return no!(
                         "Not resumed: no controller answers for this motion; look at nims status which process is missing."
                     );

@@ -156,7 +156,7 @@ fn megabytes(bytes: u64) -> String {
 
 /// Who has to be stopped, also where nobody could be named.
 fn known(holders: &str) -> &str {
-    if holders.is_empty() { "whoever holds it" } else { holders }
+    if holders.is_empty() { "the processes that hold it" } else { holders }
 }
 
 /// Who holds a channel, as the end of a clause; nothing where that is not known.

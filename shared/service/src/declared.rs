@@ -1,24 +1,15 @@
 //! What a process works with, on `system/config/NAME`: at its start and whenever it changes.
 
 use std::path::{Path, PathBuf};
-use std::thread::JoinHandle;
 
 use bus::{BusError, Publisher};
 use messages::{Header, SystemConfig, put_text};
-use rustix::process::setpriority_process;
-use rustix::thread::gettid;
-use sha2::{Digest, Sha256};
 
 use crate::config::{BoxFile, RobotFile};
-use crate::file;
+use crate::hash::{ProgramHash, hash_of};
 
 /// Stands at the end of parameters that a sample does not hold.
 const MORE: &str = "# and more: see the file";
-
-/// Niceness of the thread that reads the program.
-const LEFT_OVER: i32 = 19;
-/// Stack of the thread that reads the program: it may stay locked in memory.
-const STACK_BYTES: usize = 256 * 1024;
 
 /// What an answer of the control chain was made with, from which answer on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -39,8 +30,7 @@ pub(crate) struct Declared {
     /// `None` while a predecessor of the same name has it.
     port: Option<Publisher<SystemConfig>>,
     sample: Box<SystemConfig>,
-    /// The program is read beside the start of the process. On a busy computer that takes seconds, for which nothing waits.
-    hashing: Option<JoinHandle<String>>,
+    program_hash: ProgramHash,
     /// The process has said that it is ready, so a change is said at once.
     open: bool,
     life: u64,
@@ -59,13 +49,8 @@ impl Declared {
         put_text(&mut sample.name, name);
         let program = std::env::current_exe().unwrap_or_default();
         put_text(&mut sample.program, &program.to_string_lossy());
-        let hash = move || {
-            // It takes what time is left over; where that is not permitted, it takes its turn.
-            let _ = setpriority_process(Some(gettid()), LEFT_OVER);
-            hash_of(&[program]).unwrap_or_default()
-        };
-        let hashing = std::thread::Builder::new().name("hash".to_owned()).stack_size(STACK_BYTES).spawn(hash).ok();
-        let mut declared = Self { port, sample, hashing, open: false, life: 0 };
+        let program_hash = ProgramHash::begin(program);
+        let mut declared = Self { port, sample, program_hash, open: false, life: 0 };
         if let Some((path, file)) = file {
             let robot = file.robot_file().ok();
             declared.read(path, &parts_of(path, &file.robot, robot.as_ref()));
@@ -131,8 +116,7 @@ impl Declared {
 
     /// True if the program has been read meanwhile.
     fn hashed(&mut self) -> bool {
-        let done = self.hashing.take_if(|hashing| hashing.is_finished());
-        let hash = done.and_then(|hashing| hashing.join().ok());
+        let hash = self.program_hash.take();
         if let Some(hash) = &hash {
             put_text(&mut self.sample.program_sha256, hash);
         }
@@ -167,30 +151,6 @@ fn sections_of(role: &str) -> &'static [&'static str] {
     }
 }
 
-/// SHA-256 of regular files of any size (a program has more than a configuration may), one behind the other, as `cat FILES | sha256sum` has
-/// it; `None` if one cannot be read.
-#[must_use]
-pub fn hash_of(files: &[PathBuf]) -> Option<String> {
-    let mut hash = Hasher(Sha256::new());
-    for path in files {
-        std::io::copy(&mut file::open(path).ok()?, &mut hash).ok()?;
-    }
-    Some(hash.0.finalize().iter().map(|byte| format!("{byte:02x}")).collect())
-}
-
-struct Hasher(Sha256);
-
-impl std::io::Write for Hasher {
-    fn write(&mut self, bytes: &[u8]) -> std::io::Result<usize> {
-        self.0.update(bytes);
-        Ok(bytes.len())
-    }
-
-    fn flush(&mut self) -> std::io::Result<()> {
-        Ok(())
-    }
-}
-
 /// As many whole lines as fit.
 fn put_lines(into: &mut [u8], text: &str) {
     let text = text.trim_end();
@@ -213,24 +173,6 @@ fn put_lines(into: &mut [u8], text: &str) {
 mod tests {
     use super::*;
     use messages::text_of;
-
-    #[test]
-    fn the_hash_is_the_one_that_a_shell_gives() {
-        let folder = tempfile::tempdir().unwrap();
-        let files: Vec<PathBuf> = ["a", "bc"]
-            .iter()
-            .map(|text| {
-                let path = folder.path().join(text);
-                std::fs::write(&path, text).unwrap();
-                path
-            })
-            .collect();
-        // printf abc | sha256sum
-        let known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
-        assert_eq!(hash_of(&files).as_deref(), Some(known));
-        assert_eq!(hash_of(&[folder.path().join("x")]), None);
-        assert_eq!(hash_of(&[PathBuf::from("/dev/zero")]), None, "it has no end");
-    }
 
     #[test]
     fn what_does_not_fit_is_cut_at_a_line_and_says_so() {

@@ -45,6 +45,7 @@ mod chassis;
 pub mod config;
 mod declared;
 pub mod file;
+mod hash;
 mod lease;
 mod logging;
 pub mod motion;
@@ -61,7 +62,8 @@ pub use chassis::{
     BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
     main_as,
 };
-pub use declared::{Since, hash_of};
+pub use declared::Since;
+pub use hash::{ProgramHash, hash_of};
 pub use output::{OUTPUT_FAULTS, Output};
 pub use rhythm::Rhythm;
 pub use timing::Timing;

@@ -150,6 +150,10 @@ fn every_process_says_what_it_works_with() {
             ("motor-box", "seed = 1"),
             ("nims", ""),
         ] {
+            // The hash follows once the program has been read.
+            robot.until_said("the hash of its program", |robot| {
+                config_of(robot, process).is_some_and(|said| !text_of(&said.program_sha256).is_empty())
+            });
             let said = config_of(&robot, process).unwrap();
             assert!(parameters(&said).contains(word), "{process}: {}", parameters(&said));
             assert_eq!(text_of(&said.name), process);

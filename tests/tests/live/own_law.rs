@@ -17,8 +17,13 @@ fn a_law_of_ones_own_flies_by_configuration_alone() {
         assert_eq!((status.law, status.valid), (ControlStatus::LAW_OTHER, 1));
         // What flew is in the run, also of a law that nims does not know.
         let mut configs = robot.bus.subscriber::<SystemConfig>("system/config/controller").unwrap();
-        robot.for_cycles(50);
-        let said = configs.latest().unwrap().unwrap();
+        // The hash follows once the program has been read.
+        let mut said = None;
+        while said.as_ref().is_none_or(|said: &SystemConfig| text_of(&said.program_sha256).is_empty()) {
+            robot.for_cycles(50);
+            said = configs.latest().unwrap().or(said);
+        }
+        let said = said.unwrap();
         let (law, parameters) = (text_of(&said.law), text_of(&said.parameters));
         assert_eq!(law, "my-law");
         assert!(parameters.ends_with("[law]\ngain_per_s = 1.5"), "{parameters}");

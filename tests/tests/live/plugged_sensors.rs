@@ -3,7 +3,7 @@
 //!
 //! `NIMS_REPLACEMENTS=50 cargo test --workspace --test live plugged_sensors::` replaces them fifty times.
 
-use crate::robot::{Robot, root, steadily};
+use crate::robot::{Robot, root, samples_of, steadily};
 use messages::{Header, MotorAuthority, MotorState, OperatorRequest};
 use nims_tests::python;
 use rustix::process::Signal;
@@ -60,12 +60,8 @@ fn copy_templates(robot: &Robot) {
 
 /// Periods without an answer between `first` and `last` beside which the computer was not short of time.
 fn unanswered(run: &Path, first: u64, last: u64) -> u64 {
-    let samples: Vec<MotorAuthority> = runlog::read_channel::<MotorAuthority>(run, "motor/authority")
-        .unwrap()
-        .into_iter()
-        .map(|(_, sample)| sample)
-        .filter(|sample| (first..=last).contains(&sample.header.cycle))
-        .collect();
+    let mut samples = samples_of::<MotorAuthority>(run, "motor/authority");
+    samples.retain(|sample| (first..=last).contains(&sample.header.cycle));
     assert!(samples.len() as u64 > (last - first) * 95 / 100, "the run file lacks cycles");
     let grown = |of: fn(&MotorAuthority) -> u64| {
         samples.windows(2).filter(move |two| of(&two[1]) > of(&two[0])).map(|two| two[1].header.cycle)

@@ -151,12 +151,8 @@ const LIMITER: f64 = 4.0;
 
 /// What the run file says of the time from `first` on.
 fn account(run: &Path, first: u64, last: u64) -> Account {
-    let samples: Vec<MotorAuthority> = runlog::read_channel::<MotorAuthority>(run, "motor/authority")
-        .unwrap()
-        .into_iter()
-        .map(|(_, sample)| sample)
-        .filter(|sample| (first..=last).contains(&sample.header.cycle))
-        .collect();
+    let mut samples = samples_of::<MotorAuthority>(run, "motor/authority");
+    samples.retain(|sample| (first..=last).contains(&sample.header.cycle));
     let states = runlog::read_channel::<messages::MotorState>(run, "motor/state").unwrap();
     assert!(samples.len() as u64 > (last - first) * 95 / 100, "the run file lacks cycles");
     let grows = |count: fn(&MotorAuthority) -> u64| -> Vec<u64> {

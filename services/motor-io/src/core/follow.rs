@@ -27,10 +27,7 @@ impl Core {
 
     /// Begins a motion that is offered, if a controller follows it already.
     fn start(&mut self, input: &MotorInput) {
-        // One that only stands in for a cycle is not followed from rest.
-        let follows = self.chosen.is_some_and(|chosen| {
-            chosen.segment == input.motion_segment && (chosen.controller, chosen.estimator) == self.arbiter.in_charge()
-        });
+        let follows = self.chosen_in_charge().is_some_and(|chosen| chosen.segment == input.motion_segment);
         self.safety.clear_stops(MotorAuthority::FAULT_OFF_START);
         if follows
             && self.who_is_lost() == 0
@@ -42,6 +39,11 @@ impl Core {
             self.motion.begin(input);
             self.follow();
         }
+    }
+
+    /// The chosen command, if the pair in charge gave it: one that only stands in for a cycle is not followed from rest.
+    pub(crate) fn chosen_in_charge(&self) -> Option<Chosen> {
+        self.chosen.filter(|chosen| (chosen.controller, chosen.estimator) == self.arbiter.in_charge())
     }
 
     /// Supervisor and planner, where they were there and are not any more; bits of faults.

@@ -333,10 +333,10 @@ impl Core {
                 self.odometry.restore(input.restored_m, input.restored_counts);
             }
         }
-        let left_out_s = self.left_out_s(input);
         self.note_evidence(input);
         self.gap_s = input.begin_ns.saturating_sub(self.begin_ns) as f64 * 1e-9;
         self.begin_ns = input.begin_ns;
+        let left_out_s = self.left_out_s();
         if let Some(jog) = &mut self.jog {
             // The drives went on for as long as no new velocity came, and `settle` counted a period of it.
             let passed_s = self.gap_s.min(self.config.watchdog_s) - left_out_s;

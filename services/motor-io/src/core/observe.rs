@@ -46,7 +46,7 @@ impl Core {
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
             excused_m_s: std::array::from_fn(|i| self.excuse.velocity_m_s(i)),
-            starved: self.chain_starves_now(),
+            starved: self.chain_starves(),
             estimator: self.chosen.map_or(self.arbiter.in_charge().1, |chosen| chosen.estimator),
         };
         self.watch.cables(&self.config, input, &situation, &velocity, &fresh, &mut found);

@@ -67,6 +67,8 @@ pub(super) struct Starved {
     run_delay_ns: u64,
     chain_delay_ns: [u64; SEATS],
     box_left_out_ns: u64,
+    /// Time that the virtual box left out between this cycle and the one before, s: nothing moved in it.
+    left_out_s: f64,
     /// Cycles since the last evidence of this program; 0: in this one.
     own_age: u32,
     /// The same of this program or the pair in charge.
@@ -82,6 +84,7 @@ impl Default for Starved {
             run_delay_ns: 0,
             chain_delay_ns: [0; SEATS],
             box_left_out_ns: 0,
+            left_out_s: 0.0,
             own_age: u32::MAX,
             age: u32::MAX,
             said: 0,
@@ -106,7 +109,8 @@ impl Core {
         let starved = &mut self.starved;
         let late_tick = since_s(input.tick_ns) > LATE_SHARE * period_s;
         let own_wait = waited(input.run_delay_ns, starved.run_delay_ns);
-        let left_out = grown(input.box_left_out_ns, starved.box_left_out_ns);
+        starved.left_out_s = input.box_left_out_ns.saturating_sub(starved.box_left_out_ns) as f64 * 1e-9;
+        let left_out = starved.left_out_s > CHAIN_SHARE * period_s;
         // A long exchange alone is no evidence: drives take their time, and this program waits for answers.
         let held_up = starved.now.late_tick || own_wait || left_out;
         starved.now = Evidence {
@@ -126,9 +130,9 @@ impl Core {
         starved.age = age(starved.age, own || starved.now.of_chain(in_charge));
     }
 
-    /// Time that the virtual box left out since the cycle before, s: nothing moved in it.
-    pub(super) fn left_out_s(&self, input: &MotorInput) -> f64 {
-        input.box_left_out_ns.saturating_sub(self.starved.box_left_out_ns) as f64 * 1e-9
+    /// Time that the virtual box left out between this cycle and the one before, s: nothing moved in it.
+    pub(super) fn left_out_s(&self) -> f64 {
+        self.starved.left_out_s
     }
 
     /// What this cycle shows.
@@ -142,7 +146,7 @@ impl Core {
     }
 
     /// True where the estimates of this cycle may come from readings that were late.
-    pub(super) fn chain_starves_now(&self) -> bool {
+    pub(super) fn chain_starves(&self) -> bool {
         self.starved.within(0)
     }
 

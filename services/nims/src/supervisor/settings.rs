@@ -11,9 +11,9 @@ use bus::{Bus, Publisher, clock};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
 use messages::{Header, SystemConfig, newer, put_text};
-use service::TUNED_CHANNEL;
 use service::build;
 use service::config::{BoxFile, EstimatorSection, RobotFile, Role, Tuned};
+use service::{ProgramHash, TUNED_CHANNEL};
 use std::ffi::OsString;
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -30,6 +30,7 @@ const RECORD_HEAD: &str =
 pub struct Settings {
     port: Publisher<SystemConfig>,
     sample: Box<SystemConfig>,
+    program_hash: ProgramHash,
     robot: RobotFile,
     tuned: Tuned,
     /// The box with all changes, and where its copy stands.
@@ -48,10 +49,10 @@ impl Settings {
         put_text(&mut sample.version, build::own());
         let program = std::env::current_exe().unwrap_or_default();
         put_text(&mut sample.program, &program.to_string_lossy());
-        put_text(&mut sample.program_sha256, &service::hash_of(&[program]).unwrap_or_default());
+        let program_hash = ProgramHash::begin(program);
         let (file, path) = (site.file.clone(), site.config.clone());
-        let mut settings =
-            Self { port: bus.publisher(TUNED_CHANNEL)?, sample, robot, tuned: Tuned::default(), file, path, life: 0 };
+        let port = bus.publisher(TUNED_CHANNEL)?;
+        let mut settings = Self { port, sample, program_hash, robot, tuned: Tuned::default(), file, path, life: 0 };
         settings.say()?;
         Ok(settings)
     }
@@ -75,9 +76,14 @@ impl Settings {
         self.sample.changes
     }
 
-    /// A listener that came since the last change gets it too.
-    pub(super) fn serve_late_listeners(&mut self) {
+    /// The program's hash, once it is there; a listener that came since the last change gets that too.
+    pub(super) fn keep_up(&mut self) -> Answer {
+        if let Some(hash) = self.program_hash.take() {
+            put_text(&mut self.sample.program_sha256, &hash);
+            self.say()?;
+        }
         self.port.update_connections();
+        Ok(())
     }
 
     fn say(&mut self) -> Answer {

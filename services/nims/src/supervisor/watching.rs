@@ -50,7 +50,7 @@ impl Supervisor {
         }
         self.look_at_files()?;
         self.look_at_the_computer();
-        self.settings.serve_late_listeners();
+        self.settings.keep_up()?;
         self.beat_if_due()?;
         self.refresh_table()
     }
