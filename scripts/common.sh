@@ -54,6 +54,15 @@ without_node() {
     say "WARNING: $1: run files are NOT compared with what JavaScript reads in them"
 }
 
+# All tests but the examples in the documentation; nextest takes half the time, because tests of several files run at once.
+run_tests() {
+    if cargo nextest --version >/dev/null 2>&1; then
+        cargo nextest run "$@"
+    else
+        cargo test --no-fail-fast --lib --bins --tests "$@"
+    fi
+}
+
 # From here on cargo starts test programs as the user nobody; only root needs that, and can do it. Programs have to be built already. The
 # variable that says so to cargo is named by RUNNER.
 run_tests_as_nobody() {

@@ -97,6 +97,8 @@ impl Bus {
                 // Whoever starts the robot in this very moment removes what lies there from before, folders too.
                 Err(_) if now_ns() < give_up => std::thread::sleep(JOINING_PAUSE),
                 Err(error) => {
+                    // Memory that has run out meanwhile is the cause.
+                    crate::memory::need(0, party, process)?;
                     let place = domain.root().display();
                     return Err(failed(format!("shared memory cannot be set up in {place} ({error:?})")));
                 }
