@@ -71,7 +71,7 @@ const FAULTS: [(u32, &str, &str); 21] = [
     (
         MotorAuthority::FAULT_COMMAND_REFUSED,
         "the controller's commands were no numbers or far beyond the limits, so the robot stopped and holds",
-        "look at the controller's log, then resume",
+        "look at the controller's log, swap to another controller, then resume",
     ),
     (
         MotorAuthority::FAULT_DIVERGING,

@@ -11,6 +11,11 @@ const SLACK_N: f64 = 0.5;
 /// Longer than the node takes to swing there and back on its lines, s: what is not seen in this time is no swing.
 const SWING_S: f64 = 0.6;
 
+/// So long after a controller has gone wrong the node swings more, s.
+const SHAKEN_S: f64 = 15.0;
+/// So long the next controller needs to bring it back, s.
+const LED_AWAY_S: f64 = 1.0;
+
 /// Bounds on the node while the robot is in a mode; speed in m/s, acceleration in m/s².
 ///
 /// They are those of a node that hung still. One that still swings on its lines when it is told to move, because it was stopped at once
@@ -32,10 +37,14 @@ pub struct Bounds {
     pub of_mode: [Bound; 7],
     /// How far the node may be from the set point while it follows, m.
     pub from_setpoint_m: f64,
+    /// How much farther it gets with a controller that leads it away, before motor-io stops it, m.
+    pub led_away_m: f64,
     /// Time after which drives that hear nothing stop by themselves, s.
     pub watchdog_s: f64,
     /// Time in which the node comes to rest after the last command, s; and how fast it may still be then, m/s.
     pub rest: (f64, f64),
+    /// Factor on the bounds of all modes after a controller has gone wrong, and how fast the node still swings at rest then, m/s.
+    pub shaken: (f64, f64),
 }
 
 /// Largest values seen, by mode.
@@ -47,6 +56,8 @@ pub struct Seen {
     pub acceleration_m_s2: [f64; 7],
     /// Distance to the set point while following, m.
     pub from_setpoint_m: f64,
+    /// The same with a controller that had gone wrong, m.
+    pub led_away_m: f64,
     /// Way from where a mode that ended its motion found it, m.
     pub travel_m: [f64; 7],
     /// Way since motor-io died, m.
@@ -71,6 +82,8 @@ pub struct Checks {
     halted: Option<Vector3<f64>>,
     /// Time since something was commanded, s.
     resting_s: f64,
+    /// Time since a controller in use had gone wrong, s.
+    sound_s: f64,
     swing: Swing,
     /// Largest values so far.
     pub seen: Seen,
@@ -79,8 +92,8 @@ pub struct Checks {
 impl Checks {
     /// Nothing seen yet.
     pub fn new(bounds: Bounds, period_s: f64) -> Self {
-        let swing = Swing::default();
-        Self { bounds, period_s, before: None, off_m: None, halted: None, resting_s: 0.0, swing, seen: Seen::default() }
+        let (resting_s, sound_s, swing, seen) = (0.0, f64::INFINITY, Swing::default(), Seen::default());
+        Self { bounds, period_s, before: None, off_m: None, halted: None, resting_s, sound_s, swing, seen }
     }
 
     /// A new life of motor-io: what follows is not compared with what was.
@@ -107,8 +120,8 @@ impl Checks {
             .then(|| format!("without motor-io the node moves at {speed_m_s:.3} m/s and has gone {travel_m:.3} m"))
     }
 
-    /// What is wrong in this cycle. `held`: every line is held by its drive.
-    pub fn cycle(&mut self, cycle: &Cycle, held: bool) -> Option<String> {
+    /// What is wrong in this cycle. `held`: every line is held by its drive; `astray`: the controller in use has gone wrong.
+    pub fn cycle(&mut self, cycle: &Cycle, held: bool, astray: bool) -> Option<String> {
         let mode = usize::from(cycle.authority.mode).min(6);
         let velocity = Vector3::from(cycle.truth_m_s);
         let speed_m_s = velocity.norm();
@@ -129,8 +142,11 @@ impl Checks {
         if !commanded {
             self.swing.at_rest(self.period_s, speed_m_s, acceleration_m_s2);
         }
-        let faster_m_s = speed_m_s - one.speed_m_s.max(other.speed_m_s);
-        let harder_m_s2 = acceleration_m_s2 - one.acceleration_m_s2.max(other.acceleration_m_s2);
+        self.sound_s = if astray { 0.0 } else { self.sound_s + self.period_s };
+        let (factor, resting_m_s) =
+            if self.sound_s < SHAKEN_S { self.bounds.shaken } else { (1.0, self.bounds.rest.1) };
+        let faster_m_s = speed_m_s - factor * one.speed_m_s.max(other.speed_m_s);
+        let harder_m_s2 = acceleration_m_s2 - factor * one.acceleration_m_s2.max(other.acceleration_m_s2);
         seen.swing_m_s = seen.swing_m_s.max(faster_m_s);
         seen.swing_m_s2 = seen.swing_m_s2.max(harder_m_s2);
         // What swings while nothing is commanded is judged below.
@@ -151,13 +167,13 @@ impl Checks {
         if let Some(halted) = self.halted {
             let travel_m = (here - halted).norm();
             seen.travel_m[mode] = seen.travel_m[mode].max(travel_m);
-            if travel_m > one.travel_m {
+            if travel_m > factor * one.travel_m {
                 return Some(format!("the node has gone {travel_m:.3} m since mode {mode} ended its motion"));
             }
         }
         if self.resting_s > self.bounds.rest.0 {
             seen.resting_m_s = seen.resting_m_s.max(speed_m_s);
-            if speed_m_s > self.bounds.rest.1 {
+            if speed_m_s > resting_m_s {
                 return Some(format!("the node moves at {speed_m_s:.3} m/s where it should be at rest"));
             }
         }
@@ -174,10 +190,14 @@ impl Checks {
         let before_m = self.off_m;
         self.off_m = off_m;
         let off_m = off_m?;
-        self.seen.from_setpoint_m = self.seen.from_setpoint_m.max(off_m);
+        let (seen_m, bound_m) = if self.sound_s < LED_AWAY_S {
+            (&mut self.seen.led_away_m, self.bounds.from_setpoint_m + self.bounds.led_away_m)
+        } else {
+            (&mut self.seen.from_setpoint_m, self.bounds.from_setpoint_m)
+        };
+        *seen_m = seen_m.max(off_m);
         let away = before_m.is_some_and(|before_m| off_m > before_m);
-        (off_m > self.bounds.from_setpoint_m && away)
-            .then(|| format!("the node is {off_m:.3} m from the set point and goes away from it"))
+        (off_m > bound_m && away).then(|| format!("the node is {off_m:.3} m from the set point and goes away from it"))
     }
 }
 

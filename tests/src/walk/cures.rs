@@ -27,14 +27,17 @@ pub enum Cure {
     AskOtherwise,
     /// The estimator in charge is started again.
     Restart,
+    /// Another controller takes over, `nims swap controller`.
+    OtherController,
     /// The line that is named is jogged taut.
     JogTaut,
 }
 
 /// Words of sentences and what they say to do.
-const WORDS: [(&str, Cure); 45] = [
+const WORDS: [(&str, Cure); 46] = [
     ("reset, see", Cure::Reset),
     ("restart the one that is off", Cure::Restart),
+    ("swap to another controller", Cure::OtherController),
     ("look at its log", Cure::Status),
     ("look at its configuration", Cure::Status),
     ("run it without --continue", Cure::AskOtherwise),

@@ -1,6 +1,7 @@
 //! A walk by chance: operator commands, deaths and lives of processes, and motions, in lockstep, with what has to hold checked after
 //! each cycle; and the way back to a finished motion by doing only what refusals say.
 
+mod astray;
 pub mod checks;
 pub mod cures;
 pub mod random;
@@ -11,7 +12,7 @@ use anyhow::{Context, Result, anyhow, bail};
 use cable_robot::law::PFeedforward;
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
-use messages::OperatorRequest;
+use messages::{OperatorRequest, SLOTS};
 use motor_io::CoreConfig;
 use planner::PlannerConfig;
 use service::config::{EstimatorSection, PlannerSection};
@@ -19,6 +20,7 @@ use std::collections::VecDeque;
 
 use crate::lockstep::{Chain, Cycle, Lockstep, core_config};
 use crate::scenarios::Case;
+use astray::Astray;
 use checks::{Bounds, Checks};
 use cures::{cures, is_settled};
 use random::Random;
@@ -45,6 +47,8 @@ pub struct Tally {
     pub lives: u64,
     /// Samples that were forged.
     pub forged: u64,
+    /// Controllers that went astray.
+    pub astray: u64,
     /// Motions that were begun.
     pub motions: u64,
     /// Largest values.
@@ -61,6 +65,7 @@ impl Tally {
         self.cures += other.cures;
         self.lives += other.lives;
         self.forged += other.forged;
+        self.astray += other.astray;
         self.motions += other.motions;
         let (a, b) = (&mut self.seen, &other.seen);
         for mode in 0..7 {
@@ -69,6 +74,7 @@ impl Tally {
             a.travel_m[mode] = a.travel_m[mode].max(b.travel_m[mode]);
         }
         a.from_setpoint_m = a.from_setpoint_m.max(b.from_setpoint_m);
+        a.led_away_m = a.led_away_m.max(b.led_away_m);
         a.alone_m = a.alone_m.max(b.alone_m);
         a.resting_m_s = a.resting_m_s.max(b.resting_m_s);
         a.swing_m_s = a.swing_m_s.max(b.swing_m_s);
@@ -119,6 +125,8 @@ pub struct Walk {
     random: Random,
     checks: Checks,
     last: Option<Cycle>,
+    /// Controllers that have gone wrong, by slot.
+    astray: [Option<Astray>; SLOTS],
     log: VecDeque<String>,
     /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to be given anew.
     powered_off: bool,
@@ -139,7 +147,8 @@ impl Walk {
         robot.zero_and_arm()?;
         let (parts, random) = (Parts::new(case)?, Random::new(seed));
         let (last, log, tally) = (None, VecDeque::new(), Tally::default());
-        Ok(Self { robot, parts, random, checks, last, log, powered_off: false, tally })
+        let astray = [None; SLOTS];
+        Ok(Self { robot, parts, random, checks, last, astray, log, powered_off: false, tally })
     }
 
     /// So many steps, with a way back now and then and at the end.
@@ -190,7 +199,13 @@ impl Walk {
             return wrong.map_or(Ok(()), |wrong| bail!("{wrong}"));
         }
         let cycle = self.robot.cycle()?;
-        let wrong = self.checks.cycle(&cycle, !self.robot.lets_go());
+        for (slot, astray) in self.astray.iter_mut().enumerate() {
+            if let Some(astray) = astray {
+                self.robot.slots_mut().alter_command(slot, |command| astray.alter(command));
+            }
+        }
+        let astray = self.astray[usize::from(cycle.authority.active_controller).min(SLOTS - 1)].is_some();
+        let wrong = self.checks.cycle(&cycle, !self.robot.lets_go(), astray);
         self.tally.seen = self.checks.seen;
         self.last = Some(cycle);
         match wrong {

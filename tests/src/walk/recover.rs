@@ -23,6 +23,12 @@ impl Walk {
     /// Brings the robot back to a finished motion by what refusals say.
     pub(super) fn recover(&mut self) -> Result<()> {
         let goal = HOME_M.map(|x| x + self.random.between(-0.1, 0.1));
+        // A law that is wrong in every cycle is replaced before anything else is tried.
+        for slot in 0..SLOTS {
+            if self.astray[slot].is_some() && self.robot.slots().lives(CONTROLLERS, slot) {
+                self.begin(CONTROLLERS, slot);
+            }
+        }
         for _ in 0..PATIENCE {
             let sentence = match self.goto(goal, 0.3, PathShape::Line, 0.0)? {
                 None => "the planner does not answer; start the robot with nims up".to_owned(),
@@ -129,6 +135,16 @@ impl Walk {
                 let slot = self.last.map_or(0, |last| usize::from(last.authority.in_charge[ESTIMATORS]));
                 self.begin(ESTIMATORS, slot);
                 self.periods(150)
+            }
+            Cure::OtherController => {
+                let slot = self.last.map_or(0, |last| 1 - usize::from(last.authority.in_charge[CONTROLLERS]).min(1));
+                if self.astray[slot].is_some() || !self.robot.slots().lives(CONTROLLERS, slot) {
+                    self.begin(CONTROLLERS, slot);
+                }
+                self.told(R::VERB_RESET)?;
+                self.periods(150)?;
+                self.ask(R::VERB_SWAP, [CONTROLLERS as f64, slot as f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])?;
+                self.periods(60)
             }
             Cure::JogTaut => {
                 self.told(R::VERB_RESET)?;

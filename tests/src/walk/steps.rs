@@ -1,6 +1,7 @@
 //! The steps of a walk: what an operator may ask for, and what may become of processes.
 
 use super::Walk;
+use super::astray::Astray;
 use anyhow::Result;
 use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, Header, MotorCommand, NodeEstimate, OperatorRequest as R, ROLES, SLOTS,
@@ -33,6 +34,7 @@ impl Walk {
                 self.robot.supervise(lives);
                 self.note(format!("supervisor lives: {lives}"));
             }
+            90..92 => self.lead_astray(),
             _ => self.forge(),
         }
         let cycles = 1 + self.random.below(12);
@@ -143,6 +145,7 @@ impl Walk {
             let law = self.random.below(self.parts.laws.len());
             let config = controller::ControllerConfig { law: self.parts.laws[law], ..self.parts.controller };
             self.robot.slots_mut().start_controller(slot, &config);
+            self.astray[slot] = None;
             self.note(format!("controller {slot} begins with law {law}"));
         } else {
             let method = self.random.below(self.parts.methods.len());
@@ -150,6 +153,18 @@ impl Walk {
             self.robot.slots_mut().start_estimator(slot, &config, self.parts.methods[method]);
             self.note(format!("estimator {slot} begins with method {method}"));
         }
+    }
+
+    /// The controller in a slot goes wrong, and stays so until it is started again.
+    fn lead_astray(&mut self) {
+        let slot = self.random.below(SLOTS);
+        if !self.robot.slots().lives(CONTROLLERS, slot) {
+            return;
+        }
+        let astray = Astray::by_chance(&mut self.random);
+        self.tally.astray += 1;
+        self.note(format!("controller {slot} goes astray: {astray:?}"));
+        self.astray[slot] = Some(astray);
     }
 
     fn end_somebody(&mut self) {

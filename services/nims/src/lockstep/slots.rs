@@ -116,6 +116,13 @@ impl Slots {
         self.commands[slot] = Some(command);
     }
 
+    /// A controller that has gone wrong: what it has just answered becomes this.
+    pub fn alter_command(&mut self, slot: usize, alter: impl FnOnce(&mut MotorCommand)) {
+        if let Some(command) = &mut self.commands[slot] {
+            alter(command);
+        }
+    }
+
     /// Kills a controller or an estimator ([`CONTROLLERS`], [`messages::ESTIMATORS`]) in its slot; `unheard`: before its last answer had
     /// left it.
     pub fn kill(&mut self, role: usize, slot: usize, unheard: bool) {

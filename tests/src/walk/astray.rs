@@ -1,0 +1,40 @@
+//! Controllers that have gone wrong: they answer every cycle in time, as a sound one does, and with the wrong velocities.
+
+use super::random::Random;
+use messages::{CABLES, MotorCommand, SLOTS};
+
+/// What became of a controller.
+#[derive(Debug, Clone, Copy)]
+pub enum Astray {
+    /// Its velocities are multiplied: by less than 0 it leads away, by 0 it does nothing, by more than 1 it does too much.
+    Factor(f64),
+    /// One cable gets so much on top, m/s.
+    Bias(usize, f64),
+    /// It says for good what it said first.
+    Stuck(Option<[f64; SLOTS * CABLES]>),
+    /// Every velocity is this.
+    All(f64),
+}
+
+impl Astray {
+    /// One of them.
+    pub(super) fn by_chance(random: &mut Random) -> Self {
+        match random.below(4) {
+            0 => Self::Factor(random.of(&[-3.0, -1.0, -0.3, 0.0, 2.0, 5.0])),
+            1 => Self::Bias(random.below(3), random.of(&[-0.3, -0.1, -0.03, 0.03, 0.1, 0.3])),
+            2 => Self::Stuck(None),
+            _ => Self::All(random.of(&[f64::NAN, f64::INFINITY, 1e300, -0.2, 0.2])),
+        }
+    }
+
+    /// What it says instead.
+    pub(super) fn alter(&mut self, command: &mut MotorCommand) {
+        let velocity_m_s = &mut command.velocity_m_s;
+        match self {
+            Self::Factor(factor) => velocity_m_s.iter_mut().for_each(|v| *v *= *factor),
+            Self::Bias(cable, by_m_s) => (0..SLOTS).for_each(|row| velocity_m_s[row * CABLES + *cable] += *by_m_s),
+            Self::Stuck(said) => *velocity_m_s = *said.get_or_insert(*velocity_m_s),
+            Self::All(all_m_s) => velocity_m_s.fill(*all_m_s),
+        }
+    }
+}
