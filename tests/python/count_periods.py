@@ -22,6 +22,7 @@ FAULT_PLANNER_LOST, FAULT_COMMAND_REFUSED, FAULT_COMPUTER = 65536, 131072, 52428
 BY_ABSENCE = FAULT_SUPERVISOR_LOST | FAULT_PLANNER_LOST
 STOPS = FAULT_LONG_GAP | FAULT_COMPUTER | BY_ABSENCE | FAULT_COMMAND_LOST | FAULT_ESTIMATE_LOST | FAULT_COMMAND_REFUSED
 LATE_SHARE, CHAIN_SHARE = 0.5, 0.3
+EXCHANGE_SHARE = 1.0 - CHAIN_SHARE
 
 
 def cycles_of(run):
@@ -41,6 +42,12 @@ def skipped(now, before, period_s):
     """Periods between two ticks that never ran."""
     periods = max(now.tick_ns - before.tick_ns, 0) * 1e-9 / period_s
     return max(int(periods + 0.5) - 1, 0)
+
+
+def overrun(now, before, period_s):
+    """Of how many of them the tick fell into the exchange before."""
+    periods = lambda until_ns: int(max(until_ns - before.tick_ns, 0) * 1e-9 / period_s)
+    return min(max(periods(before.end_ns) - periods(before.begin_ns), 0), skipped(now, before, period_s))
 
 
 def is_fresh(told, authority):
@@ -63,13 +70,14 @@ class Life:
         self.late_tick = False
 
     def judge(self, told, authority):
-        """What the cycle is, and how many periods before it never ran and what those are."""
+        """What the cycle is; and what the periods before it that never ran are, and how many."""
         before, period_s = self.told, authority.period_s
         grown = lambda now, then: (now - then) * 1e-9 > CHAIN_SHARE * period_s
         waited = lambda now, then: then != 0 and grown(now, then)
         under_way = self.authority is not None and self.authority.motion != 0
         fresh = is_fresh(told, authority)
-        late_tick = (told.begin_ns - told.tick_ns) * 1e-9 > LATE_SHARE * period_s
+        could_ns = max(told.tick_ns, before.end_ns if before is not None else 0)
+        late_tick = (told.begin_ns - could_ns) * 1e-9 > LATE_SHARE * period_s
         kept = before is not None and (
             waited(told.run_delay_ns, before.run_delay_ns) or grown(told.box_left_out_ns, before.box_left_out_ns)
         )
@@ -103,7 +111,8 @@ class Life:
             starved = before is not None and any(
                 waited(told.chain_delay_ns[seat], before.chain_delay_ns[seat]) for seat in (controller, 2 + estimator)
             )
-            cause = COMPUTER if late or starved else ANSWER
+            slow = before is not None and (before.end_ns - before.begin_ns) * 1e-9 > EXCHANGE_SHARE * period_s
+            cause = COMPUTER if late or starved else DRIVE if slow else ANSWER
 
         if not under_way:
             period = NO_MISSION
@@ -117,10 +126,15 @@ class Life:
                 self.cause = cause
         if not under_way:
             self.cause = 0
-        gap = (PAUSED if self.period == PAUSED else COMPUTER, skipped(told, before, period_s) if under_way else 0)
+        gaps = []
+        if under_way:
+            gap, over = skipped(told, before, period_s), overrun(told, before, period_s)
+            slow = self.trouble or (COMPUTER if held_up else DRIVE)
+            paused = self.period == PAUSED
+            gaps = [(PAUSED if paused else COMPUTER, gap - over), (PAUSED if paused else slow, over)]
         self.told, self.authority, self.period, self.trouble = told, authority, period, trouble
         self.late_tick = late_tick
-        return period, gap
+        return period, gaps
 
 
 def main(run):
@@ -135,10 +149,11 @@ def main(run):
                 carried = life.told.mission
             life, mine, lives = Life(), [0] * 7, lives + 1
         before = life.told
-        period, (what, gap) = life.judge(told, authority)
+        period, gaps = life.judge(told, authority)
         for counts in (total, mine):
             counts[period] += 1
-            counts[what] += gap
+            for what, gap in gaps:
+                counts[what] += gap
         if carried is not None:
             if period == NO_MISSION and told.mission == carried and carried != 0:
                 total[ANSWER] += 1 + (0 if before is None else skipped(told, before, authority.period_s))

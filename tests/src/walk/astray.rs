@@ -17,13 +17,15 @@ pub enum Astray {
 }
 
 impl Astray {
-    /// One of them.
-    pub(super) fn by_chance(random: &mut Random) -> Self {
-        match random.below(4) {
-            0 => Self::Factor(random.of(&[-3.0, -1.0, -0.3, 0.0, 2.0, 5.0])),
-            1 => Self::Bias(random.below(3), random.of(&[-0.3, -0.1, -0.03, 0.03, 0.1, 0.3])),
-            2 => Self::Stuck(None),
-            _ => Self::All(random.of(&[f64::NAN, f64::INFINITY, 1e300, -0.2, 0.2])),
+    /// One of them. More cables than dimensions (`redundant`) are never moved against each other: that ends in a stalled motor or a slack
+    /// line, and the way back is to loosen the lines by hand. A law that is too sharp for them sets their spring going.
+    pub(super) fn by_chance(random: &mut Random, redundant: bool) -> Self {
+        match random.below(if redundant { 3 } else { 5 }) {
+            0 => Self::Factor(random.of(&[-3.0, -1.0, -0.3, 0.0, if redundant { 0.5 } else { 2.0 }])),
+            1 => Self::Stuck(None),
+            2 => Self::All(random.of(&[f64::NAN, f64::INFINITY, 1e300])),
+            3 => Self::All(random.of(&[-0.2, 0.2])),
+            _ => Self::Bias(random.below(3), random.of(&[-0.3, -0.1, -0.03, 0.03, 0.1, 0.3])),
         }
     }
 

@@ -161,7 +161,7 @@ impl Walk {
         if !self.robot.slots().lives(CONTROLLERS, slot) {
             return;
         }
-        let astray = Astray::by_chance(&mut self.random);
+        let astray = Astray::by_chance(&mut self.random, self.robot.plant().cable_count() > 3);
         self.tally.astray += 1;
         self.note(format!("controller {slot} goes astray: {astray:?}"));
         self.astray[slot] = Some(astray);

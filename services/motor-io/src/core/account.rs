@@ -43,12 +43,14 @@ pub(super) struct Account {
     /// What kept a unit from answering in the cycle before: no command can answer to that cycle.
     trouble: Option<u8>,
     tick_ns: u64,
+    begin_ns: u64,
+    end_ns: u64,
 }
 
 impl Account {
     /// Closes a cycle, after the drives have answered.
     pub(super) fn close(&mut self, input: &MotorInput, cycle: &Cycle) {
-        let before = self.period;
+        let (before, trouble_before) = (self.period, self.trouble);
         let (trouble, cause) = self.judge(input, cycle);
         self.period = match () {
             () if !cycle.under_way => MotorAuthority::PERIOD_NO_MISSION,
@@ -64,12 +66,14 @@ impl Account {
         self.trouble = trouble;
         self.counts[usize::from(self.period)] += 1;
         if cycle.under_way {
-            // A period that never ran is a tick that came late by whole periods; what it is follows from the cycle before.
+            // What a period is that never ran follows from the cycle before.
+            let (skipped, overrun) = self.skipped(input, cycle.period_s);
             let paused = before == MotorAuthority::PERIOD_PAUSED;
-            let skipped = if paused { before } else { MotorAuthority::PERIOD_LOST_COMPUTER };
-            self.counts[usize::from(skipped)] += self.skipped(input, cycle.period_s);
+            let of = |cause| usize::from(if paused { before } else { cause });
+            self.counts[of(MotorAuthority::PERIOD_LOST_COMPUTER)] += skipped - overrun;
+            self.counts[of(trouble_before.unwrap_or_else(|| slow(cycle)))] += overrun;
         }
-        self.tick_ns = input.tick_ns;
+        (self.tick_ns, self.begin_ns, self.end_ns) = (input.tick_ns, input.begin_ns, input.end_ns);
     }
 
     /// What keeps a unit from answering in this cycle, and the cause of the period if it is lost.
@@ -84,9 +88,10 @@ impl Account {
             Trouble::Late => MotorAuthority::PERIOD_LOST_COMPUTER,
         });
         // No answer to the cycle before is the computer's fault only where the kernel says so.
-        let silence = match cycle.evidence.of_chain(cycle.in_charge) {
-            true => MotorAuthority::PERIOD_LOST_COMPUTER,
-            false => MotorAuthority::PERIOD_LOST_ANSWER,
+        let silence = match () {
+            () if cycle.evidence.of_chain(cycle.in_charge) => MotorAuthority::PERIOD_LOST_COMPUTER,
+            () if cycle.evidence.slow_drives() => MotorAuthority::PERIOD_LOST_DRIVE,
+            () => MotorAuthority::PERIOD_LOST_ANSWER,
         };
         let cause = match () {
             () if at_rest(cycle) && !cycle.fresh && cycle.faults & STOPS != 0 => self.cause_of_stop(cycle.faults),
@@ -113,13 +118,16 @@ impl Account {
         }
     }
 
-    /// Periods between the last tick and this one that never ran: ticks are due at whole periods.
-    fn skipped(&self, input: &MotorInput, period_s: f64) -> u64 {
+    /// Periods between the last tick and this one that never ran, for ticks are due at whole periods; and of how many the tick fell
+    /// into the exchange before.
+    fn skipped(&self, input: &MotorInput, period_s: f64) -> (u64, u64) {
         if self.tick_ns == 0 {
-            return 0;
+            return (0, 0);
         }
-        let periods = input.tick_ns.saturating_sub(self.tick_ns) as f64 * 1e-9 / period_s;
-        ((periods + 0.5) as u64).saturating_sub(1)
+        let periods = |until_ns: u64| until_ns.saturating_sub(self.tick_ns) as f64 * 1e-9 / period_s;
+        let skipped = ((periods(input.tick_ns) + 0.5) as u64).saturating_sub(1);
+        let overrun = (periods(self.end_ns) as u64).saturating_sub(periods(self.begin_ns) as u64);
+        (skipped, skipped.min(overrun))
     }
 
     /// Writes what it came to.
@@ -134,6 +142,11 @@ impl Account {
         authority.lost_answer = of(MotorAuthority::PERIOD_LOST_ANSWER);
         authority.periods = self.counts[1..].iter().sum();
     }
+}
+
+/// Why an exchange took longer than a period although every unit answered.
+fn slow(cycle: &Cycle) -> u8 {
+    if cycle.evidence.of_drives() { MotorAuthority::PERIOD_LOST_COMPUTER } else { MotorAuthority::PERIOD_LOST_DRIVE }
 }
 
 /// No command is asked for: the robot comes to rest by itself, or is at rest.

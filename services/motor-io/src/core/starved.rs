@@ -6,12 +6,13 @@ use super::{Core, LONGEST_GAP_S};
 use crate::faults::Faults;
 use messages::{MotorAuthority, MotorInput, SEATS, SLOTS};
 
-/// A cycle that begins later after its tick than this share of a period is late: patience for an answer never lasts so long.
+/// A cycle that begins later than this share of a period after it could have is late: patience for an answer never lasts so long. It could
+/// have begun at its tick, or at the end of the exchange before, if that lasted longer.
 const LATE_SHARE: f64 = 0.5;
 /// Share of a period that estimator and controller need for an answer; a thread that waited longer than this for a processor had no time.
 const CHAIN_SHARE: f64 = 0.3;
-/// A tick that came more than this many periods after the last one was late.
-const LATE_PERIODS: f64 = 1.5;
+/// Share of a period that an exchange with the drives may take: more leaves estimator and controller too little.
+const EXCHANGE_SHARE: f64 = 1.0 - CHAIN_SHARE;
 /// Evidence older than this does not explain that a command is still missing: who waits for a processor shows it in every cycle, and a
 /// process that has died beside a hiccup does not.
 const RECENT_CYCLES: u32 = 3;
@@ -36,6 +37,8 @@ pub(super) struct Evidence {
     /// The exchange with the drives before ended so late, because the computer kept this program or the virtual box waiting, that estimator
     /// and controller had no time for an answer.
     overrun: bool,
+    /// The same, because the drives took so long.
+    slow_drives: bool,
     /// This program's thread waited for a processor.
     waited: bool,
     /// The virtual box left out time for want of a processor.
@@ -48,6 +51,11 @@ impl Evidence {
     /// What the drives did not answer in this cycle may be for want of a processor.
     pub fn of_drives(&self) -> bool {
         self.late_tick || self.waited || self.left_out
+    }
+
+    /// The drives took so long in the cycle before that nothing could answer to it.
+    pub fn slow_drives(&self) -> bool {
+        self.slow_drives
     }
 
     /// What these slots did not answer to the cycle before may be.
@@ -107,7 +115,8 @@ impl Core {
         let grown = |now_ns: u64, then_ns: u64| now_ns.saturating_sub(then_ns) as f64 * 1e-9 > CHAIN_SHARE * period_s;
         let waited = |now_ns: u64, then_ns: u64| then_ns != 0 && grown(now_ns, then_ns);
         let starved = &mut self.starved;
-        let late_tick = since_s(input.tick_ns) > LATE_SHARE * period_s;
+        let could_ns = input.tick_ns.max(self.end_ns);
+        let late_tick = since_s(could_ns) > LATE_SHARE * period_s;
         let own_wait = waited(input.run_delay_ns, starved.run_delay_ns);
         starved.left_out_s = input.box_left_out_ns.saturating_sub(starved.box_left_out_ns) as f64 * 1e-9;
         let left_out = starved.left_out_s > CHAIN_SHARE * period_s;
@@ -116,6 +125,7 @@ impl Core {
         starved.now = Evidence {
             late_tick,
             overrun: held_up && !grown(input.begin_ns, self.end_ns),
+            slow_drives: self.end_ns.saturating_sub(self.begin_ns) as f64 * 1e-9 > EXCHANGE_SHARE * period_s,
             waited: own_wait,
             left_out,
             chain: std::array::from_fn(|seat| waited(input.chain_delay_ns[seat], starved.chain_delay_ns[seat])),
@@ -123,7 +133,9 @@ impl Core {
         (starved.run_delay_ns, starved.chain_delay_ns) = (input.run_delay_ns, input.chain_delay_ns);
         starved.box_left_out_ns = input.box_left_out_ns;
 
-        let own = starved.now.of_drives() || since_s(self.begin_ns) > LATE_PERIODS * period_s;
+        // A whole period passed between the end of the exchange and the tick: this program slept through another one.
+        let slept = self.end_ns != 0 && input.tick_ns.saturating_sub(self.end_ns) as f64 * 1e-9 > period_s;
+        let own = starved.now.of_drives() || slept;
         let in_charge = self.arbiter.in_charge();
         let age = |age: u32, evidence: bool| if evidence { 0 } else { age.saturating_add(1) };
         starved.own_age = age(starved.own_age, own);
@@ -150,12 +162,13 @@ impl Core {
         self.starved.within(0)
     }
 
-    /// Controllers and estimators that may have had no processor to answer to the cycle before, each beside the one in charge of the other role.
+    /// Controllers and estimators that may have had no processor, or no time, to answer to the cycle before, each beside the one in charge of the
+    /// other role.
     pub(super) fn starved_seats(&self) -> [bool; SEATS] {
         let (controller, estimator) = self.arbiter.in_charge();
         std::array::from_fn(|seat| {
             let pair = if seat < SLOTS { (seat, estimator) } else { (controller, seat - SLOTS) };
-            self.starved.now.of_chain(pair)
+            self.starved.now.slow_drives || self.starved.now.of_chain(pair)
         })
     }
 

@@ -146,3 +146,29 @@ fn tensions_from_late_readings_make_no_line_slack() {
     rig.until(60, |rig| rig.mode() == A::MODE_FAULTED);
     assert_eq!(rig.faults(), A::FAULT_SLACK);
 }
+
+#[test]
+fn a_slow_or_silent_drive_is_no_busy_computer() {
+    let mut rig = following();
+    let before = rig.seen().authority;
+    // The exchange waits for the unit until the next tick and half of the period behind it; a tick falls into it each time.
+    (rig.unit[1], rig.exchange_ns) = (MotorInput::UNIT_SILENT, 17_000_000);
+    rig.step();
+    for _ in 0..20 {
+        rig.step_after(PERIOD_NS as i64, 7_000_000);
+    }
+    let after = rig.seen().authority;
+    assert_eq!((after.lost_computer, after.faults & A::FAULT_COMPUTER), (before.lost_computer, 0));
+    assert!(after.lost_drive > before.lost_drive + 30, "{} periods", after.lost_drive - before.lost_drive);
+
+    // Drives that answer late, and leave the chain no time: theirs too.
+    let mut rig = following();
+    let before = rig.seen().authority;
+    rig.controller = None;
+    rig.exchange_ns = 9_500_000;
+    rig.steps(2);
+    let after = rig.seen().authority;
+    let lost = [after.lost_computer - before.lost_computer, after.lost_drive - before.lost_drive];
+    // The first answer that is missing is to a cycle that left time enough.
+    assert_eq!((lost, after.lost_answer - before.lost_answer), ([0, 1], 1));
+}
