@@ -22,6 +22,8 @@ const UNIT_EXCHANGES: f64 = 3.0;
 const TURNAROUND_S: f64 = 0.000_3;
 /// Part of a period that the bus may take, so that the control chain has the rest.
 const BUS_SHARE: f64 = 0.8;
+/// Anchors nearer to one line than this share of its length are warned of: lengths that are 5 mm off move the node 100 times as far.
+const SLENDER: f64 = 0.01;
 
 /// How bad it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -211,6 +213,20 @@ fn middle(robot: &Robot) -> Vector3<f64> {
     centre
 }
 
+/// Anchors that lie nearly on one line leave one direction of the node to chance.
+fn slender(robot: &Robot) -> Option<Finding> {
+    let [first, rest @ ..] = &robot.anchors()[..] else { return None };
+    let along = rest.iter().map(|p| p - first).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
+    let beside = rest.iter().map(|p| along.cross(&(p - first)).norm() / along.norm_squared()).fold(0.0, f64::max);
+    (!robot.is_planar() && beside < SLENDER).then(|| {
+        let (off_m, long_m) = (beside * along.norm(), along.norm());
+        warning(
+            format!("the anchors lie within {off_m:.3} m of one straight line of {long_m:.1} m, so the place of the node beside it is hardly known"),
+            "check anchors_m, or put one anchor farther from that line",
+        )
+    })
+}
+
 fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
     let robot = file.robot().map_err(Failure::bad)?;
     let distribution = robot.default_distribution();
@@ -240,6 +256,7 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
             "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",
         ),
     });
+    findings.extend(slender(&robot));
     findings.extend(file.calibration.as_ref().map(calibrated));
     findings.extend(robot.motor_table().map(|table| measured(&robot, table)));
     let (fastest, tightest) = (robot.speed_limit_m_s(), robot.tension_limits_n()[1]);
@@ -380,16 +397,7 @@ fn box_file(file: &BoxFile) -> Answer<Vec<Finding>> {
             ));
         }
     }
-    if let Some(section) = &file.motor_box {
-        let best = (2.0 * (section.delay_s + section.lag_s) / period + 3.0).round() as usize;
-        let horizon = file.controller.horizon_cycles;
-        if horizon < best / 2 || horizon > 2 * best {
-            findings.push(warning(
-                format!("controller.horizon_cycles = {horizon} is far from 2 (delay + lag) / period + 3 = {best}"),
-                "a short horizon rings, a long one lags: set it near that number",
-            ));
-        }
-    }
+    findings.extend(horizon(file));
     if file.estimator.stretch != file.controller.stretch {
         findings.push(warning(
             "`stretch` differs between [estimator] and [controller]".to_owned(),
@@ -397,6 +405,19 @@ fn box_file(file: &BoxFile) -> Answer<Vec<Finding>> {
         ));
     }
     Ok(findings)
+}
+
+/// A horizon of the paper's law that does not fit the drives, where their delay and lag are known.
+pub(crate) fn horizon(file: &BoxFile) -> Option<Finding> {
+    let section = file.motor_box.as_ref()?;
+    let best = (2.0 * (section.delay_s + section.lag_s) / file.period_s() + 3.0).round() as usize;
+    let horizon = file.controller.horizon_cycles;
+    (horizon < best / 2 || horizon > 2 * best).then(|| {
+        warning(
+            format!("controller.horizon_cycles = {horizon} is far from 2 (delay + lag) / period + 3 = {best}"),
+            "a short horizon rings, a long one lags: set it near that number",
+        )
+    })
 }
 
 /// What a mission comes to.

@@ -253,7 +253,7 @@ fn up(asked: &cli::Up, domain: Option<&str>, json: bool) -> Answer {
     let (ending, watched) = supervisor::up(asked, domain)?;
     let run = &ending.run;
     let mode = ending.mode.map_or("unknown", status::mode_name);
-    let mut words = vec![format!("the robot is left in mode {mode}; the run is in {}", run.display())];
+    let mut words = vec![format!("the robot is left in mode {mode}; {}", ending.place())];
     // A mission that did not come to its end leaves a question, and the page answers it.
     let page = ending.unfinished.as_ref().map(|_| report::after(run));
     words.extend(ending.unfinished.clone());

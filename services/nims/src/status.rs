@@ -22,10 +22,15 @@ const PATIENCE_NS: u64 = 1_500_000_000;
 const LOOK_NS: u64 = 20_000_000;
 /// The recorder speaks once a second; what is older than this is not the present any more, s.
 const OLD_S: f64 = 2.5;
+/// motor-io that has not been heard for this long steers nothing, s: a shared machine stands still for up to 0.25 s.
+const SILENT_S: f64 = 1.0;
 /// A cycle without readings has no estimate: where the position is known, the next ones are worth waiting for.
 const ESTIMATE_NS: u64 = 300_000_000;
 /// What a process has said before is given to a late listener with its next heartbeat, five times a second.
 const LOG_NS: u64 = 500_000_000;
+
+/// Why no mission runs.
+const WITHOUT_MOTOR_IO: &str = "motor-io does not run";
 
 /// Below this much free shared memory a process may not find room, bytes.
 const SCARCE_BYTES: u64 = 8 << 20;
@@ -153,7 +158,9 @@ pub fn status(bus: &Bus) -> Answer<(Value, String)> {
         value["tracking_error_m"] = json!(control.error_norm_m);
     }
     if let Some(plan) = &plan.sample {
-        mission(plan, authority.sample.as_ref(), &mut value, &mut lines);
+        let heard = authority.sample.as_ref();
+        let steered = steering(heard, processes.get("motor-io"), clock::now_ns());
+        mission(plan, steered, &mut value, &mut lines);
     }
     if let Some(recorder) = &recorder.sample {
         let recording = recording_words(recorder, clock::now_ns());
@@ -274,12 +281,35 @@ fn slots(slots: &MotorSlots, processes: &BTreeMap<String, ProcessState>, value: 
     }
 }
 
-fn mission(plan: &PlanStatus, authority: Option<&MotorAuthority>, value: &mut Value, lines: &mut Vec<String>) {
+/// What a motor-io says that steers at present; otherwise why none does. Its last sample may outlive it.
+fn steering<'a>(
+    authority: Option<&'a MotorAuthority>,
+    row: Option<&ProcessState>,
+    now_ns: u64,
+) -> Result<&'a MotorAuthority, String> {
+    let ended = [ProcessState::STATE_DIED, ProcessState::STATE_GAVE_UP, ProcessState::STATE_STOPPED];
+    let ended = row.is_some_and(|row| ended.contains(&row.state));
+    let Some(authority) = authority.filter(|_| !ended) else { return Err(WITHOUT_MOTOR_IO.to_owned()) };
+    let age_s = now_ns.saturating_sub(authority.header.stamp_ns) as f64 * 1e-9;
+    if age_s > SILENT_S {
+        return Err(format!("motor-io has said nothing for {age_s:.0} s"));
+    }
+    Ok(authority)
+}
+
+fn mission(plan: &PlanStatus, steered: Result<&MotorAuthority, String>, value: &mut Value, lines: &mut Vec<String>) {
+    let was = is_on(plan) && steered.is_err();
+    let state = format!("{}{}", if was { "was " } else { "" }, mission_state(plan.state));
     value["mission"] = json!({
-        "state": mission_state(plan.state), "name": text_of(&plan.mission), "leg": plan.leg, "legs": plan.legs, "progress": plan.progress,
-        "time_left_s": plan.time_left_s, "reason": text_of(&plan.reason),
+        "state": state, "name": text_of(&plan.mission), "leg": plan.leg, "legs": plan.legs,
+        "progress": plan.progress, "time_left_s": (!was).then_some(plan.time_left_s), "reason": text_of(&plan.reason),
     });
-    lines.push(format!("mission    {}", mission_words(plan, authority)));
+    lines.push(format!("mission    {}", steered_words(plan, steered)));
+}
+
+/// Whether the planner has a mission under way.
+fn is_on(plan: &PlanStatus) -> bool {
+    matches!(plan.state, PlanStatus::STATE_READY | PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED)
 }
 
 fn mission_state(state: u8) -> &'static str {
@@ -294,28 +324,35 @@ fn mission_state(state: u8) -> &'static str {
     }
 }
 
-/// What the planner does, on one line.
+/// What the planner does, on one line; `authority` is what a motor-io says that runs.
 pub(crate) fn mission_words(plan: &PlanStatus, authority: Option<&MotorAuthority>) -> String {
+    steered_words(plan, authority.ok_or_else(|| WITHOUT_MOTOR_IO.to_owned()))
+}
+
+/// The same, or why nothing steers: without motor-io no mission runs, whatever the planner says.
+fn steered_words(plan: &PlanStatus, steered: Result<&MotorAuthority, String>) -> String {
     let (name, reason) = (text_of(&plan.mission), text_of(&plan.reason));
-    let slows = authority.is_some_and(|authority| {
+    let slows = steered.as_ref().is_ok_and(|authority| {
         let moves = matches!(authority.mode, MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_STOPPING);
         moves && authority.plan_rate_target == 0.0
     });
+    let without = steered.err().filter(|_| is_on(plan));
     let mut line = match plan.state {
         PlanStatus::STATE_RUNNING if slows => "slowing down".to_owned(),
+        state if without.is_some() => format!("was {}", mission_state(state)),
         state => mission_state(state).to_owned(),
     };
     if !name.is_empty() {
         line += &format!(": {name}");
     }
     if matches!(plan.state, PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED) {
-        line += &format!(
-            ", leg {} of {}, {:.0} %, {:.0} s left",
-            plan.leg,
-            plan.legs,
-            100.0 * plan.progress,
-            plan.time_left_s
-        );
+        line += &format!(", leg {} of {}, {:.0} %", plan.leg, plan.legs, 100.0 * plan.progress);
+        if without.is_none() {
+            line += &format!(", {:.0} s left", plan.time_left_s);
+        }
+    }
+    if let Some(without) = without {
+        line += &format!("; {without}, so nothing moves");
     }
     if !reason.is_empty() {
         line += &format!("; {reason}");
@@ -353,7 +390,32 @@ mod tests {
         assert!(mission_words(&plan, Some(&authority)).starts_with("slowing down"));
         authority.plan_rate_target = 1.0;
         assert!(mission_words(&plan, Some(&authority)).starts_with("running"));
-        assert!(mission_words(&plan, None).starts_with("running"));
+    }
+
+    #[test]
+    fn no_mission_runs_without_motor_io() {
+        let second_ns = 1_000_000_000;
+        let mut plan = PlanStatus { state: PlanStatus::STATE_RUNNING, time_left_s: 14.0, ..PlanStatus::default() };
+        let mut authority = MotorAuthority { mode: MotorAuthority::MODE_FOLLOWING, ..MotorAuthority::default() };
+        (authority.header.stamp_ns, authority.plan_rate_target) = (10 * second_ns, 1.0);
+        let died = ProcessState { state: ProcessState::STATE_DIED, ..ProcessState::default() };
+        let (row, now_ns) = (Some(&died), 10 * second_ns);
+        assert!(steering(Some(&authority), None, now_ns).is_ok());
+        for (steered, why) in [
+            (steering(None, None, now_ns), "motor-io does not run"),
+            (steering(Some(&authority), row, now_ns), "motor-io does not run"),
+            (steering(Some(&authority), None, 14 * second_ns), "motor-io has said nothing for 4 s"),
+        ] {
+            let (mut value, mut lines) = (json!({}), Vec::new());
+            mission(&plan, steered, &mut value, &mut lines);
+            let line = &lines[0];
+            assert!(line.contains("was running") && line.contains(why) && !line.contains("left"), "{line}");
+            assert_eq!(value["mission"]["state"], "was running");
+            assert!(value["mission"]["time_left_s"].is_null(), "{value}");
+        }
+        assert!(mission_words(&plan, None).starts_with("was running"));
+        plan.state = PlanStatus::STATE_DONE;
+        assert_eq!(mission_words(&plan, None), "done");
     }
 
     #[test]

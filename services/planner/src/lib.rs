@@ -20,6 +20,7 @@ pub mod process;
 pub mod progress;
 pub mod requests;
 pub mod scan;
+mod stopped;
 
 pub use dry_run::{Summary, dry_run};
 pub use mission::Mission;

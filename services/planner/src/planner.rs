@@ -13,6 +13,7 @@ use crate::flight::{Flight, Later};
 use crate::mission::{self, Leg, Mission, MissionError, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
+use crate::stopped::stopped_by;
 
 /// An estimate this many cycles behind motor-io is no longer where the node is.
 const STALE_CYCLES: u64 = 20;
@@ -28,6 +29,11 @@ const MAP_NS: u64 = 20_000_000_000;
 
 /// motor-io that has not been heard for this long is gone, ns. A shared machine stands still for up to 250 ms.
 const SILENT_NS: u64 = 1_000_000_000;
+
+/// Why a mission is given up that nothing has stopped.
+const NO_MAP: &str = "no map came for the adaptive leg; is the sensor-logger running, and is there a map of that name? See nims channel list";
+const OFF_START: &str = "motor-io believes that the node is elsewhere than the estimate says, so the motion was not started; see nims status, restart the estimator, and ask again";
+const NOT_TAKEN_UP: &str = "the motion was not taken up within 5 s; is the controller running? See nims status";
 
 /// What the planner knows when it is asked something.
 #[derive(Debug, Clone, Copy)]
@@ -499,24 +505,15 @@ impl Planner {
         {
             let since_ns = *flight.waits_ns.get_or_insert(now_ns);
             status.state = PlanStatus::STATE_RUNNING;
-            (now_ns.saturating_sub(since_ns) > MAP_NS).then_some((
-                PlanStatus::STATE_ABORTED,
-                "no map came for the adaptive leg; is the sensor-logger running, and is there a map of that name? See nims channel list",
-            ))
+            (now_ns.saturating_sub(since_ns) > MAP_NS).then(|| (PlanStatus::STATE_ABORTED, NO_MAP.to_owned()))
         } else if !moving && time_s >= end_s {
-            Some((PlanStatus::STATE_DONE, ""))
+            Some((PlanStatus::STATE_DONE, String::new()))
         } else if !matches!(authority.mode, MotorAuthority::MODE_HOLDING) && !moving {
             Some((PlanStatus::STATE_ABORTED, stopped_by(authority)))
         } else if !flight.taken_up && authority.faults & MotorAuthority::FAULT_OFF_START != 0 {
-            Some((
-                PlanStatus::STATE_ABORTED,
-                "motor-io believes that the node is elsewhere than the estimate says, so the motion was not started; see nims status, restart the estimator, and ask again",
-            ))
+            Some((PlanStatus::STATE_ABORTED, OFF_START.to_owned()))
         } else if !flight.taken_up && now_ns.saturating_sub(flight.accepted_ns) > TAKE_UP_NS {
-            Some((
-                PlanStatus::STATE_ABORTED,
-                "the motion was not taken up within 5 s; is the controller running? See nims status",
-            ))
+            Some((PlanStatus::STATE_ABORTED, NOT_TAKEN_UP.to_owned()))
         } else {
             status.state = if !flight.taken_up {
                 PlanStatus::STATE_READY
@@ -531,7 +528,7 @@ impl Planner {
         if let Some((state, reason)) = over {
             status.state = state;
             status.time_left_s = 0.0;
-            put_sentence(&mut status.reason, reason);
+            put_sentence(&mut status.reason, &reason);
             if let Some(progress) = self.progress.as_mut().filter(|_| flight.kept) {
                 progress.done = state == PlanStatus::STATE_DONE;
             }
@@ -554,15 +551,5 @@ pub fn state_text(status: &PlanStatus) -> String {
     match text_of(&status.reason) {
         reason if reason.is_empty() => word.to_owned(),
         reason => format!("{word}: {reason}"),
-    }
-}
-
-fn stopped_by(authority: &MotorAuthority) -> &'static str {
-    match authority.mode {
-        MotorAuthority::MODE_EMERGENCY_STOP => "emergency stop",
-        MotorAuthority::MODE_FAULTED => "a fault stopped the robot; nims status names it",
-        MotorAuthority::MODE_DISARMED => "the robot was disarmed or motor-io restarted",
-        _ if authority.faults != 0 => "the robot was stopped for a reason that nims status names",
-        _ => "the robot was stopped",
     }
 }

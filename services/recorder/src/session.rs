@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
 use messages::{Message, RecorderGap, RecorderStatus, put_sentence, put_text};
-use runlog::{ChannelId, ChannelSpec, RunClock, RunError, RunWriter, kept_files, next_file};
+use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunError, RunWriter, kept_files, next_file};
 
 use crate::batch::{Batch, Heard};
 use crate::recording::Recording;
@@ -73,6 +73,8 @@ pub struct Session {
     unfinished: bool,
     /// The file was removed or moved while it was written.
     removed: bool,
+    /// What the last file began with beside its samples: the next one is to begin with it even where the run folder has lost it.
+    kept: Vec<Attachment>,
     /// It could not be seen at the last look whether the file is still there.
     unseen: bool,
 }
@@ -101,6 +103,7 @@ impl Session {
             reason: String::new(),
             unfinished: false,
             removed: false,
+            kept: Vec::new(),
             unseen: false,
         };
         if free_bytes < session.settings.min_free_bytes {
@@ -114,7 +117,7 @@ impl Session {
     /// Begins a file with every channel that has been written, and the last sample of those that rarely speak. The file before, if one is
     /// being written, is finished behind.
     fn begin(&mut self, now_ns: u64) -> Result<(), RunError> {
-        if self.removed {
+        if self.files > 0 {
             // The run is worth more than the folder that it stood in.
             let folder = &self.settings.folder;
             std::fs::create_dir_all(folder).map_err(|source| RunError::Io {
@@ -126,7 +129,7 @@ impl Session {
         let path = next_file(&self.settings.folder);
         let mut about = self.settings.about.clone();
         about.insert("segment".to_owned(), (self.files + 1).to_string());
-        let kept = kept_files(&self.settings.folder);
+        let kept = self.kept_files();
         let mut writer = RunWriter::create(&path, self.clock, &about, &kept)?;
         let ids = match self.repeat(&mut writer, now_ns) {
             Ok(ids) => ids,
@@ -136,10 +139,14 @@ impl Session {
                 return Err(error);
             }
         };
+        if self.removed {
+            tracing::warn!("a new file is begun in the place of the one that was removed or moved: {}", path.display());
+        }
         tracing::info!("recording to {}", path.display());
         self.file = path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
         self.files += 1;
         (self.removed, self.reason) = (false, String::new());
+        self.kept.clone_from(&kept);
         let before = std::mem::replace(&mut self.state, State::DiskFull);
         let before = if let State::Recording(before) = before { self.settle_file(before) } else { None };
         for (row, id) in self.rows.iter_mut().zip(ids) {
@@ -157,6 +164,17 @@ impl Session {
             self.finishing.push(std::thread::spawn(move || before.finish(&kept, &summary)));
         }
         Ok(())
+    }
+
+    /// The files beside the samples that the next run file begins with: those of the run folder, and those that the file before began with
+    /// and that are no longer there. The configuration comes first.
+    fn kept_files(&self) -> Vec<Attachment> {
+        let mut kept = kept_files(&self.settings.folder);
+        let lost = self.kept.iter().filter(|file| !kept.iter().any(|present| present.name == file.name));
+        let lost: Vec<Attachment> = lost.cloned().collect();
+        kept.extend(lost);
+        kept.sort_by_key(|file| file.name.contains('/'));
+        kept
     }
 
     /// Writes what of the run so far a new file has to know.
@@ -353,7 +371,6 @@ impl Session {
         self.removed = true;
         // What had been settled there is gone too, but only what comes now can still be counted.
         self.fail(&error, now_ns);
-        self.state = State::Failed { retry_ns: now_ns + REMOVED_NS };
         true
     }
 
@@ -366,8 +383,9 @@ impl Session {
     /// Leaves the file, if one is being written; true if all that was written is in it nevertheless.
     fn fail(&mut self, error: &RunError, now_ns: u64) -> bool {
         self.reason = error.to_string();
-        tracing::error!("NOTHING IS BEING RECORDED: {error}; trying another file in {} s", RETRY_NS / SECOND_NS);
-        let failed = State::Failed { retry_ns: now_ns + RETRY_NS };
+        let pause_ns = if matches!(error, RunError::Removed { .. }) { REMOVED_NS } else { RETRY_NS };
+        tracing::error!("NOTHING IS BEING RECORDED: {error}; trying another file in {} s", pause_ns / SECOND_NS);
+        let failed = State::Failed { retry_ns: now_ns + pause_ns };
         self.cause = RecorderGap::CAUSE_FAILED;
         match std::mem::replace(&mut self.state, failed) {
             State::Recording(recording) => self.leave(*recording),

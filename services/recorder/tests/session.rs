@@ -96,6 +96,7 @@ fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one(
     let folder = parent.path().join("run");
     assert!(Session::open(settings(&folder), RunClock::now(), 0, 10_000).is_err());
     fs::create_dir(&folder).unwrap();
+    fs::write(folder.join("box.toml"), "x").unwrap();
     let mut session = Session::open(settings(&folder), RunClock::now(), 0, 10_000).unwrap();
     let row = session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
     hear(&mut session, row, 1, SECOND / 2, 0);
@@ -105,7 +106,11 @@ fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one(
     session.tick(2 * SECOND, Some(10_000));
     let said = status(&session);
     assert_eq!(said.state, RecorderStatus::STATE_FAILED);
-    assert!(text_of(&said.reason).contains("was removed"), "{}", text_of(&said.reason));
+    let reason = text_of(&said.reason);
+    assert!(reason.contains("was removed") && !reason.contains("new file"), "it may not come to one: {reason}");
+    // A mission that was accepted meanwhile comes behind the configuration.
+    fs::create_dir_all(folder.join("missions")).unwrap();
+    fs::write(folder.join("missions/1-over.toml"), "y").unwrap();
     hear(&mut session, row, 2, 2 * SECOND, 0);
     assert_eq!(status(&session).lost, 1);
     session.tick(3 * SECOND, Some(10_000));
@@ -116,6 +121,30 @@ fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one(
     hear(&mut session, row, 3, 4 * SECOND, 0);
     session.close("stopped").unwrap().unwrap();
     assert_eq!(numbers(&folder, "truth/node"), [1, 3], "the last sample of what is gone begins the new file");
+    let mut reader = RunReader::open(&folder).unwrap();
+    while reader.next_sample().unwrap().is_some() {}
+    let kept: Vec<&str> = reader.attachments().iter().map(|file| file.name.as_str()).collect();
+    assert_eq!(kept, ["box.toml", "missions/1-over.toml"], "and so does the configuration");
+}
+
+#[test]
+fn a_later_reason_takes_the_place_of_the_first() {
+    let parent = tempfile::tempdir().unwrap();
+    let folder = parent.path().join("run");
+    fs::create_dir(&folder).unwrap();
+    let mut session = Session::open(settings(&folder), RunClock::now(), 0, 10_000).unwrap();
+    session.declare(ChannelSpec::of::<TruthNode>("truth/node"));
+    fs::remove_dir_all(&folder).unwrap();
+    session.tick(SECOND, Some(10_000));
+    let first = text_of(&status(&session).reason);
+    // In the place of the folder is a file, so that it cannot be made again.
+    fs::write(&folder, "").unwrap();
+    session.tick(3 * SECOND, Some(10_000));
+    let second = text_of(&status(&session).reason);
+    assert!(first.contains("was removed") && second.contains("make the folder of the run again"), "{first}\n{second}");
+    fs::remove_file(&folder).unwrap();
+    session.tick(9 * SECOND, Some(10_000));
+    assert!(session.is_recording());
 }
 
 #[test]

@@ -25,7 +25,7 @@ pub enum RunError {
         why: String,
     },
     /// The file was removed or moved while it was written.
-    #[error("{} was removed or moved while it was written, so what was in it is missing here; a new file is begun", path.display())]
+    #[error("the run file {}, so what was in it is missing here: {}", RunError::REMOVED, path.display())]
     Removed {
         /// The file.
         path: PathBuf,
@@ -67,6 +67,10 @@ pub enum RunError {
 }
 
 impl RunError {
+    /// What stands in the sentence of a file that was removed or moved, however long its path is. Where only the sentence arrives, it is
+    /// known by this.
+    pub const REMOVED: &'static str = "was removed or moved while it was written";
+
     pub(crate) fn io(path: &Path, what: &'static str) -> impl FnOnce(io::Error) -> Self {
         move |source| Self::Io { path: path.to_owned(), what, source }
     }
@@ -85,5 +89,17 @@ pub(crate) fn words(error: &mcap::McapError) -> String {
     match error {
         mcap::McapError::Io(cause) => cause.to_string(),
         other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_removed_file_is_known_by_its_sentence_and_promises_no_other() {
+        let said = RunError::Removed { path: PathBuf::from("/runs/one/run.mcap.part") }.to_string();
+        assert!(said.contains(RunError::REMOVED) && said.ends_with("/runs/one/run.mcap.part"), "{said}");
+        assert!(!said.contains("new file"), "{said}");
     }
 }

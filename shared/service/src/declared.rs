@@ -129,8 +129,9 @@ impl Declared {
     }
 }
 
-/// The box file, its robot file, and what that names.
-fn parts_of(path: &Path, robot_path: &Path, robot: Option<&RobotFile>) -> Vec<PathBuf> {
+/// The box file, its robot file, and what that names: what `file_sha256` is of, in this order.
+#[must_use]
+pub fn parts_of(path: &Path, robot_path: &Path, robot: Option<&RobotFile>) -> Vec<PathBuf> {
     let folder = robot_path.parent().unwrap_or(Path::new(""));
     let named = robot.map(|robot| robot.named_files(folder)).unwrap_or_default();
     [path.to_owned(), robot_path.to_owned()].into_iter().chain(named).collect()

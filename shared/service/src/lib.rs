@@ -62,7 +62,7 @@ pub use chassis::{
     BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
     main_as,
 };
-pub use declared::Since;
+pub use declared::{Since, parts_of};
 pub use hash::{ProgramHash, hash_of};
 pub use output::{OUTPUT_FAULTS, Output};
 pub use rhythm::Rhythm;

@@ -13,6 +13,12 @@ fn restarts(robot: &Robot, process: &str) -> u64 {
     robot.row(process).and_then(|row| row["restarts"].as_u64()).unwrap_or(0)
 }
 
+/// Names of what stands in a folder.
+fn names_of(folder: &std::path::Path) -> Vec<String> {
+    let entries = std::fs::read_dir(folder).into_iter().flatten().flatten();
+    entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect()
+}
+
 #[test]
 fn without_room_nothing_is_recorded_and_no_mission_begins() {
     steadily(|| {
@@ -46,15 +52,30 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
     steadily(|| {
         let mut robot = Robot::up("");
         robot.for_cycles(400);
+        let mut before = names_of(&robot.run());
         std::fs::remove_dir_all(robot.run()).unwrap();
         robot.until_said("it is said", |robot| robot.said().contains("NOTHING IS BEING RECORDED"));
         robot.until_said("it goes on", |robot| robot.said().contains("the run is recorded again"));
         assert!(robot.said().contains("was removed") && !robot.said().contains("disk is full"), "{}", robot.said());
+        let said = robot.said();
+        assert!(said.contains("what the removed files held is not in the run"), "{said}");
+        assert!(said.contains("is made again, with") && !said.contains("a new file is begun"), "{said}");
+        // The configuration stands there again, and the new file begins with it.
+        before.retain(|name| name.ends_with(".toml") || name == "manifest.json");
+        robot.until_said("it stands there again", |robot| {
+            let now = names_of(&robot.run());
+            before.iter().all(|name| now.contains(name))
+        });
         // A process that is started now finds a folder for its words.
         robot.told(&["restart", "planner"]);
         assert_eq!(robot.down(Signal::INT), Some(1), "{}", robot.said());
         let report = runlog::info(&robot.run()).unwrap();
         assert!(report.channels.iter().any(|channel| channel.name == "motor/state"), "{report}");
+        let mut reader = runlog::RunReader::open(&robot.run()).unwrap();
+        while reader.next_sample().unwrap().is_some() {}
+        for name in ["box.toml", "robot.toml", "resolved.toml"] {
+            assert!(reader.attachments().iter().any(|file| file.name == name), "{name} is not in the run file");
+        }
         let (_, words) = nims::report::report(&[robot.run()], None).unwrap();
         assert!(words.contains("of the first") && !words.contains("complete"), "{words}");
     });

@@ -392,6 +392,12 @@ fn without_motor_io_the_drives_stop_the_motors() {
         until_still(&mut robot);
         assert!(taut(&robot), "{:?}", robot.seen);
         robot.until_said("the loss is said", |robot| robot.said().contains("motor-io was ended by signal 9"));
+        let said = robot.said();
+        let loss = said.lines().find(|line| line.contains("motor-io was ended by signal 9")).unwrap();
+        // What helps while `nims up` runs, which refuses a second one; what it said of its work is no cause.
+        assert!(loss.contains("`nims restart motor-io` starts it again") && !loss.contains("(INFO"), "{loss}");
+        let status = robot.status();
+        assert_ne!(status["mission"]["state"], "running", "{status}");
         assert_eq!(robot.down(Signal::INT), Some(1));
         files_are_closed(&robot.run());
         next_start_is_clean(&robot);

@@ -65,7 +65,7 @@ fn said(broken_off: Option<Failure>, ending: &Ending, told: Answer<Option<String
     if parts.is_empty() {
         return None;
     }
-    let sentence = format!("{}; the run is in {}", parts.join("; "), ending.run.display());
+    let sentence = format!("{}; {}", parts.join("; "), ending.place());
     Some(match exit {
         Some(Failure::BadInput(_)) => Failure::BadInput(sentence),
         _ => Failure::NotNow(sentence),

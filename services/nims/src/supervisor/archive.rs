@@ -22,6 +22,8 @@ enum Job {
     Keep { original: PathBuf, place: &'static str, name: String, always: bool },
     /// The same of a file that a process is about to read: where the copy is.
     KeepNow { original: PathBuf, name: String, copy: Sender<PathBuf> },
+    /// Writes the copies again that are no longer there.
+    PutBack,
     /// Replaces a file, whole or not at all.
     Write { path: PathBuf, text: String },
 }
@@ -73,6 +75,11 @@ impl Archive {
         made.recv_timeout(PATIENCE).ok()
     }
 
+    /// Writes the copies again that are no longer there, after the run folder was removed.
+    pub fn put_back(&self) {
+        self.give(Job::PutBack);
+    }
+
     /// Replaces a file.
     pub fn write(&self, path: PathBuf, text: String) {
         self.give(Job::Write { path, text });
@@ -109,8 +116,10 @@ struct Shelf {
     run: PathBuf,
     /// Files in each place so far.
     numbers: BTreeMap<&'static str, usize>,
-    /// What was kept last under each name.
-    last: BTreeMap<(&'static str, String), (Vec<u8>, PathBuf)>,
+    /// The copy that was made last under each name.
+    last: BTreeMap<(&'static str, String), PathBuf>,
+    /// What is in each copy: the run folder may be removed.
+    kept: BTreeMap<PathBuf, Vec<u8>>,
 }
 
 impl Shelf {
@@ -121,6 +130,7 @@ impl Shelf {
                 // It may have been given up meanwhile.
                 let _ = copy.send(path);
             }),
+            Job::PutBack => self.put_back(),
             Job::Write { path, text } => {
                 replace(path, text.as_bytes()).map_err(|error| format!("{} cannot be written: {error}", path.display()))
             }
@@ -138,7 +148,7 @@ impl Shelf {
             return Err(io::Error::other(format!("it has more than {LARGEST} bytes")));
         }
         let (bytes, key) = (fs::read(original)?, (place, name.to_owned()));
-        if let Some((_, copy)) = self.last.get(&key).filter(|(before, _)| !always && *before == bytes) {
+        if let Some(copy) = self.last.get(&key).filter(|copy| !always && self.kept.get(*copy) == Some(&bytes)) {
             return Ok(copy.clone());
         }
         let folder = self.run.join(place);
@@ -147,8 +157,18 @@ impl Shelf {
         let copy = folder.join(format!("{}-{name}", *number + 1));
         replace(&copy, &bytes)?;
         *number += 1;
-        self.last.insert(key, (bytes, copy.clone()));
+        self.last.insert(key, copy.clone());
+        self.kept.insert(copy.clone(), bytes);
         Ok(copy)
+    }
+
+    fn put_back(&self) -> Result<(), String> {
+        for (copy, bytes) in self.kept.iter().filter(|(copy, _)| !copy.exists()) {
+            let folder = copy.parent().unwrap_or(self.run.as_path());
+            let written = fs::create_dir_all(folder).and_then(|()| replace(copy, bytes));
+            written.map_err(|error| format!("{} cannot be written: {error}", copy.display()))?;
+        }
+        Ok(())
     }
 }
 
@@ -199,5 +219,27 @@ mod tests {
             let newest = run.path().join(PROCESSES).join(format!("{expected}-again.toml"));
             assert_eq!(fs::read_to_string(newest).unwrap(), text);
         }
+    }
+
+    #[test]
+    fn copies_that_were_removed_with_the_folder_are_put_back() {
+        let (parent, given) = (tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap());
+        let (run, file) = (parent.path().join("run"), given.path().join("over.toml"));
+        let mut archive = Archive::open(&run).unwrap();
+        fs::write(&file, "w = 1\n").unwrap();
+        let copy = archive.copy_for("wind", file.clone()).unwrap();
+        for text in ["a = 1\n", "a = 2\n"] {
+            fs::write(&file, text).unwrap();
+            archive.keep_mission(file.clone());
+            // When this copy is made, the one before is made too.
+            archive.copy_for(&text[4..5], file.clone()).unwrap();
+        }
+        fs::remove_dir_all(&run).unwrap();
+        archive.put_back();
+        assert!(archive.finish().is_empty());
+        let read = |path: PathBuf| fs::read_to_string(path).unwrap();
+        assert_eq!(read(copy), "w = 1\n");
+        assert_eq!(read(run.join(MISSIONS).join("1-over.toml")), "a = 1\n");
+        assert_eq!(read(run.join(MISSIONS).join("2-over.toml")), "a = 2\n");
     }
 }

@@ -35,6 +35,10 @@ struct Heard {
 struct Suspicion {
     /// When it began, and how the process had been scheduled until then.
     began: Option<(u64, Scheduled)>,
+    /// How it was scheduled at the last look, and for how long it has been seen waiting for a processor since: the kernel counts a wait when
+    /// it is over.
+    seen: Option<(u64, Scheduled)>,
+    pending_ns: u64,
     /// When it was last seen blocked in the kernel.
     blocked_ns: Option<u64>,
 }
@@ -156,15 +160,17 @@ impl Heard {
 
 impl Suspicion {
     /// A process that is or was just blocked in the kernel waits for its disk. The machine had no time for one that, since it began to be
-    /// suspect, waited for a processor for more than half of the time, or waits now and has hardly run. One that was stopped, or waits
-    /// for something that never comes, does neither, and one that runs in a circle has its processor.
+    /// suspect, waited for a processor for more than half of the time. One that was stopped, or waits for something that never comes, does
+    /// not, not even in the moment in which it goes on, and one that runs in a circle has its processor.
     fn judge(&mut self, awake_ns: u64, state: Option<State>, now: Option<Scheduled>) -> Option<Excuse> {
         if state == Some(State::Blocked) {
             self.blocked_ns = Some(awake_ns);
         }
         let starved = now.is_some_and(|now| {
             let (since_ns, before) = *self.began.get_or_insert((awake_ns, now));
-            now.starved_since(&before, awake_ns.saturating_sub(since_ns))
+            let still = self.seen.replace((awake_ns, now)).filter(|(_, seen)| seen.waits_until(&now));
+            self.pending_ns = still.map_or(0, |(at_ns, _)| self.pending_ns + awake_ns.saturating_sub(at_ns));
+            now.starved_since(&before, self.pending_ns, awake_ns.saturating_sub(since_ns))
         });
         if self.blocked_ns.is_some_and(|at_ns| awake_ns.saturating_sub(at_ns) < BLOCKED_NS) {
             return Some(Excuse::Blocked);
@@ -200,10 +206,14 @@ impl Scheduled {
         Some(Self { ran_ns, waited_ns, runnable })
     }
 
-    fn starved_since(&self, before: &Self, passed_ns: u64) -> bool {
-        let waited_ns = self.waited_ns.saturating_sub(before.waited_ns);
-        let ran_ns = self.ran_ns.saturating_sub(before.ran_ns);
-        2 * waited_ns > passed_ns || (self.runnable && 2 * ran_ns < passed_ns)
+    /// Whether it wanted to run from this look to the next one and did not.
+    fn waits_until(&self, next: &Self) -> bool {
+        self.runnable && next.runnable && (self.ran_ns, self.waited_ns) == (next.ran_ns, next.waited_ns)
+    }
+
+    fn starved_since(&self, before: &Self, pending_ns: u64, passed_ns: u64) -> bool {
+        let waited_ns = self.waited_ns.saturating_sub(before.waited_ns).saturating_add(pending_ns);
+        waited_ns.saturating_mul(2) > passed_ns
     }
 }
 
@@ -229,13 +239,32 @@ mod tests {
     fn only_one_that_waits_for_a_processor_is_starved() {
         const PASSED_NS: u64 = 1_500_000_000;
         let before = Scheduled { ran_ns: 7, waited_ns: 5, runnable: true };
-        let now = |ran_ns: u64, waited_ns: u64, runnable: bool| {
-            Scheduled { ran_ns: 7 + ran_ns, waited_ns: 5 + waited_ns, runnable }.starved_since(&before, PASSED_NS)
+        let now = |ran_ns: u64, waited_ns: u64, pending_ns: u64| {
+            let now = Scheduled { ran_ns: 7 + ran_ns, waited_ns: 5 + waited_ns, runnable: true };
+            now.starved_since(&before, pending_ns, PASSED_NS)
         };
-        assert!(!now(0, 0, false), "stopped, or asleep");
-        assert!(!now(PASSED_NS, 0, true), "it runs in a circle");
-        assert!(now(0, 0, true), "it waits and has not run at all");
-        assert!(now(PASSED_NS / 6, PASSED_NS / 2 + 1, true), "one of many that want to run");
+        assert!(!now(0, 0, 0), "stopped, or asleep");
+        assert!(!now(PASSED_NS, 0, 0), "it runs in a circle");
+        assert!(now(0, 0, PASSED_NS), "it waits and has not run at all");
+        assert!(now(PASSED_NS / 6, PASSED_NS / 2 + 1, 0), "one of many that want to run");
+    }
+
+    #[test]
+    fn one_that_was_stopped_has_not_waited_for_a_processor_when_it_goes_on() {
+        let at = |ran_ns: u64, runnable: bool| Scheduled { ran_ns, waited_ns: 5, runnable };
+        let mut stopped = Suspicion::default();
+        for ms in (500..6600).step_by(50) {
+            assert_eq!(stopped.judge(ms * 1_000_000, Some(State::Stopped), Some(at(7, false))), None, "{ms}");
+        }
+        for (ms, ran_ns) in [(6600, 7), (6650, 7), (6700, 30_000_000)] {
+            assert_eq!(stopped.judge(ms * 1_000_000, Some(State::Runnable), Some(at(ran_ns, true))), None, "{ms}");
+        }
+        let mut starved = Suspicion::default();
+        let mut judged = None;
+        for ms in (500..2050).step_by(50) {
+            judged = starved.judge(ms * 1_000_000, Some(State::Runnable), Some(at(7, true)));
+        }
+        assert_eq!(judged, Some(Excuse::Starved), "it was runnable all the time, and never ran");
     }
 
     #[test]

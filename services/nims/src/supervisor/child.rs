@@ -178,7 +178,7 @@ impl Child {
         kept.iter().rev().find(|line| !line.is_empty()).cloned()
     }
 
-    /// The last thing it said before it ended.
+    /// The last thing it said before it ended that may be the cause.
     #[must_use]
     pub fn last_words(&self) -> Option<&str> {
         self.said.as_deref()
@@ -193,7 +193,8 @@ impl Child {
         if let Some(reader) = self.reader.take_if(|reader| reader.is_finished()) {
             let _ = reader.join();
         }
-        self.last_line()
+        let kept = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.iter().rev().find(|line| complains(line)).cloned()
     }
 
     /// Asks it to end in good order, once.
@@ -280,6 +281,12 @@ fn spawn(command: &mut Command, member: &Member) -> (std::io::Result<Process>, O
         parent.join()
     });
     thread.unwrap_or_else(|_| (Err(std::io::Error::other("the thread that starts it failed")), None))
+}
+
+/// Whether a line may be the cause of an end: a warning, an error, or one without a level, as of a panic or of a program of one's own.
+fn complains(line: &str) -> bool {
+    let level = line.split(|letter: char| !letter.is_ascii_alphabetic()).next().unwrap_or_default();
+    !line.is_empty() && !["TRACE", "DEBUG", "INFO"].contains(&level)
 }
 
 /// How a process ended, as half a sentence.

@@ -132,6 +132,8 @@ impl Supervisor {
         let _ = self.look_at_recording();
         self.judge_recorder();
         let _ = self.publish_table();
+        // Also one that was removed in the last moment.
+        self.restore_folder();
         for trouble in self.archive.finish() {
             self.voice.warn(&trouble);
         }

@@ -45,7 +45,12 @@ impl Copies {
 
     /// Takes a text in.
     pub fn add(&mut self, name: &str, text: String) {
-        self.0.insert(name.into(), text.into_bytes());
+        self.keep(name, text.into_bytes());
+    }
+
+    /// Takes the bytes of a file of the run folder's own in.
+    pub fn keep(&mut self, name: &str, bytes: Vec<u8>) {
+        self.0.insert(name.into(), bytes);
     }
 
     /// Writes all of them; what cannot be written, and why.

@@ -3,6 +3,7 @@
 //! Architecture invariant: a crew never outlives whoever holds it. Dropped on whatever way, a panic included, it ends its processes in order.
 
 use super::child::{Child, Then};
+use super::members::Member;
 use super::successors::Successor;
 use bus::clock;
 use service::config::Role;
@@ -68,6 +69,18 @@ impl Crew {
         self.children.iter().any(|child| child.member.role == role && child.exit.is_none() && child.ready_ns.is_some())
     }
 
+    /// Another of its role that is ready to do its work.
+    #[must_use]
+    pub fn stand_in(&self, member: &Member) -> Option<&Child> {
+        let stands_in = |child: &&Child| {
+            child.member.role == member.role
+                && child.member.slot != member.slot
+                && child.exit.is_none()
+                && child.ready_ns.is_some()
+        };
+        self.children.iter().find(stands_in).filter(|_| member.role.has_slots())
+    }
+
     /// Ends all of them; `meanwhile` is called every few milliseconds, `killed` with the name of one that did not end by itself.
     pub fn end(&mut self, mut meanwhile: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
         self.children.extend(self.successors.drain(..).map(|successor| successor.child));
@@ -102,7 +115,6 @@ impl Drop for Crew {
 #[cfg(test)]
 mod tests {
     use super::super::child::Start;
-    use super::super::members::Member;
     use super::super::restarts::{Policy, Restarts};
     use super::*;
     use std::path::Path;
@@ -218,6 +230,19 @@ mod tests {
         assert_eq!(child.last_words(), Some("the port is gone"));
         assert_eq!(child.state(), messages::ProcessState::STATE_DIED);
         assert_eq!(super::super::child::ending(child.exit.unwrap()), "ended with exit code 3");
+    }
+
+    #[test]
+    fn what_a_process_said_of_its_work_is_no_cause_of_its_end() {
+        let folder = tempfile::tempdir().unwrap();
+        let words = |name: &str, script: &str| {
+            let mut child = start(folder.path(), name, Role::Recorder, script);
+            while child.is_alive() {}
+            child.last_words().map(str::to_owned)
+        };
+        assert_eq!(words("quiet", "echo 'INFO  recorder: recording to run.mcap' >&2; kill -9 $$"), None);
+        let warned = "echo 'WARN  recorder: slow' >&2; echo 'INFO  recorder: ready' >&2; exit 1";
+        assert_eq!(words("warned", warned).as_deref(), Some("WARN  recorder: slow"));
     }
 
     #[test]

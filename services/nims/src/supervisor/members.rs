@@ -70,30 +70,6 @@ impl Member {
     }
 }
 
-/// What happens when a process of this role dies, for the operator.
-#[must_use]
-pub fn consequence(role: Role, watchdog_s: f64) -> String {
-    match role {
-        Role::MotorBox => {
-            "the virtual drives are gone, so motor-io reports a fault; start again with `nims up`".to_owned()
-        }
-        Role::MotorIo => format!(
-            "the drives stop the motors after {watchdog_s} s; start again with `nims up`, which comes up disarmed"
-        ),
-        Role::Estimator | Role::Controller => {
-            format!(
-                "the robot stops on the path and holds; start another with `nims start {}`, then `nims resume`",
-                role.name()
-            )
-        }
-        Role::Planner => {
-            "the robot finishes the current segment and holds; start another with `nims start planner`".to_owned()
-        }
-        Role::Recorder => "the mission goes on, and what happens until it is back is not recorded".to_owned(),
-        Role::Other => "the mission goes on without it".to_owned(),
-    }
-}
-
 /// What the processes of a run have in common.
 #[derive(Debug, Clone)]
 pub struct Site {

@@ -63,7 +63,7 @@ fn broken_off(status: &PlanStatus, authority: Option<&MotorAuthority>, ending: O
     let reason = text_of(&status.reason);
     let why = match (ending, faults.first()) {
         (Some(because), _) => because.to_owned(),
-        // The planner only knows that there is one.
+        // The planner knows its name, and not what helps.
         (None, Some(fault)) => fault.trim_end_matches('.').to_owned(),
         (None, None) if reason.is_empty() => "the run was ended".to_owned(),
         (None, None) => reason,
@@ -80,7 +80,7 @@ mod tests {
     fn a_mission_that_was_broken_off_has_a_name_a_share_and_a_reason() {
         let mut status = PlanStatus { state: PlanStatus::STATE_ABORTED, progress: 0.43, ..PlanStatus::default() };
         put_text(&mut status.mission, "demo");
-        put_text(&mut status.reason, "a fault stopped the robot; nims status names it");
+        put_text(&mut status.reason, "a fault stopped the robot: the supply voltage is low");
         let authority = MotorAuthority { faults: MotorAuthority::FAULT_SUPPLY, ..MotorAuthority::default() };
         let said = broken_off(&status, Some(&authority), None);
         assert!(said.contains("\"demo\" was broken off at 43 %: The supply voltage is low"), "{said}");

@@ -13,6 +13,7 @@ mod child;
 mod closing;
 mod copies;
 mod crew;
+mod cures;
 mod leftovers;
 mod members;
 mod mission;
@@ -30,7 +31,8 @@ mod voice;
 mod watching;
 
 pub use asked::Asked;
-pub use members::{consequence, law_of};
+pub use cures::consequence;
+pub use members::law_of;
 pub use run_folder::RunFolder;
 
 use crate::busy;
@@ -104,6 +106,13 @@ pub struct Ending {
 }
 
 impl Ending {
+    /// Where the run is, as a part of a sentence; a folder that was removed is not named as if it were there.
+    #[must_use]
+    pub fn place(&self) -> String {
+        let run = self.run.display();
+        if self.run.is_dir() { format!("the run is in {run}") } else { format!("the run folder {run} was removed") }
+    }
+
     /// What went wrong on the way, in one sentence; `None` if nothing did.
     #[must_use]
     pub fn failed(&self) -> Option<String> {
@@ -112,7 +121,9 @@ impl Ending {
             parts.push(format!("not all of the run was recorded ({})", self.unrecorded.join(", and ")));
         }
         if !self.died.is_empty() {
-            parts.push(format!("died on the way: {}; see {}/log", self.died.join(", "), self.run.display()));
+            let log = self.run.join("log");
+            let see = if log.is_dir() { format!("; see {}", log.display()) } else { String::new() };
+            parts.push(format!("died on the way: {}{see}", self.died.join(", ")));
         }
         (!parts.is_empty()).then(|| parts.join("; "))
     }
@@ -239,4 +250,23 @@ pub fn up(asked: &crate::cli::Up, domain: Option<&str>) -> Answer<(Ending, Answe
     // Whatever went wrong here, no process is left without its supervisor.
     let ending = supervisor.end(&because);
     Ok((ending, watched))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_folder_that_was_removed_is_not_named_as_a_place_to_look() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run");
+        std::fs::create_dir_all(run.join("log")).unwrap();
+        let (died, unrecorded) = (vec!["planner".to_owned()], Vec::new());
+        let ending = Ending { run: run.clone(), died, unrecorded, unfinished: None, mode: None };
+        assert!(ending.place().starts_with("the run is in "));
+        assert!(ending.failed().is_some_and(|said| said.ends_with("run/log")));
+        std::fs::remove_dir_all(&run).unwrap();
+        assert!(ending.place().ends_with("was removed"));
+        assert_eq!(ending.failed().as_deref(), Some("died on the way: planner"));
+    }
 }

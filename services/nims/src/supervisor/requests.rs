@@ -7,10 +7,14 @@ use super::members::{Member, is_configuration};
 use super::restarts::Restarts;
 use super::{NAME, Supervisor};
 use crate::failure::{Answer, Failure};
-use bus::Server;
+use bus::{Server, clock};
 use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, OperatorRequest};
 use service::Slot;
 use service::config::Role;
+
+/// motor-io that has not been heard for this long beyond the drives' watchdog moves nothing, ns: a shared machine stands still for up to
+/// 250 ms.
+const SILENT_NS: u64 = 1_000_000_000;
 
 impl Supervisor {
     /// Answers what has been asked since the last time.
@@ -230,8 +234,11 @@ impl Supervisor {
         if child.asked.is_some() {
             return Err(Failure::NotNow(format!("{name} is ending already")));
         }
-        let member = child.member.clone();
-        if authority.as_ref().is_some_and(|authority| flies(&member, authority)) {
+        let (member, hangs) = (child.member.clone(), child.hangs);
+        // What a motor-io that hangs said last is no longer so: the drives have stopped the motors by themselves.
+        let watchdog_s = self.site.file.motor_io.watchdog_s;
+        let present = authority.filter(|authority| !hangs || is_present(authority, watchdog_s, clock::now_ns()));
+        if present.is_some_and(|authority| flies(&member, &authority)) {
             let or = match member.role.has_slots() {
                 true => format!(", or swap it for another with `nims swap {}`", member.role.name()),
                 false => String::new(),
@@ -265,6 +272,11 @@ fn refuse_slot_and_law(name: &str, slot: Option<Slot>, law: Option<&str>) -> Ans
     Err(Failure::BadInput(format!("{name} has no slot and no law; only controllers and estimators have")))
 }
 
+/// Whether motor-io has said so recently enough for the drives to move still.
+fn is_present(authority: &MotorAuthority, watchdog_s: f64, now_ns: u64) -> bool {
+    now_ns.saturating_sub(authority.header.stamp_ns) < (watchdog_s * 1e9) as u64 + SILENT_NS
+}
+
 /// Whether the robot moves, and would stop without that process.
 fn flies(member: &Member, authority: &MotorAuthority) -> bool {
     let active = |slot: u8| member.slot.is_some_and(|own| own.index() == usize::from(slot));
@@ -281,6 +293,15 @@ fn flies(member: &Member, authority: &MotorAuthority) -> bool {
 mod tests {
     use super::super::restarts::Policy;
     use super::*;
+
+    #[test]
+    fn what_motor_io_said_long_ago_is_not_the_present() {
+        let mut authority = MotorAuthority::default();
+        authority.header.stamp_ns = 5 * SILENT_NS;
+        assert!(is_present(&authority, 0.3, 6 * SILENT_NS));
+        assert!(!is_present(&authority, 0.3, 7 * SILENT_NS));
+        assert!(is_present(&authority, 2.0, 7 * SILENT_NS), "the drives still move");
+    }
 
     #[test]
     fn only_what_moves_the_robot_while_it_moves_may_not_be_ended() {

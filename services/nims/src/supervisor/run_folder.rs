@@ -42,17 +42,20 @@ impl RunFolder {
                 path.display()
             )));
         }
-        let copies = copies_of(file)?;
+        let mut copies = copies_of(file)?;
+        for (original, name) in [(Some(box_path), "box.toml"), (mission, "mission.toml")] {
+            let Some(original) = original else { continue };
+            let bytes = fs::read(original).map_err(|error| {
+                Failure::BadInput(format!("the file {} cannot be read: {error}", original.display()))
+            })?;
+            copies.keep(name, bytes);
+        }
         let failed = |what: &Path, error: std::io::Error| {
             Failure::NotNow(format!("{} cannot be written: {error}", what.display()))
         };
         let log = path.join("log");
         fs::create_dir_all(&log).map_err(|error| failed(&log, error))?;
         let path = path.canonicalize().map_err(|error| failed(&path, error))?;
-        for (original, name) in [(Some(box_path), "box.toml"), (mission, "mission.toml")] {
-            let copy = path.join(name);
-            original.map(|original| keep(original, &copy)).transpose().map_err(|error| failed(&copy, error))?;
-        }
         copies.write(&path).map_err(|(copy, error)| failed(&copy, error))?;
         let manifest = json!({
             "name": file.name,
@@ -75,6 +78,12 @@ impl RunFolder {
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
+    }
+
+    /// Whether the folder was removed or moved since it was made: its manifest is never removed otherwise.
+    #[must_use]
+    pub fn is_gone(&self) -> bool {
+        !self.path.join("manifest.json").exists()
     }
 
     /// The box as it began, which the processes read.
@@ -154,11 +163,6 @@ fn copies_of(file: &BoxFile) -> Answer<Copies> {
     let text = file.resolved("robot.toml").map_err(Failure::NotNow)?;
     copies.add(RESOLVED, format!("{RESOLVED_HEAD}{text}"));
     Ok(copies)
-}
-
-/// Copies what is in a file and not who may read it.
-fn keep(original: &Path, copy: &Path) -> std::io::Result<()> {
-    fs::write(copy, fs::read(original)?)
 }
 
 /// `2026-03-01T14-05-09Z`: sorts by time and is a file name everywhere.

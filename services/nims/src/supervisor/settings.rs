@@ -13,7 +13,7 @@ use estimator::EstimatorConfig;
 use messages::{Header, SystemConfig, newer, put_text};
 use service::build;
 use service::config::{BoxFile, EstimatorSection, RobotFile, Role, Tuned};
-use service::{ProgramHash, TUNED_CHANNEL};
+use service::{ProgramHash, TUNED_CHANNEL, hash_of, parts_of};
 use std::ffi::OsString;
 use std::fs::OpenOptions;
 use std::io::Write;
@@ -23,6 +23,8 @@ use std::path::{Path, PathBuf};
 const LEAD_S: f64 = 0.1;
 /// The record of the changes, in the run folder.
 const RECORD: &str = "set.toml";
+/// The parameter that `nims check` warns of where it does not fit the drives.
+const HORIZON: &str = "controller.horizon_cycles";
 const RECORD_HEAD: &str =
     "# What was set with `nims set`, in this order; resolved-NUMBER.toml is the box with all changes up to NUMBER.\n";
 
@@ -90,7 +92,8 @@ impl Settings {
         self.sample.header = Header { life: self.life, ..Header::at(clock::now_ns()) };
         put_text(&mut self.sample.parameters, self.tuned.text().trim_end());
         put_text(&mut self.sample.file, &self.path.to_string_lossy());
-        put_text(&mut self.sample.file_sha256, &service::hash_of(std::slice::from_ref(&self.path)).unwrap_or_default());
+        let parts = parts_of(&self.path, &self.file.robot, Some(&self.robot));
+        put_text(&mut self.sample.file_sha256, &hash_of(&parts).unwrap_or_default());
         self.port.send(&mut self.sample)?;
         Ok(())
     }
@@ -124,6 +127,9 @@ impl Supervisor {
         self.folder.copies().put_back(&run).map_err(|(path, error)| failed(&path, error))?;
         let record = run.join(RECORD);
         append(&record, &entry(number, key, &was, &is, cycle)).map_err(|error| failed(&record, error))?;
+        if let Ok(text) = std::fs::read_to_string(&record) {
+            self.folder.copies().add(RECORD, text);
+        }
         let idle = self.laws_without(key, &self.settings.file, &file);
         (self.settings.tuned, self.settings.file, self.settings.path) = (tuned, file, run.join(name));
         (self.settings.sample.changes, self.settings.sample.from_cycle, self.settings.life) = (number, cycle, life);
@@ -131,7 +137,11 @@ impl Supervisor {
         let (role, _) = key.split_once('.').unwrap_or((key, ""));
         let was = if was.is_empty() { "not given".to_owned() } else { was };
         let idle = if idle.is_empty() { String::new() } else { format!("; {} does not use it", idle.join(" or ")) };
-        Ok(format!("{key} is {is} from cycle {cycle} on, and was {was}: in every {role}, until this run ends{idle}"))
+        let beware = findings::horizon(&self.settings.file).filter(|_| key == HORIZON);
+        let beware = beware.map_or(String::new(), |told| format!("; warning: {}; {}", told.finding, told.cure));
+        Ok(format!(
+            "{key} is {is} from cycle {cycle} on, and was {was}: in every {role}, until this run ends{idle}{beware}"
+        ))
     }
 
     /// Laws and methods that fly and are the same with the change as without it.

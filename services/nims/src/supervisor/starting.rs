@@ -269,11 +269,31 @@ impl Supervisor {
         }
     }
 
+    /// Makes a run folder again that was removed, with all that the supervisor still knows of the run.
+    pub(super) fn restore_folder(&mut self) {
+        if self.folder.is_gone() {
+            self.put_back_copies();
+        }
+    }
+
     /// The copies of the configuration are what they were, whatever was done to them meanwhile.
     pub(super) fn put_back_copies(&mut self) {
         let run = self.folder.path().to_path_buf();
-        match self.folder.copies().put_back(&run) {
+        let gone = self.folder.is_gone();
+        let back = self.folder.copies().put_back(&run);
+        if gone && back.is_ok() {
+            // The manifest comes last: with it the folder is whole again.
+            self.archive.put_back();
+            let (path, text) = self.folder.manifest();
+            self.archive.write(path, text);
+        }
+        match back {
             Ok(back) if back.is_empty() => {}
+            Ok(back) if gone => self.voice.warn(&format!(
+                "the run folder {} was removed or moved while the robot runs and is made again, with {}",
+                run.display(),
+                back.join(", ")
+            )),
             Ok(back) => self.voice.warn(&format!(
                 "{} in the run folder was changed while the robot runs and is as it was again: an edit is for the next run",
                 back.join(", ")

@@ -171,7 +171,7 @@ impl Supervisor {
     fn give_up(&mut self, successor: &mut Successor, why: &str) -> Answer {
         successor.given_up = true;
         self.voice.warn(&format!("the new {} {why}", successor.child.member.name));
-        let mut row = row(&successor.child);
+        let mut row = row(&successor.child, false);
         // Nobody of that name has died: the row is for the command that asked, and the one that works has the last word.
         row.state = ProcessState::STATE_STOPPED;
         put_sentence(&mut row.reason, why);

@@ -2,6 +2,7 @@
 
 use super::Supervisor;
 use super::child::Child;
+use super::cures::{Fate, cure};
 use crate::failure::Answer;
 use bus::clock;
 use messages::{ProcessState, put_sentence, put_text};
@@ -21,7 +22,7 @@ impl Supervisor {
     /// Publishes every row.
     pub(super) fn publish_table(&mut self) -> Answer {
         self.last_table_ns = clock::now_ns();
-        let running = self.crew.iter().map(row);
+        let running = self.crew.iter().map(|child| row(child, self.crew.stand_in(&child.member).is_some()));
         let asleep =
             self.site.file.process.iter().filter(|section| {
                 !section.start && !self.crew.iter().any(|child| child.member.is_called(&section.name))
@@ -48,7 +49,8 @@ impl Supervisor {
     }
 }
 
-pub(super) fn row(child: &Child) -> ProcessState {
+/// `replaced`: another process does its work.
+pub(super) fn row(child: &Child, replaced: bool) -> ProcessState {
     let member = &child.member;
     let mut row = ProcessState {
         started_ns: child.started_ns,
@@ -63,7 +65,7 @@ pub(super) fn row(child: &Child) -> ProcessState {
     put_text(&mut row.name, &member.name);
     put_text(&mut row.role, member.role.name());
     put_text(&mut row.law, member.law.as_deref().or(member.alias.as_deref()).unwrap_or_default());
-    put_sentence(&mut row.reason, &reason(child));
+    put_sentence(&mut row.reason, &reason(child, replaced));
     row
 }
 
@@ -85,8 +87,8 @@ fn slot_number(slot: Option<Slot>) -> u8 {
     slot.map_or(0, |slot| 1 + slot.index() as u8)
 }
 
-/// Why it is in the state that it is in.
-fn reason(child: &Child) -> String {
+/// Why it is in the state that it is in, and what helps; that it is silent, the state says itself.
+fn reason(child: &Child, replaced: bool) -> String {
     match (child.exit, child.asked) {
         (Some(exit), Some(_)) if exit.success() => "ended as asked".to_owned(),
         (Some(exit), _) => {
@@ -98,9 +100,14 @@ fn reason(child: &Child) -> String {
             format!("{}{why}{}{}", child.ending(), again.unwrap_or_default(), words.unwrap_or_default())
         }
         (None, Some(_)) => "asked to end".to_owned(),
-        (None, None) if child.hangs => "no sign of life; `nims restart` ends it and starts it again".to_owned(),
-        (None, None) if child.blocked => "no sign of life, because it waits for its disk".to_owned(),
-        (None, None) if child.silent => "no sign of life, because the machine has no time for it".to_owned(),
+        (None, None) if child.hangs => {
+            let member = &child.member;
+            let fate = if member.restart.again { Fate::Ended } else { Fate::Hangs };
+            let cure = cure(&member.name, member.role, fate, replaced);
+            cure.unwrap_or_else(|| "it was stopped or hangs".to_owned())
+        }
+        (None, None) if child.blocked => "it waits for its disk".to_owned(),
+        (None, None) if child.silent => "the machine has no time for it".to_owned(),
         (None, None) if child.overdue => "does not become ready; see its log in the run folder".to_owned(),
         (None, None) if child.member.role == Role::Other && child.ready_ns.is_none() => {
             "sends no heartbeat, so only its end will be noticed".to_owned()

@@ -3,8 +3,9 @@
 use super::Supervisor;
 use super::beats::Change;
 use super::child::Then;
+use super::cures::{Fate, consequence, cure};
 use super::leftovers::News;
-use super::members::{Member, consequence};
+use super::members::Member;
 use super::recording::Said;
 use super::restarts::{Restarts, Verdict};
 use super::starting::READY_NS;
@@ -90,13 +91,9 @@ impl Supervisor {
         if again {
             child.end_hung();
         }
-        let means = self.consequence_of(&member);
-        let next = match (again, member.role) {
-            (true, _) => "it is ended, to be started again".to_owned(),
-            (false, Role::MotorBox | Role::MotorIo) => "end `nims up`, which ends it too".to_owned(),
-            (false, _) => format!("`nims restart {name}` ends it and starts it again"),
-        };
-        let sentence = format!("{name} has shown no sign of life for {seconds} s: {means}; {next}");
+        let means = self.consequence_of(&member, if again { Fate::Ended } else { Fate::Hangs }, "");
+        let sentence =
+            format!("{name} has shown no sign of life for {seconds} s, because it was stopped or hangs: {means}");
         if member.role == Role::Recorder {
             self.recording.fails(&format!("the recorder gave no sign of life for {seconds} s"));
         }
@@ -142,8 +139,16 @@ impl Supervisor {
     pub(super) fn look_at_recording(&mut self) -> Answer {
         for said in self.recording.look(clock::now_ns())? {
             match said {
-                Said::Stopped(sentence) => self.voice.error(&sentence),
-                Said::GoesOn(sentence) | Said::Lost(sentence) => self.voice.warn(&sentence),
+                Said::Stopped(sentence) => {
+                    self.voice.error(&sentence);
+                    // The recorder waits a second before it begins the next file: what that begins with is there by then.
+                    self.restore_folder();
+                }
+                Said::GoesOn(sentence) => {
+                    self.voice.warn(&sentence);
+                    self.restore_folder();
+                }
+                Said::Lost(sentence) => self.voice.warn(&sentence),
             }
         }
         Ok(())
@@ -228,20 +233,20 @@ impl Supervisor {
                 let words = words.unwrap_or_default();
                 let well_ns = child.ready_ns.map_or(0, |ready_ns| clock::now_ns().saturating_sub(ready_ns));
                 let verdict = child.restarts.died(&member.restart, well_ns);
-                let next = match verdict {
-                    Verdict::Never => String::new(),
+                let (next, fate) = match verdict {
+                    Verdict::Never => (String::new(), Fate::Dead),
                     Verdict::After(pause_ns) => {
                         child.again_ns = Some(clock::now_ns() + pause_ns);
-                        format!("; it is started again in {:.1} s", pause_ns as f64 * 1e-9)
+                        (format!("; it is started again in {:.1} s", pause_ns as f64 * 1e-9), Fate::Restarts)
                     }
                     Verdict::GaveUp => {
                         child.gave_up = true;
-                        "; it has died too often to be started again by itself".to_owned()
+                        ("; it has died too often to be started again by itself".to_owned(), Fate::Dead)
                     }
                 };
                 if died {
-                    let means = self.consequence_of(&member);
-                    self.voice.error(&format!("{name} {how}{words}: {means}{next}"));
+                    let means = self.consequence_of(&member, fate, &next);
+                    self.voice.error(&format!("{name} {how}{words}: {means}"));
                     self.died.push(name.to_owned());
                 } else {
                     self.voice.warn(&format!("{name} {how}{words}{next}"));
@@ -271,17 +276,16 @@ impl Supervisor {
         self.publish_table()
     }
 
-    /// What the death of that process means now.
-    pub(super) fn consequence_of(&self, member: &Member) -> String {
-        let other = self.crew.iter().find(|child| {
-            child.member.role == member.role
-                && child.member.slot != member.slot
-                && child.exit.is_none()
-                && child.ready_ns.is_some()
-        });
-        match (member.role, other) {
-            (Role::Controller | Role::Estimator, Some(other)) => format!("{} goes on", other.member.name),
-            _ => consequence(member.role, self.site.file.motor_io.watchdog_s),
+    /// What the loss of that process means now, what comes `next` by itself, and what helps.
+    fn consequence_of(&self, member: &Member, fate: Fate, next: &str) -> String {
+        let other = self.crew.stand_in(member);
+        let means = match other {
+            Some(other) => format!("{} goes on", other.member.name),
+            None => consequence(member.role, self.site.file.motor_io.watchdog_s),
+        };
+        match cure(&member.name, member.role, fate, other.is_some()) {
+            Some(cure) => format!("{means}{next}; {cure}"),
+            None => format!("{means}{next}"),
         }
     }
 

@@ -1,0 +1,116 @@
+//! What the loss of a process means, and what helps: the same words on the terminal, in the process table and in the report.
+
+use service::config::Role;
+
+/// What has become of a process that is lost.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Fate {
+    /// It has ended, and stays so.
+    Dead,
+    /// It has ended, and is started again by itself.
+    Restarts,
+    /// It hangs, and is left to itself.
+    Hangs,
+    /// It hangs, and is ended so that it is started again by itself.
+    Ended,
+}
+
+/// What happens when a process of this role is lost, for the operator.
+#[must_use]
+pub fn consequence(role: Role, watchdog_s: f64) -> String {
+    match role {
+        Role::MotorBox => "the virtual drives are gone, so motor-io reports a fault".to_owned(),
+        Role::MotorIo => format!("the drives stop the motors after {watchdog_s} s"),
+        Role::Estimator | Role::Controller => "the robot stops on the path and holds".to_owned(),
+        Role::Planner => "the robot finishes the current segment and holds".to_owned(),
+        Role::Recorder => "the mission goes on, and what happens until it is back is not recorded".to_owned(),
+        Role::Other => "the mission goes on without it".to_owned(),
+    }
+}
+
+/// What helps against the loss of that process; `None` where there is nothing to do. `replaced`: another one does its work.
+///
+/// All of it can be done while `nims up` runs, which refuses a second one; only the virtual drives begin again with the robot.
+#[must_use]
+pub fn cure(name: &str, role: Role, fate: Fate, replaced: bool) -> Option<String> {
+    let first = match (role, fate) {
+        (Role::MotorBox, Fate::Dead) => Some("end `nims up`, and start it again".to_owned()),
+        (Role::MotorBox, Fate::Hangs) => Some("end `nims up`, which ends it too, and start it again".to_owned()),
+        (_, Fate::Ended) => Some("it is ended, to be started again".to_owned()),
+        (_, Fate::Hangs) => Some(format!("`nims restart {name}` ends it and starts it again")),
+        (_, Fate::Restarts) => None,
+        (Role::Other, Fate::Dead) => None,
+        (Role::Estimator | Role::Controller, Fate::Dead) if replaced => None,
+        (_, Fate::Dead) => Some(format!("`nims restart {name}` starts it again")),
+    };
+    let then = match role {
+        Role::MotorIo => Some(
+            "then `nims confirm-position`, `nims arm`, and `nims run MISSION --continue` for what is left of a mission",
+        ),
+        Role::Estimator | Role::Controller if !replaced => Some("then `nims resume`"),
+        _ => None,
+    };
+    match (first, then) {
+        (Some(first), Some(then)) => Some(format!("{first}, {then}")),
+        (first, then) => first.or(then.map(str::to_owned)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ROLES: [(&str, Role); 7] = [
+        ("motor-box", Role::MotorBox),
+        ("motor-io", Role::MotorIo),
+        ("estimator", Role::Estimator),
+        ("controller", Role::Controller),
+        ("planner", Role::Planner),
+        ("recorder", Role::Recorder),
+        ("wind", Role::Other),
+    ];
+
+    #[test]
+    fn what_is_started_again_by_itself_has_no_cure_that_starts_it() {
+        for (name, role) in ROLES {
+            assert!(!consequence(role, 0.3).contains("nims"), "{name}");
+            for fate in [Fate::Restarts, Fate::Ended] {
+                let cure = cure(name, role, fate, false).unwrap_or_default();
+                let starts = ["nims restart", "nims start", "nims up"].iter().any(|words| cure.contains(words));
+                assert!(!starts, "{name}: {cure}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_lost_motor_io_is_restarted_and_not_the_robot() {
+        for fate in [Fate::Dead, Fate::Hangs] {
+            let cure = cure("motor-io", Role::MotorIo, fate, false).unwrap();
+            let steps = ["nims restart motor-io", "confirm-position", "nims arm", "nims run MISSION --continue"];
+            let places: Vec<usize> = steps.iter().filter_map(|step| cure.find(step)).collect();
+            assert!(places.len() == steps.len() && places.is_sorted(), "{cure}");
+            assert!(!cure.contains("nims up"), "{cure}");
+        }
+    }
+
+    #[test]
+    fn a_lost_controller_with_a_standby_leaves_nothing_to_resume() {
+        assert_eq!(cure("controller", Role::Controller, Fate::Dead, true), None);
+        let alone = cure("controller", Role::Controller, Fate::Dead, false).unwrap();
+        assert_eq!(alone, "`nims restart controller` starts it again, then `nims resume`");
+        assert_eq!(cure("controller", Role::Controller, Fate::Restarts, false).as_deref(), Some("then `nims resume`"));
+        let hung = cure("controller", Role::Controller, Fate::Hangs, true).unwrap();
+        assert!(hung.ends_with("ends it and starts it again"), "{hung}");
+    }
+
+    #[test]
+    fn every_cure_fits_into_a_row_of_the_process_table() {
+        let row = messages::ProcessState::default();
+        for (name, role) in ROLES {
+            for fate in [Fate::Dead, Fate::Restarts, Fate::Hangs, Fate::Ended] {
+                let cure = cure(name, role, fate, false).unwrap_or_default();
+                assert!(cure.len() <= row.reason.len(), "{cure}");
+            }
+        }
+    }
+}
