@@ -15,7 +15,7 @@ pub fn info(run: &Path) -> Answer<(Value, String)> {
     let mut value = serde_json::to_value(&report).map_err(Failure::not_now)?;
     let mut words = report.to_string();
     if let Some(manifest) = manifest_of(run) {
-        words = format!("{}{words}", of_manifest(&manifest, report.recording));
+        words = format!("{}{words}", of_manifest(&manifest, &report));
         let unrecorded_s = unrecorded_ends_s(run, &report);
         for (seconds, which) in unrecorded_s.iter().zip(ENDS).filter(|(seconds, _)| **seconds > 0.0) {
             words.push_str(&format!("of the {which} {seconds:.1} s of the run nothing was recorded\n"));
@@ -29,6 +29,12 @@ pub fn info(run: &Path) -> Answer<(Value, String)> {
 /// What a run folder says about itself; a run file alone has no manifest.
 fn manifest_of(run: &Path) -> Option<Value> {
     serde_json::from_str(&std::fs::read_to_string(run.join("manifest.json")).ok()?).ok()
+}
+
+/// Why a run ended, as its supervisor wrote it.
+#[must_use]
+pub fn ended_because(run: &Path) -> Option<String> {
+    manifest_of(run)?["ended_because"].as_str().map(str::to_owned)
 }
 
 /// A recorder gives to the disk what it holds twice a second; what is missing at an end beyond this was not recorded, s.
@@ -53,11 +59,16 @@ pub fn unrecorded_ends_s(run: &Path, report: &runlog::RunReport) -> [f64; 2] {
 }
 
 /// What a run's manifest says, in words.
-fn of_manifest(manifest: &Value, recording: bool) -> String {
+fn of_manifest(manifest: &Value, report: &runlog::RunReport) -> String {
+    let closed = report.files.iter().all(|file| file.finished && !file.recovered);
     let text = |key: &str| manifest[key].as_str().unwrap_or("?");
     let ended = match manifest["ended_because"].as_str() {
         Some(because) => format!("ended: {because}"),
-        None if recording => "it is being recorded".to_owned(),
+        None if report.silent_s > 0 => {
+            format!("it is open, but nothing has been written for {} s", report.silent_s)
+        }
+        None if report.recording => "it is being recorded".to_owned(),
+        None if closed => "no end: its supervisor was ended without writing one".to_owned(),
         None => "no end: it was cut off".to_owned(),
     };
     let mut words = format!("run       {} with nims {}; {ended}\n", text("name"), text("nims_version"));
@@ -65,7 +76,8 @@ fn of_manifest(manifest: &Value, recording: bool) -> String {
         let restarts = process["restarts"].as_u64().unwrap_or(0);
         if restarts > 0 {
             let name = process["name"].as_str().unwrap_or("?");
-            words.push_str(&format!("process   {name} died and was started again {restarts} times\n"));
+            let times = if restarts == 1 { "once".to_owned() } else { format!("{restarts} times") };
+            words.push_str(&format!("process   {name} was started again {times}\n"));
         }
     }
     words
@@ -124,5 +136,36 @@ pub fn there(run: &Path) -> Answer {
         Ok(())
     } else {
         Err(Failure::BadInput(format!("there is no run {}: give a run folder or a run file", run.display())))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use runlog::{FileReport, RunReport};
+
+    #[test]
+    fn a_run_without_an_end_says_what_is_known_of_it() {
+        let manifest = json!({ "name": "demo3", "nims_version": "1" });
+        let file = FileReport {
+            path: PathBuf::from("run.mcap"),
+            bytes: 1,
+            finished: true,
+            recording: false,
+            silent_s: 0,
+            recovered: false,
+            damage: Vec::new(),
+        };
+        let said = |file: &FileReport| {
+            let (recording, silent_s) = (file.recording, file.silent_s);
+            let report = RunReport { recording, silent_s, files: vec![file.clone()], ..RunReport::default() };
+            of_manifest(&manifest, &report)
+        };
+        assert!(said(&file).contains("; no end: its supervisor was ended without writing one"), "{}", said(&file));
+        assert!(said(&FileReport { recovered: true, ..file.clone() }).contains("; no end: it was cut off"));
+        let open = FileReport { finished: false, recording: true, ..file };
+        assert!(said(&open).contains("; it is being recorded"));
+        let silent = FileReport { silent_s: 12, ..open };
+        assert!(said(&silent).contains("; it is open, but nothing has been written for 12 s"), "{}", said(&silent));
     }
 }

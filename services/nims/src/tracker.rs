@@ -15,6 +15,8 @@ const MOVING_M_S: f64 = 1e-3;
 /// Cycles that are waited for stragglers: samples of different channels lie in the file in the order of their stamps, but for those
 /// that the recorder heard one look (10 ms) later.
 const WINDOW: usize = 128;
+/// Rows that are at most so many cycles apart follow each other: the plan clock between them is known.
+const NEAR: u64 = 5;
 /// Motions whose segments are remembered: the present one, and those that a straggler can belong to.
 const MOTIONS: usize = 4;
 
@@ -23,7 +25,8 @@ const MOTIONS: usize = 4;
 pub struct Cycle<'a> {
     /// Mode and plan clock.
     pub authority: &'a MotorAuthority,
-    /// Those of the next cycle; the last cycle of a run has none.
+    /// Those of the next cycle. The last cycle of a stretch has none: of a run, a life, an epoch or a motion, or before cycles that were
+    /// not recorded.
     pub next: Option<&'a MotorAuthority>,
     /// Encoders and drives.
     pub state: Option<&'a MotorState>,
@@ -39,13 +42,13 @@ pub struct Cycle<'a> {
     pub setpoint: Option<Setpoint>,
     /// The setpoint moves.
     pub moving: bool,
-    /// Every true sample from this cycle to the next.
+    /// Every true sample from this cycle to the next one in the file. Where that one is not `next`, they have no set point.
     pub truth: &'a [TruthNode],
     segments: &'a [Segment],
 }
 
 impl Cycle<'_> {
-    /// The setpoint at the time of a true sample, which lies between two cycles.
+    /// The setpoint at the time of a true sample, which lies between two cycles; `None` behind the last cycle of a stretch.
     #[must_use]
     pub fn setpoint_at(&self, stamp_ns: u64) -> Option<Setpoint> {
         let (now, then) = (self.authority, self.next?);
@@ -58,7 +61,8 @@ impl Cycle<'_> {
 
 #[derive(Default)]
 struct Row {
-    cycle: u64,
+    /// Life and cycle.
+    place: (u64, u64),
     authority: Option<MotorAuthority>,
     state: Option<MotorState>,
     /// Per slot.
@@ -120,19 +124,23 @@ impl Tracker {
         set: impl FnOnce(&mut Row, T),
     ) -> bool {
         let Some(sample) = recorded.to::<T>() else { return false };
-        let cycle = sample.header().cycle;
-        let last = self.rows.back().map_or(0, |row| row.cycle);
-        if cycle.saturating_add(10 * WINDOW as u64) < last {
-            // motor-io was started anew and counts from the beginning
+        let (life, cycle) = (sample.header().life, sample.header().cycle);
+        let last = self.rows.back().map_or((0, 0), |row| row.place);
+        // A sample from outside the control chain names no life: it belongs to the present one.
+        let place = (if life == 0 { last.0 } else { life }, cycle);
+        // A run without lives shows a restart of motor-io only by its cycles.
+        let counts_again = place.0 == last.0 && cycle.saturating_add(10 * WINDOW as u64) < last.1;
+        if place.0 > last.0 || counts_again {
+            // motor-io was started again and counts from the beginning
             self.finish(each);
         }
-        let at = self.rows.iter().rposition(|row| row.cycle <= cycle);
+        let at = self.rows.iter().rposition(|row| row.place <= place);
         match at {
-            Some(at) if self.rows[at].cycle == cycle => set(&mut self.rows[at], sample),
+            Some(at) if self.rows[at].place == place => set(&mut self.rows[at], sample),
             // a straggler of a cycle that was given away
             None if !self.rows.is_empty() => {}
             at => {
-                let mut row = Row { cycle, ..Row::default() };
+                let mut row = Row { place, ..Row::default() };
                 set(&mut row, sample);
                 self.rows.insert(at.map_or(0, |at| at + 1), row);
             }
@@ -172,7 +180,7 @@ impl Tracker {
 
     fn give(&mut self, row: &Row, each: &mut impl FnMut(&Cycle<'_>)) {
         let Some(authority) = &row.authority else { return };
-        let next = self.rows.front().and_then(|row| row.authority.as_ref());
+        let next = self.rows.iter().find_map(|row| row.authority.as_ref());
         self.due.clear();
         let until = next.map_or(authority.header.stamp_ns, |next| next.header.stamp_ns);
         while let Some(truth) = self.truth.front().filter(|truth| truth.header.stamp_ns < until).copied() {
@@ -181,6 +189,7 @@ impl Tracker {
                 self.due.push(truth);
             }
         }
+        let next = next.filter(|next| follows(authority, next));
         let [a, b] = &row.estimates;
         let estimate = blended_estimate(Some(authority), [a.as_ref(), b.as_ref()], Rule::History);
         let following = authority.mode == MotorAuthority::MODE_FOLLOWING;
@@ -204,6 +213,12 @@ impl Tracker {
             segments,
         });
     }
+}
+
+/// Whether the plan clock ran from one of these cycles to the other.
+fn follows(now: &MotorAuthority, next: &MotorAuthority) -> bool {
+    let stretch = |authority: &MotorAuthority| (authority.header.life, authority.epoch, authority.motion);
+    stretch(now) == stretch(next) && next.header.cycle.saturating_sub(now.header.cycle) <= NEAR
 }
 
 /// Of segments in the order of their start, the one that began last.

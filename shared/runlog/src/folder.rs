@@ -3,6 +3,7 @@
 use std::ffi::OsStr;
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use rustix::fs::{FlockOperation, Mode, OFlags, flock};
 
@@ -19,6 +20,16 @@ pub(crate) const RECOVERED_ENDING: &str = "-recovered";
 pub(crate) fn is_held(path: &Path) -> bool {
     let Ok(file) = fs::File::open(path) else { return false };
     matches!(flock(&file, FlockOperation::NonBlockingLockShared), Err(rustix::io::Errno::WOULDBLOCK))
+}
+
+/// A recorder writes twice a second. One that has written nothing for so long does not record, whatever it still holds, s.
+const SILENT_S: u64 = 3;
+
+/// For how long nothing has been written to the file, whole seconds; 0 while that is no longer than a recorder takes at times.
+pub(crate) fn silent_s(path: &Path) -> u64 {
+    let written = fs::metadata(path).and_then(|file| file.modified()).ok();
+    let since = written.and_then(|written| SystemTime::now().duration_since(written).ok());
+    since.map(|since| since.as_secs()).filter(|seconds| *seconds >= SILENT_S).unwrap_or(0)
 }
 
 /// Bytes that an unprivileged process can still write where `path` is, or will be: where there is no such folder, the nearest one above
@@ -101,6 +112,20 @@ pub(crate) fn sync_folder(file: &Path) -> Result<(), RunError> {
 mod tests {
     use super::*;
     use rustix::fs::FileType;
+
+    #[test]
+    fn a_file_that_is_not_written_is_silent_after_some_seconds() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("run.mcap.part");
+        assert_eq!(silent_s(&path), 0, "there is none");
+        fs::write(&path, "").unwrap();
+        let file = fs::File::open(&path).unwrap();
+        let now = SystemTime::now();
+        file.set_modified(now - std::time::Duration::from_secs(30)).unwrap();
+        assert!(silent_s(&path) >= 30);
+        file.set_modified(now + std::time::Duration::from_secs(30)).unwrap();
+        assert_eq!(silent_s(&path), 0, "the wall clock was set back");
+    }
 
     #[test]
     fn files_come_in_the_order_of_writing_and_names_are_not_used_twice() {

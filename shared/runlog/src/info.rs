@@ -9,7 +9,7 @@ use messages::schema::Schema;
 use messages::{RecorderGap, text_of};
 use serde::Serialize;
 
-use crate::folder::is_held;
+use crate::folder::{is_held, silent_s};
 use crate::read::{Recorded, RecordedChannel, RunReader};
 use crate::{Damage, RunError, Sequence, utc};
 
@@ -22,8 +22,10 @@ pub struct FileReport {
     pub bytes: u64,
     /// It was closed properly, by its recorder or by a recovery.
     pub finished: bool,
-    /// A recorder writes it at present.
+    /// A recorder holds it at present.
     pub recording: bool,
+    /// For how long the recorder that holds it has written nothing, whole seconds; 0 while it writes.
+    pub silent_s: u64,
     /// A recovery made it, of a file that was not closed or is damaged.
     pub recovered: bool,
     /// What could not be read.
@@ -89,8 +91,10 @@ pub struct RunReport {
     pub duration_s: f64,
     /// Time in which samples of a fast channel are missing, of the one that lacks most, s.
     pub unrecorded_s: f64,
-    /// A recorder writes it at present.
+    /// A recorder holds it at present.
     pub recording: bool,
+    /// For how long the recorder that holds it has written nothing, whole seconds; 0 while it writes.
+    pub silent_s: u64,
     /// Samples.
     pub messages: u64,
     /// Bytes of all samples.
@@ -117,11 +121,18 @@ const SHOWN: usize = 10;
 /// The time in which nothing was recorded is told by channels of this rate or more, Hz: a slow one does not know it to the second.
 const FAST_HZ: f64 = 20.0;
 
-/// Less than this is no time that is worth a sentence, s.
-const LEAST_S: f64 = 0.005;
-
 /// More gaps than anyone reads one by one.
 pub const GAPS: usize = 1000;
+
+impl RunReport {
+    /// Less time than this without samples is not worth a sentence, because a sentence states tenths of a second, s.
+    pub const LEAST_S: f64 = 0.05;
+}
+
+/// Whether samples are known to be missing.
+fn is_short(channels: &[ChannelReport], unrecorded_s: f64) -> bool {
+    unrecorded_s >= RunReport::LEAST_S || channels.iter().any(|channel| channel.lost > 0)
+}
 
 #[derive(Default)]
 struct Count {
@@ -255,7 +266,17 @@ fn report(
             let damage = reader.damage().iter().filter(|(file, _)| file == path).map(|(_, one)| one.clone()).collect();
             let recovered = reader.recovered().iter().any(|(file, _)| file == path);
             let recording = !finished && is_held(path);
-            FileReport { path: path.clone(), bytes: *bytes, finished: *finished, recording, recovered, damage }
+            // A recorder that is stopped, or waits for its disk, holds its file too.
+            let silent_s = if recording { silent_s(path) } else { 0 };
+            FileReport {
+                path: path.clone(),
+                bytes: *bytes,
+                finished: *finished,
+                recording,
+                silent_s,
+                recovered,
+                damage,
+            }
         })
         .collect();
     let fast = channels.iter().filter(|channel| channel.rate_hz.is_some_and(|rate_hz| rate_hz >= FAST_HZ));
@@ -269,6 +290,8 @@ fn report(
         duration_s: bounds.map_or(0.0, |(first, last)| seconds(last - first)),
         unrecorded_s,
         recording: files.iter().any(|file| file.recording),
+        // Where one recorder hangs and another one writes, the run is being recorded.
+        silent_s: files.iter().filter(|file| file.recording).map(|file| file.silent_s).min().unwrap_or(0),
         messages: channels.iter().map(|channel| channel.messages).sum(),
         sample_bytes: channels.iter().map(|channel| channel.bytes).sum(),
         files,
@@ -282,22 +305,33 @@ fn report(
 
 fn verdict(files: &[FileReport], channels: &[ChannelReport], unrecorded_s: f64, orphaned: u64) -> Vec<String> {
     let mut found = Vec::new();
-    for file in files {
+    let short = is_short(channels, unrecorded_s);
+    for (at, file) in files.iter().enumerate() {
         let holes = file.damage.iter().filter(|damage| !damage.torn_end).count();
         let path = file.path.display();
-        if file.recording {
+        if file.recording && file.silent_s > 0 {
+            found.push(format!(
+                "{path}: a recorder holds it, but nothing has been written for {} s; read up to what is on the disk",
+                file.silent_s
+            ));
+        } else if file.recording {
             found.push(format!("{path}: is being recorded, and read up to what is on the disk"));
         } else if holes > 0 {
             found.push(format!("{path}: {holes} damaged places; run `nims recover`"));
         } else if !file.finished {
             found.push(format!("{path}: not closed properly; run `nims recover`"));
         } else if file.recovered {
-            found.push(format!(
-                "{path}: recovered; what its recorder had not yet given to the disk when it ended, about the last second, is missing"
-            ));
+            let lack = match (short, at + 1 == files.len()) {
+                (true, _) => "what its recorder had not yet given to the disk when it ended is missing",
+                (false, true) => {
+                    "at most the last half second before its recorder ended is missing, after a power cut the last two"
+                }
+                (false, false) => "by their numbers, no samples are missing between it and the next file",
+            };
+            found.push(format!("{path}: recovered; {lack}"));
         }
     }
-    if unrecorded_s >= LEAST_S {
+    if unrecorded_s >= RunReport::LEAST_S {
         found.push(format!("{unrecorded_s:.2} s were not recorded"));
     }
     for channel in channels.iter().filter(|channel| channel.lost > 0) {
@@ -322,10 +356,13 @@ impl fmt::Display for RunReport {
         }
         for file in &self.files {
             let state = match file {
-                FileReport { recording: true, .. } => ", being recorded",
-                FileReport { finished: false, .. } => ", not finished",
-                FileReport { recovered: true, .. } => ", recovered",
-                _ => "",
+                FileReport { recording: true, .. } if file.silent_s > 0 => {
+                    format!(", open, but nothing has been written for {} s", file.silent_s)
+                }
+                FileReport { recording: true, .. } => ", being recorded".to_owned(),
+                FileReport { finished: false, .. } => ", not finished".to_owned(),
+                FileReport { recovered: true, .. } => ", recovered".to_owned(),
+                _ => String::new(),
             };
             writeln!(f, "file      {} ({:.2} MB{state})", file.path.display(), megabytes(file.bytes))?;
         }

@@ -143,6 +143,15 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     assert_eq!(states(&abandoned), (1..=100).collect::<Vec<_>>());
     let report = info(&part).unwrap();
     assert!(report.recording && !report.healthy && report.files[0].recording, "{:?}", report.verdict);
+    assert!(report.silent_s == 0 && report.verdict[0].contains("is being recorded"), "{:?}", report.verdict);
+    // A recorder that is stopped holds its file, and writes nothing.
+    let written = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
+    fs::File::open(&part).unwrap().set_modified(written).unwrap();
+    let report = info(&part).unwrap();
+    assert!(report.recording && (60..600).contains(&report.silent_s), "{} s", report.silent_s);
+    let said = &report.verdict[0];
+    assert!(said.contains("nothing has been written for 6") && !said.contains("being recorded"), "{said}");
+    assert!(report.to_string().contains("open, but nothing has been written for"), "{report}");
     let report = info(&abandoned).unwrap();
     assert!(!report.recording && !report.files[0].recording);
     assert!(!report.healthy && report.verdict[0].contains("not closed properly"), "{:?}", report.verdict);
@@ -156,6 +165,7 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     let report = info(&recovery.file).unwrap();
     assert!(report.files[0].recovered && report.files[0].finished && !report.healthy, "what was lost is not known");
     assert!(report.verdict.len() == 1 && report.verdict[0].contains("recovered"), "{:?}", report.verdict);
+    assert!(report.verdict[0].contains("at most the last half second"), "{:?}", report.verdict);
     assert_eq!(report.attachments, ["box.toml"]);
     assert_eq!(report.about["robot"], "lab3");
     writer.finish(&BTreeMap::new()).unwrap();
@@ -165,6 +175,34 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     assert_eq!(recovery.file, folder.path().join("run-recovered.mcap"));
     assert_eq!(recovery.kept.as_deref(), Some(path.as_path()));
     assert!(recover(&path, &mut quiet).unwrap_err().to_string().contains("exists already"));
+}
+
+#[test]
+fn a_recovered_file_lacks_what_the_numbers_of_the_next_one_show() {
+    // Each file but the last is as a killed recorder leaves it: flushed to sample 100 and recovered.
+    for (next, lacks) in [(101_u64, "no samples are missing between it"), (131, "not yet given to the disk")] {
+        let folder = tempfile::tempdir().unwrap();
+        let (writer, _) = run(folder.path(), 130);
+        let part = folder.path().join("run.mcap.part");
+        let left = fs::read(&part).unwrap();
+        drop(writer);
+        fs::write(&part, left).unwrap();
+        recover(&part, &mut quiet).unwrap();
+        let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: START };
+        let mut writer = RunWriter::create(&next_file(folder.path()), clock, &BTreeMap::new(), &[]).unwrap();
+        let state = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
+        let truth = writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap();
+        let mut random = Random(43);
+        for seq in next..next + 100 {
+            write(&mut writer, state, &random.sample::<MotorState>(seq, START + seq * PERIOD));
+            write(&mut writer, truth, &random.sample::<TruthNode>(seq, START + seq * PERIOD));
+        }
+        writer.finish(&BTreeMap::new()).unwrap();
+        let report = info(folder.path()).unwrap();
+        let words = report.verdict.join("\n");
+        assert!(!report.healthy && words.contains("run.mcap: recovered") && words.contains(lacks), "{words}");
+        assert_eq!(words.contains("not recorded"), next > 101, "{words}");
+    }
 }
 
 #[test]

@@ -69,8 +69,40 @@ pub struct Events {
     mode: Option<u8>,
     bits: u32,
     mission: Option<(u8, u32, String)>,
-    /// State, restarts and process id of each.
-    processes: BTreeMap<String, (u8, u32, u32)>,
+    processes: BTreeMap<String, Known>,
+    /// When a process died, and which.
+    deaths: Vec<(f64, String)>,
+}
+
+/// What the process table said last of a process.
+#[derive(Debug, Clone)]
+struct Known {
+    state: u8,
+    restarts: u32,
+    pid: u32,
+    role: String,
+}
+
+/// Whether a process in that state has ended without being asked.
+fn is_dead(state: u8) -> bool {
+    matches!(state, ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP)
+}
+
+/// What the process table says of a process, without the last line of its log where that is no warning: what it did last is not why it
+/// ended.
+fn without_chatter(reason: &str) -> &str {
+    let begins = [": INFO ", ": DEBUG ", ": TRACE "].iter().filter_map(|level| reason.find(level)).min();
+    begins.map_or(reason, |at| &reason[..at])
+}
+
+/// What a fault's sentence says is the case, without its cure, for use inside a sentence; the cables or units that it names stay.
+pub fn case_of(sentence: &str) -> String {
+    let sentence = sentence.trim_end_matches('.');
+    let (what, cure) = sentence.split_once(": ").unwrap_or((sentence, ""));
+    let named = [" (cable", " (unit"].iter().find_map(|named| cure.rfind(named)).map_or("", |at| &cure[at..]);
+    let mut letters = what.chars();
+    let first: String = letters.next().map(|letter| letter.to_lowercase().collect()).unwrap_or_default();
+    format!("{first}{}{named}", letters.as_str())
 }
 
 impl Events {
@@ -168,27 +200,31 @@ impl Events {
             matches!(state, ProcessState::STATE_READY | ProcessState::STATE_RUNNING | ProcessState::STATE_SILENT)
         };
         // A newcomer that did not get the name (`nims plug --replace`) is not the process of that name.
-        let other = |&(state, _, pid): &(u8, u32, u32)| lives(state) && process.pid != 0 && pid != process.pid;
+        let other = |known: &Known| lives(known.state) && process.pid != 0 && known.pid != process.pid;
         if process.state == ProcessState::STATE_STOPPED && self.processes.get(&name).is_some_and(other) {
             return;
         }
-        let before = self.processes.insert(name.clone(), (process.state, process.restarts, process.pid));
-        if before.is_some_and(|(state, restarts, _)| (state, restarts) == (process.state, process.restarts)) {
+        let ProcessState { state, restarts, pid, .. } = *process;
+        let known = Known { state, restarts, pid, role: text_of(&process.role) };
+        let before = self.processes.insert(name.clone(), known);
+        if before.as_ref().is_some_and(|before| (before.state, before.restarts) == (state, restarts)) {
             return;
         }
+        let before = before.map(|before| before.restarts);
         let reason = text_of(&process.reason);
+        let reason = without_chatter(&reason);
         let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
-        let dead = matches!(process.state, ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP);
-        if dead && !self.died.contains(&name) {
-            self.died.push(name.clone());
+        if is_dead(state) {
+            self.deaths.push((time_s, name.clone()));
+            if !self.died.contains(&name) {
+                self.died.push(name.clone());
+            }
         }
         let what = match process.state {
             ProcessState::STATE_DIED => "has died",
             ProcessState::STATE_SILENT => "gives no sign of life",
             ProcessState::STATE_GAVE_UP => "died too often and is not started again",
-            ProcessState::STATE_READY if before.is_some_and(|(_, restarts, _)| restarts < process.restarts) => {
-                "was started again"
-            }
+            ProcessState::STATE_READY if before.is_some_and(|before| before < restarts) => "was started again",
             ProcessState::STATE_READY if process.restarts > 0 => "is ready again",
             _ => return,
         };
@@ -201,6 +237,29 @@ impl Events {
             let level = if event.level == LogEvent::LEVEL_WARN { "warns" } else { "reports an error" };
             self.push(time_s, Kind::Log, format!("{} {level}: {}", text_of(&event.process), text_of(&event.text)));
         }
+    }
+
+    /// A process of that role that had died when the recording ended.
+    #[must_use]
+    pub fn dead(&self, role: &str) -> Option<&str> {
+        let mut dead = self.processes.iter().filter(|(_, known)| known.role == role && is_dead(known.state));
+        dead.next().map(|(name, _)| name.as_str())
+    }
+
+    /// A process of that role that died between these times, s since the beginning of the run.
+    #[must_use]
+    pub fn died_between(&self, role: &str, from_s: f64, to_s: f64) -> Option<&str> {
+        let is = |name: &String| self.processes.get(name).is_some_and(|known| known.role == role);
+        let within = self.deaths.iter().rev().find(|(at_s, name)| *at_s >= from_s && *at_s <= to_s && is(name));
+        within.map(|(_, name)| name.as_str())
+    }
+
+    /// The last fault between these times, s since the beginning of the run: what is the case.
+    #[must_use]
+    pub fn fault_between(&self, from_s: f64, to_s: f64) -> Option<String> {
+        let faults = self.events.iter().filter(|event| event.kind == Kind::Fault);
+        let within = faults.filter(|event| event.time_s >= from_s && event.time_s <= to_s);
+        within.max_by(|a, b| a.time_s.total_cmp(&b.time_s)).map(|event| case_of(&event.text))
     }
 
     /// Brings them into the order of their time.
@@ -239,6 +298,42 @@ mod tests {
         (row.state, row.restarts, row.pid) = (ProcessState::STATE_READY, 1, 7);
         events.process(3.0, &row);
         assert_eq!((events.died.len(), events.all().len()), (0, told));
+    }
+
+    #[test]
+    fn the_dead_are_known_by_their_role_and_not_by_what_they_logged_last() {
+        let mut events = Events::default();
+        let mut row = ProcessState { state: ProcessState::STATE_READY, ..ProcessState::default() };
+        messages::put_text(&mut row.name, "estimator-a");
+        messages::put_text(&mut row.role, "estimator");
+        events.process(1.0, &row);
+        assert_eq!(events.dead("estimator"), None);
+        row.state = ProcessState::STATE_DIED;
+        messages::put_text(&mut row.reason, "was ended by signal 9: INFO  estimator: parameters.toml is read");
+        events.process(2.0, &row);
+        assert_eq!(events.all()[0].text, "estimator-a has died: was ended by signal 9");
+        assert_eq!((events.dead("estimator"), events.dead("planner")), (Some("estimator-a"), None));
+        (row.state, row.restarts) = (ProcessState::STATE_READY, 1);
+        events.process(3.0, &row);
+        assert_eq!(events.dead("estimator"), None, "it is back");
+        assert_eq!(events.died_between("estimator", 1.5, 2.5), Some("estimator-a"));
+        assert_eq!(events.died_between("estimator", 2.5, 9.0), None);
+        let warned = "ended with exit code 1: WARN  estimator: the port: INFO is gone";
+        assert_eq!(
+            without_chatter("ended with exit code 1: the port is gone"),
+            "ended with exit code 1: the port is gone"
+        );
+        assert!(without_chatter(warned).contains("WARN  estimator: the port"));
+    }
+
+    #[test]
+    fn a_fault_inside_a_sentence_keeps_what_it_names_and_leaves_its_cure() {
+        let fault = "A line is slack or broken: look for what carries the node, then reset (cable 2).";
+        assert_eq!(case_of(fault), "a line is slack or broken (cable 2)");
+        let lost = "The supervisor is gone, so the robot stopped and holds: start nims up again, then resume.";
+        assert_eq!(case_of(lost), "the supervisor is gone, so the robot stopped and holds");
+        let busy = "The computer was busy: end what else runs on it (`nims doctor` says how).";
+        assert_eq!(case_of(busy), "the computer was busy");
     }
 
     #[test]

@@ -11,7 +11,8 @@ use crate::tracker::{Cycle, Tracker};
 use cable_robot::{Robot, Vector3};
 use hdrhistogram::Histogram;
 use messages::{
-    CABLES, Heartbeat, LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, RecorderStatus, text_of,
+    CABLES, Heartbeat, LogEvent, MotorAuthority, MotorState, OperatorRequest, PlanStatus, ProcessState, RecorderStatus,
+    text_of,
 };
 use runlog::{Inspection, Recorded, RunReader, RunReport};
 use sensor_logger::SensorMap;
@@ -98,6 +99,8 @@ pub struct Mission {
     pub progress: f64,
     /// Why it was given up or refused.
     pub reason: String,
+    /// Since when it is in this state, s since the beginning of the run.
+    pub since_s: f64,
 }
 
 /// Points of the path.
@@ -155,6 +158,8 @@ pub struct Gathered {
     pub mission: Option<Mission>,
     /// Before the first sample and behind the last one, as the supervisor has the run, s: nothing was recorded then.
     pub unrecorded_ends_s: [f64; 2],
+    /// Why the run ended, as the supervisor wrote it.
+    pub ended_because: Option<String>,
     /// Every mission that was done, aborted or refused.
     pub missions: BTreeMap<String, u32>,
 }
@@ -200,6 +205,13 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
     Ok(gathered)
 }
 
+/// A run in which nothing is.
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+pub(super) fn blank() -> Gathered {
+    Book::new().unwrap().found
+}
+
 /// What is being gathered.
 struct Book {
     /// Log time of the first sample, UNIX, ns.
@@ -243,6 +255,7 @@ impl Book {
             least_free_bytes: None,
             mission: None,
             unrecorded_ends_s: [0.0; 2],
+            ended_because: None,
             missions: BTreeMap::new(),
         };
         Ok(Self {
@@ -309,7 +322,10 @@ impl Book {
         }
         for (i, cable) in found.cables.iter_mut().enumerate() {
             if let Some(state) = cycle.state {
-                cable.length.add(time_s, state.length_m[i]);
+                // Before the position is known, lengths are counted from zero and are no lengths.
+                if state.position_known != MotorState::POSITION_UNKNOWN {
+                    cable.length.add(time_s, state.length_m[i]);
+                }
                 cable.velocity.add(time_s, state.velocity_m_s[i]);
                 cable.current.add(time_s, state.current_a[i]);
                 if cycle.moving {
@@ -396,8 +412,10 @@ impl Book {
                     *found.missions.entry(mission.clone()).or_default() += 1;
                 }
                 if status.state != PlanStatus::STATE_IDLE {
-                    let (progress, reason) = (status.progress, text_of(&status.reason));
-                    found.mission = Some(Mission { state: status.state, name: mission, progress, reason });
+                    let (state, progress, reason) = (status.state, status.progress, text_of(&status.reason));
+                    let same = found.mission.as_ref().filter(|known| known.state == state && known.name == mission);
+                    let since_s = same.map_or(time_s, |known| known.since_s);
+                    found.mission = Some(Mission { state, name: mission, progress, reason, since_s });
                 }
                 true
             }
@@ -451,6 +469,7 @@ impl Book {
         found.periods = self.count.periods();
         found.analysis = self.tally.result(Vec::new(), found.periods);
         found.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
+        found.ended_because = crate::runs::ended_because(run);
         found.recording = recording;
         found.robot = robot;
         found.events.close();

@@ -192,7 +192,15 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
                 cycles.map_or_else(none, |last| format!("{:.0} Hz", 1.0 / last.period_s))
             ),
         ),
-        ("path flown", format!("{:.2} m in {} legs", run.legs.flown_m(), judged.legs.len() + run.legs.left_out)),
+        (
+            "path flown",
+            format!(
+                "{}{:.2} m in {} legs",
+                super::verdict::at_least(run),
+                run.legs.flown_m(),
+                judged.legs.len() + run.legs.left_out
+            ),
+        ),
         ("off the set point, estimate, mm", mm(analysis.map(|analysis| &analysis.estimate))),
         ("off the set point, truth, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
         ("tensions", if low <= high { format!("{low:.1} to {high:.1} N") } else { none() }),
@@ -270,8 +278,8 @@ fn leg_table(judged: &Judged) -> String {
     let mut table = Table::new("", &head);
     for (at, leg) in judged.legs.iter().enumerate() {
         let mm = |value: Option<f64>| maybe(value.map(|metres| 1000.0 * metres), 2);
-        let flies = at + 1 == judged.legs.len() && super::verdict::flies(&judged.run);
-        let unfinished = leg.unfinished(flies);
+        let now = super::verdict::present(&judged.run).filter(|_| at + 1 == judged.legs.len());
+        let unfinished = leg.unfinished(now);
         table.row([
             format!("{} {}{unfinished}", leg.number, leg.kind),
             format!("{:.1}", leg.begin_s),
@@ -463,7 +471,12 @@ fn recording(run: &Gathered) -> String {
         files.row([
             file.path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             format!("{:.2}", file.bytes as f64 * 1e-6),
-            if file.finished { "closed in order" } else { "not closed" }.to_owned(),
+            match (file.finished, file.recording, file.silent_s) {
+                (true, ..) => "closed in order".to_owned(),
+                (false, true, 0) => "being recorded".to_owned(),
+                (false, true, silent_s) => format!("open, nothing written for {silent_s} s"),
+                (false, false, _) => "not closed".to_owned(),
+            },
             if damage.is_empty() { "none".to_owned() } else { damage.join("; ") },
         ]);
     }

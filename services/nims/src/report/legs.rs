@@ -29,8 +29,8 @@ pub struct Leg {
     /// Energy and loss of all motors at its beginning and its end, J.
     energy_j: Option<[[f64; 2]; 2]>,
     peak_tension_n: f64,
-    /// How far along its path the set point came, m.
-    reached_m: f64,
+    /// How much of its path the set point covered in cycles that follow each other, m.
+    flown_m: f64,
     complete: bool,
 }
 
@@ -47,7 +47,7 @@ pub struct LegReport {
     pub to_m: [f64; 3],
     /// Along the path, as planned, m.
     pub length_m: f64,
-    /// Along the path, as far as it was flown, m.
+    /// Along the path, as far as it was flown and recorded, m.
     pub flown_m: f64,
     /// As flown, s.
     pub duration_s: f64,
@@ -78,14 +78,10 @@ pub struct LegReport {
 }
 
 impl LegReport {
-    /// What stands behind its kind, if it was not flown to its end; `flies`: it is being flown now.
+    /// What stands behind its kind, if it was not flown to its end; `now`: what the robot does on it at present, if it is on it.
     #[must_use]
-    pub fn unfinished(&self, flies: bool) -> &'static str {
-        match (self.complete, flies) {
-            (true, _) => "",
-            (false, true) => " (being flown)",
-            (false, false) => " (cut)",
-        }
+    pub fn unfinished(&self, now: Option<&str>) -> String {
+        if self.complete { String::new() } else { format!(" ({})", now.unwrap_or("cut")) }
     }
 }
 
@@ -96,10 +92,12 @@ pub struct Legs {
     /// How many more there were.
     pub left_out: usize,
     last: Option<Key>,
-    /// The path flown on all legs, also those that are not kept, m.
+    /// The cycle that was taken in last runs into the next one: nothing between them is missing in the file.
+    runs_on: bool,
+    /// The path flown on all legs, also those that are not kept, as far as it was recorded, m.
     flown_m: f64,
-    /// How much of it is of the present leg, m.
-    reached_m: f64,
+    /// Where on the path of the present leg the set point was last; `None`: it was not seen there yet, m.
+    at_m: Option<f64>,
 }
 
 /// What tells a leg from every other: life of motor-io, epoch, motion and segment.
@@ -108,20 +106,19 @@ type Key = (u64, u32, u32, u64);
 impl Legs {
     /// Takes a cycle in.
     pub fn cycle(&mut self, time_s: f64, cycle: &Cycle<'_>) {
+        self.follow(time_s, cycle);
+        self.runs_on = cycle.next.is_some();
+    }
+
+    fn follow(&mut self, time_s: f64, cycle: &Cycle<'_>) {
         let Some(segment) = cycle.segment else {
             return self.comes_to_rest(cycle.authority);
         };
         let key = (cycle.authority.header.life, cycle.authority.epoch, cycle.authority.motion, segment.id);
         if self.last != Some(key) {
-            // the next one begins where the last one ended
-            if let Some(leg) =
-                self.legs.last_mut().filter(|leg| (leg.life, leg.epoch, leg.motion) == (key.0, key.1, key.2))
-            {
-                let length_m = leg.segment.path.length();
-                self.flown_m += length_m - leg.reached_m;
-                (leg.reached_m, leg.complete) = (length_m, true);
-            }
-            (self.last, self.reached_m) = (Some(key), 0.0);
+            self.end_before(key);
+            // Where the cycle before is in the file, the leg is seen from its beginning; otherwise from where the file shows it first.
+            (self.last, self.at_m) = (Some(key), self.runs_on.then_some(0.0));
             if self.legs.len() == LEGS {
                 self.left_out += 1;
             } else {
@@ -136,7 +133,7 @@ impl Legs {
                     truth: Distances::default(),
                     energy_j: None,
                     peak_tension_n: 0.0,
-                    reached_m: 0.0,
+                    flown_m: 0.0,
                     complete: false,
                 });
             }
@@ -176,16 +173,33 @@ impl Legs {
         }
     }
 
+    /// A leg of the same motion was flown to its end, because the next one begins where it ended.
+    fn end_before(&mut self, key: Key) {
+        let same = |other: &Key| (other.0, other.1, other.2) == (key.0, key.1, key.2);
+        let Some(last) = self.last.filter(same) else { return };
+        if let Some(leg) = self.legs.last_mut().filter(|leg| leg.key() == last) {
+            leg.complete = true;
+            let length_m = leg.segment.path.length();
+            self.comes_to(length_m);
+        }
+    }
+
     /// Takes in how far the set point has come on the present leg.
     fn reaches(&mut self, segment: &Segment, authority: &MotorAuthority) {
         let length_m = segment.path.length();
         let at_end = authority.plan_time_s >= segment.end_s() - authority.period_s;
         let now_m = if at_end { length_m } else { segment.setpoint(authority.plan_time_s).path_s_m };
-        let now_m = now_m.clamp(0.0, length_m).max(self.reached_m);
-        self.flown_m += now_m - self.reached_m;
-        self.reached_m = now_m;
+        self.comes_to(now_m.clamp(0.0, length_m));
+    }
+
+    /// The set point is at `now_m` on the present leg. Path counts as time does: only between cycles that follow each other in the file.
+    fn comes_to(&mut self, now_m: f64) {
+        let from_m = self.at_m.filter(|_| self.runs_on).unwrap_or(now_m);
+        let flown_m = (now_m - from_m).max(0.0);
+        self.at_m = Some(now_m.max(from_m));
+        self.flown_m += flown_m;
         if let Some(leg) = self.legs.last_mut().filter(|leg| Some(leg.key()) == self.last) {
-            leg.reached_m = now_m;
+            leg.flown_m += flown_m;
         }
     }
 
@@ -194,7 +208,7 @@ impl Legs {
         self.legs.iter().map(|leg| (leg.from_s, leg.to_s))
     }
 
-    /// The path that was flown, of legs that were broken off as far as they went, m.
+    /// The path that was flown and recorded, of legs that were broken off as far as they went, m.
     #[must_use]
     pub fn flown_m(&self) -> f64 {
         self.flown_m
@@ -228,7 +242,7 @@ impl Leg {
             from_m: path.start().into(),
             to_m: path.end().into(),
             length_m: path.length(),
-            flown_m: self.reached_m,
+            flown_m: self.flown_m,
             duration_s,
             planned_s: profile.duration(),
             cruise_m_s,
