@@ -17,17 +17,17 @@ pub enum BoxError {
     #[error(transparent)]
     Serial(#[from] serial::Error),
     /// A port that does not exist.
-    #[error("port {port} does not exist: this box has {count}, numbered from 0")]
+    #[error("there is no port {}; accepted: 1 to {count}", .port.saturating_add(1))]
     NoSuchPort {
-        /// Index asked for.
+        /// Index asked for, from 0.
         port: usize,
         /// Ports there are.
         count: usize,
     },
     /// A unit that does not exist.
-    #[error("there is no unit {address:#04x} on port {port}")]
+    #[error("there is no unit with the address {address} on port {}", .port.saturating_add(1))]
     NoSuchUnit {
-        /// Port asked for.
+        /// Index of the port asked for, from 0.
         port: usize,
         /// Address asked for.
         address: u8,

@@ -6,7 +6,7 @@ mod values;
 use clap::{Parser, Subcommand, ValueEnum};
 use service::config::Point;
 use std::path::PathBuf;
-use values::{above_zero, assignment, finite, numbers, point, seconds};
+use values::{above_zero, assignment, finite, not_negative, numbers, point, seconds};
 
 pub use bench::{Bench, Part};
 pub use values::Numbers;
@@ -599,7 +599,7 @@ pub struct Plan {
     #[arg(long, value_name = "PER_M", value_parser = finite, allow_negative_numbers = true)]
     pub mu: Option<f64>,
     /// What a second costs beside the losses in the motors, W.
-    #[arg(long, value_name = "W", value_parser = finite, allow_negative_numbers = true, default_value = "0")]
+    #[arg(long, value_name = "W", value_parser = not_negative, allow_negative_numbers = true, default_value = "0")]
     pub time_weight: f64,
     /// Which of the possible tensions; default: unique for as many cables as directions, least-norm for more.
     #[arg(long, value_enum)]

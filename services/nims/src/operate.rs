@@ -239,7 +239,8 @@ pub fn mission_path(asked: &Path, missions: Option<&Path>) -> Answer<PathBuf> {
         candidates.push(folder.join(asked));
         candidates.push(folder.join(asked).with_extension("toml"));
     }
-    let Some(found) = candidates.iter().find(|path| path.is_file()) else {
+    let Some(found) = candidates.iter().find(|path| path.is_file()).or(candidates.iter().find(|path| path.exists()))
+    else {
         let beside = missions.map(|folder| format!(", nor in {}", folder.display())).unwrap_or_default();
         return Err(Failure::BadInput(format!("there is no mission file {}{beside}", asked.display())));
     };

@@ -20,6 +20,8 @@ use std::collections::BTreeMap;
 const DEFAULT: &str = "default";
 /// A new one has this long to qualify, s; it takes one where all is well.
 const QUALIFY_S: f64 = 20.0;
+/// Every row of the process table comes once a second.
+const TABLE_S: f64 = 1.5;
 /// From the announcement to the end of the probation, s: a little more than one where all is well.
 const SWAP_S: f64 = 10.0;
 
@@ -167,9 +169,8 @@ impl<'a> Robot<'a> {
 
     /// Ends a process, if it runs.
     fn end(&mut self, process: &str) -> Answer {
-        // Every row comes once a second.
         let name = process.to_owned();
-        self.until(1.5, |robot, _| Ok(robot.table.contains_key(&name).then_some(())))?;
+        self.until(TABLE_S, |robot, _| Ok(robot.table.contains_key(&name).then_some(())))?;
         if !self.runs(process) {
             return Ok(());
         }
@@ -191,6 +192,13 @@ impl<'a> Robot<'a> {
     fn qualify(&mut self, slot: usize, process: &str) -> Answer {
         let seat = SLOTS * self.index + slot;
         let process = process.to_owned();
+        let there = self.until(TABLE_S, |robot, slots| {
+            Ok((robot.runs(&process) || slots.phase[seat] != MotorSlots::PHASE_EMPTY).then_some(()))
+        })?;
+        if there.is_none() {
+            let who = self.who();
+            return Err(Failure::NotNow(format!("no {who} runs in that slot; start one with nims swap {who} LAW")));
+        }
         let found = self.until(QUALIFY_S, |robot, slots| {
             robot.tell(&progress(robot.index, seat, slots));
             if robot.state_of(&process) == Some(ProcessState::STATE_GAVE_UP) {

@@ -49,9 +49,9 @@ pub enum PlantError {
         residual_n: f64,
     },
     /// A cable number beyond the last one.
-    #[error("cable {cable} does not exist: this plant has {count}, numbered from 0")]
+    #[error("there is no cable {}; accepted: 1 to {count}", .cable.saturating_add(1))]
     NoSuchCable {
-        /// Index asked for.
+        /// Index asked for, from 0.
         cable: usize,
         /// Cables there are.
         count: usize,

@@ -36,6 +36,11 @@ pub(super) fn above_zero(text: &str) -> Result<f64, String> {
     if value > 0.0 { Ok(value) } else { Err(format!("{text} is not above 0")) }
 }
 
+pub(super) fn not_negative(text: &str) -> Result<f64, String> {
+    let value = finite(text)?;
+    if value >= 0.0 { Ok(value) } else { Err(format!("{text} is less than 0")) }
+}
+
 pub(super) fn numbers(text: &str) -> Result<Numbers, String> {
     text.split(',')
         .map(finite)
