@@ -554,6 +554,7 @@ pub struct MotorTable {
 
 /// `nims replay`.
 #[derive(Debug, clap::Args)]
+#[command(group(clap::ArgGroup::new("another").args(["law", "set"]).multiple(true)))]
 pub struct Replay {
     /// Run folder or file.
     pub run: PathBuf,
@@ -564,7 +565,7 @@ pub struct Replay {
     #[arg(long, value_name = "KEY=VALUE", value_parser = assignment)]
     pub set: Vec<(String, String)>,
     /// With --law or --set: draw both velocities of each cable into this .svg or .png file.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", requires = "another")]
     pub plot: Option<PathBuf>,
 }
 

@@ -164,8 +164,10 @@ fn limits(machine: &Machine, findings: &mut Vec<Finding>) {
             format!("the control chain will run without what [realtime] asks for: {refused}"),
             "permit it as said, or take it out of [realtime]; without it other programs can make cycles late",
         )),
-        None if limits.realtime_priority == Some(0) && machine.user != 0 => findings
-            .push(note("real-time priority is not permitted to this user, and the box does not ask for it".to_owned())),
+        None if limits.realtime_priority == Some(0) && machine.user != 0 => {
+            let asked = if machine.runs.is_some() { ", and the box does not ask for it" } else { "" };
+            findings.push(note(format!("real-time priority is not permitted to this user{asked}")));
+        }
         None => {}
     }
 }

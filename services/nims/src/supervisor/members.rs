@@ -253,6 +253,9 @@ impl Site {
             beside_us(first).ok().or_else(|| in_path(first))
         };
         let Some(program) = program else {
+            if folder.join(first).is_dir() {
+                return Err(Failure::BadInput(format!("process \"{name}\": {first} is a folder; name a program")));
+            }
             let where_to_look = if first.contains('/') { "" } else { ", neither beside nims nor in PATH" };
             return Err(Failure::BadInput(format!("process \"{name}\": there is no program {first}{where_to_look}")));
         };
