@@ -61,7 +61,7 @@ const FAULTS: [(u32, &str, &str); 21] = [
     (
         MotorAuthority::FAULT_SUPERVISOR_LOST,
         "the supervisor is gone, so the robot stopped and holds",
-        "start nims up again, then resume",
+        "start nims up again, confirm the position, arm, and run the mission with --continue",
     ),
     (
         MotorAuthority::FAULT_PLANNER_LOST,

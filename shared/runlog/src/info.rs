@@ -219,12 +219,13 @@ fn gap_report(gap: &RecorderGap, reader: &RunReader, begin_ns: u64) -> GapReport
     GapReport {
         channel: text_of(&gap.channel),
         missing: gap.missing,
-        at_s: (unix(gap.last_ns) as f64 - begin_ns as f64) * 1e-9,
+        // What was missing before the file began is missing from its beginning on.
+        at_s: ((unix(gap.last_ns) as f64 - begin_ns as f64) * 1e-9).max(0.0),
         lasted_s: gap.next_ns.saturating_sub(gap.last_ns) as f64 * 1e-9,
         cause: match gap.cause {
             RecorderGap::CAUSE_DISK_FULL => "the disk was full",
-            RecorderGap::CAUSE_FAILED => "the file could not be written",
-            _ => "they came faster than the recorder could take them",
+            RecorderGap::CAUSE_FAILED => "the file was removed or could not be written",
+            _ => "the recorder did not take them in time",
         },
     }
 }

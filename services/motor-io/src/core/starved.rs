@@ -16,8 +16,8 @@ const EXCHANGE_SHARE: f64 = 1.0 - CHAIN_SHARE;
 /// Evidence older than this does not explain that a command is still missing: who waits for a processor shows it in every cycle, and a
 /// process that has died beside a hiccup does not.
 const RECENT_CYCLES: u32 = 3;
-/// A fault so long after the last evidence does not coincide with it, s.
-const COINCIDES_S: f64 = 0.5;
+/// Of the last 64 periods so many have to show evidence for a fault to coincide with it: one late tick explains no fault.
+const COINCIDES: u32 = 6;
 /// How long the robot says that it was the computer, after it goes on, s.
 const SAID_S: f64 = 1.0;
 
@@ -81,6 +81,8 @@ pub(super) struct Starved {
     own_age: u32,
     /// The same of this program or the pair in charge.
     age: u32,
+    /// The last 64 periods, the newest in the lowest bit; 1: evidence of this program or the pair in charge.
+    recent: u64,
     /// Cycles for which a stop of this cause is still named.
     said: u32,
 }
@@ -95,6 +97,7 @@ impl Default for Starved {
             left_out_s: 0.0,
             own_age: u32::MAX,
             age: u32::MAX,
+            recent: 0,
             said: 0,
         }
     }
@@ -139,7 +142,11 @@ impl Core {
         let in_charge = self.arbiter.in_charge();
         let age = |age: u32, evidence: bool| if evidence { 0 } else { age.saturating_add(1) };
         starved.own_age = age(starved.own_age, own);
-        starved.age = age(starved.age, own || starved.now.of_chain(in_charge));
+        let evidence = own || starved.now.of_chain(in_charge);
+        starved.age = age(starved.age, evidence);
+        let passed = (since_s(self.begin_ns) / period_s + 0.5).clamp(1.0, 64.0) as u32;
+        let these = if evidence { u64::MAX } else { 0 };
+        starved.recent = starved.recent.checked_shl(passed).unwrap_or(0) | these.checked_shr(64 - passed).unwrap_or(0);
     }
 
     /// Time that the virtual box left out between this cycle and the one before, s: nothing moved in it.
@@ -204,7 +211,7 @@ impl Core {
 
     /// Names the computer beside a fault that it can have brought about.
     pub(super) fn name_the_computer(&self, found: &mut Faults) {
-        if found.bits & EXPLAINED != 0 && self.starved.age <= self.config.cycles(COINCIDES_S) {
+        if found.bits & EXPLAINED != 0 && self.starved.recent.count_ones() >= COINCIDES {
             found.robot(MotorAuthority::FAULT_COMPUTER);
         }
     }

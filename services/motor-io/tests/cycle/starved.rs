@@ -101,9 +101,17 @@ fn a_silent_drive_is_a_silent_drive_and_beside_a_busy_computer_both_are_said() {
 
     // The chain starves, this program does not: nothing excuses the drive.
     let mut rig = following();
+    waits(&mut rig, ESTIMATOR_A, 10);
     rig.unit[1] = MotorInput::UNIT_LOST;
     waits(&mut rig, ESTIMATOR_A, 5);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_LOST_UNIT | A::FAULT_COMPUTER));
+
+    // A hiccup of the computer a moment before explains nothing.
+    let mut rig = following();
+    waits(&mut rig, ESTIMATOR_A, 2);
+    rig.unit[1] = MotorInput::UNIT_LOST;
+    rig.steps(5);
+    assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_LOST_UNIT));
 
     // However busy the computer is: a drive that never answers is gone.
     let mut rig = following();

@@ -239,6 +239,13 @@ impl Events {
         }
     }
 
+    /// A process of that role that gave no sign of life at last, without having died.
+    #[must_use]
+    pub fn silent(&self, role: &str) -> Option<&str> {
+        let is = |known: &Known| known.role == role && known.state == ProcessState::STATE_SILENT;
+        self.processes.iter().find(|(_, known)| is(known)).map(|(name, _)| name.as_str())
+    }
+
     /// A process of that role that had died when the recording ended.
     #[must_use]
     pub fn dead(&self, role: &str) -> Option<&str> {
@@ -308,10 +315,13 @@ mod tests {
         messages::put_text(&mut row.role, "estimator");
         events.process(1.0, &row);
         assert_eq!(events.dead("estimator"), None);
+        row.state = ProcessState::STATE_SILENT;
+        events.process(1.5, &row);
+        assert_eq!((events.silent("estimator"), events.dead("estimator")), (Some("estimator-a"), None));
         row.state = ProcessState::STATE_DIED;
         messages::put_text(&mut row.reason, "was ended by signal 9: INFO  estimator: parameters.toml is read");
         events.process(2.0, &row);
-        assert_eq!(events.all()[0].text, "estimator-a has died: was ended by signal 9");
+        assert_eq!(events.all()[1].text, "estimator-a has died: was ended by signal 9");
         assert_eq!((events.dead("estimator"), events.dead("planner")), (Some("estimator-a"), None));
         (row.state, row.restarts) = (ProcessState::STATE_READY, 1);
         events.process(3.0, &row);
@@ -330,7 +340,7 @@ mod tests {
     fn a_fault_inside_a_sentence_keeps_what_it_names_and_leaves_its_cure() {
         let fault = "A line is slack or broken: look for what carries the node, then reset (cable 2).";
         assert_eq!(case_of(fault), "a line is slack or broken (cable 2)");
-        let lost = "The supervisor is gone, so the robot stopped and holds: start nims up again, then resume.";
+        let lost = "The supervisor is gone, so the robot stopped and holds: start nims up again, confirm the position, arm, and run the mission with --continue.";
         assert_eq!(case_of(lost), "the supervisor is gone, so the robot stopped and holds");
         let busy = "The computer was busy: end what else runs on it (`nims doctor` says how).";
         assert_eq!(case_of(busy), "the computer was busy");

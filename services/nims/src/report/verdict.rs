@@ -153,9 +153,10 @@ fn is_live(run: &Gathered) -> bool {
     run.recording.recording && run.recording.silent_s == 0
 }
 
-/// Whether the robot followed its motion at last. motor-io says nothing of its own death, so its last sample is from before it.
+/// Whether the robot followed its motion at last. motor-io says nothing of its own end, so its last sample is from before it.
 fn follows(run: &Gathered) -> bool {
-    let last = run.authority.as_ref().filter(|_| run.events.dead("motor-io").is_none());
+    let ended = |role| run.events.dead(role).or_else(|| run.events.silent(role));
+    let last = run.authority.as_ref().filter(|_| ended("motor-io").is_none());
     last.is_some_and(|last| last.mode == MotorAuthority::MODE_FOLLOWING)
 }
 
@@ -168,6 +169,9 @@ fn cause(run: &Gathered, mission: &Mission) -> Option<String> {
     };
     if let Some(died) = dead("motor-io") {
         return Some(died);
+    }
+    if let Some(name) = run.events.silent("motor-io") {
+        return Some(format!("{name} gave no sign of life"));
     }
     if follows(run) {
         // A fault that motor-io still names is over where it follows, but for a planner that is gone.

@@ -194,7 +194,9 @@ impl Child {
             let _ = reader.join();
         }
         let kept = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.iter().rev().find(|line| complains(line)).cloned()
+        // What it warned of is not why a signal ended it.
+        let signalled = self.exit.is_some_and(|status| status.signal().is_some());
+        kept.iter().rev().find(|line| complains(line) && !(signalled && level_of(line) == "WARN")).cloned()
     }
 
     /// Asks it to end in good order, once.
@@ -285,8 +287,12 @@ fn spawn(command: &mut Command, member: &Member) -> (std::io::Result<Process>, O
 
 /// Whether a line may be the cause of an end: a warning, an error, or one without a level, as of a panic or of a program of one's own.
 fn complains(line: &str) -> bool {
-    let level = line.split(|letter: char| !letter.is_ascii_alphabetic()).next().unwrap_or_default();
-    !line.is_empty() && !["TRACE", "DEBUG", "INFO"].contains(&level)
+    !line.is_empty() && !["TRACE", "DEBUG", "INFO"].contains(&level_of(line))
+}
+
+/// The first word of a line, which is the level of one that is logged.
+fn level_of(line: &str) -> &str {
+    line.split(|letter: char| !letter.is_ascii_alphabetic()).next().unwrap_or_default()
 }
 
 /// How a process ended, as half a sentence.
