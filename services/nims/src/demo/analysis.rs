@@ -66,8 +66,10 @@ pub struct Point {
     pub setpoint: Vector3<f64>,
     /// Where it was estimated, m.
     pub estimate: Vector3<f64>,
-    /// Where it was, m.
+    /// Where it was at the next true sample, m.
     pub truth: Option<Vector3<f64>>,
+    /// How far that is from the set point of that sample's own time, m.
+    pub truth_off_m: Option<f64>,
 }
 
 /// Sums up what the cycles of a run come to.
@@ -94,8 +96,9 @@ impl Tally {
         for truth in cycle.truth {
             let Some(target) = cycle.setpoint_at(truth.header.stamp_ns) else { continue };
             let position = Vector3::from(truth.position_m);
-            self.truth.add((position - target.position).norm());
-            nearest.get_or_insert(position);
+            let off_m = (position - target.position).norm();
+            self.truth.add(off_m);
+            nearest.get_or_insert((position, off_m));
             if let Some(control) = cycle.control {
                 self.tensions.add(truth, control);
             }
@@ -106,7 +109,8 @@ impl Tally {
             time_s: now.header.stamp_ns.saturating_sub(begin_ns) as f64 * 1e-9,
             setpoint: setpoint.position,
             estimate: Vector3::from(estimate.position_m),
-            truth: nearest,
+            truth: nearest.map(|(position, _)| position),
+            truth_off_m: nearest.map(|(_, off_m)| off_m),
         };
         self.moving += 1;
         self.estimate.add((point.estimate - point.setpoint).norm());

@@ -77,7 +77,7 @@ fn view(
 fn errors(area: &Area<'_>, track: &[Point]) -> Drawn {
     let off = |a: &Position, b: &Position| 1000.0 * (a - b).norm();
     let estimate: Vec<(f64, f64)> = track.iter().map(|p| (p.time_s, off(&p.estimate, &p.setpoint))).collect();
-    let truth: Vec<(f64, f64)> = track.iter().filter_map(|p| Some((p.time_s, off(&p.truth?, &p.setpoint)))).collect();
+    let truth: Vec<(f64, f64)> = track.iter().filter_map(|p| Some((p.time_s, 1000.0 * p.truth_off_m?))).collect();
     let top = estimate.iter().chain(&truth).map(|(_, error)| *error).fold(1.0, f64::max) * 1.4;
     let end = track.last().map_or(1.0, |p| p.time_s).max(0.1);
     let mut chart = ChartBuilder::on(area)
