@@ -34,6 +34,16 @@ const SILENT_NS: u64 = 1_000_000_000;
 const NO_MAP: &str = "no map came for the adaptive leg; is the sensor-logger running, and is there a map of that name? See nims channel list";
 const OFF_START: &str = "motor-io believes that the node is elsewhere than the estimate says, so the motion was not started; see nims status, restart the estimator, and ask again";
 const NOT_TAKEN_UP: &str = "the motion was not taken up within 5 s; is the controller running? See nims status";
+const REFUSED: &str = "the motion was not taken up within 5 s, because the controller's answers are no numbers or far beyond the limits; swap to another controller, then start a new motion";
+
+/// Whether motor-io refuses what the controller in charge answers.
+fn is_refused(authority: &MotorAuthority) -> bool {
+    let [slot, _] = authority.in_charge;
+    let verdict = authority.verdict.get(usize::from(slot));
+    verdict.is_some_and(|verdict| {
+        [MotorAuthority::VERDICT_NOT_FINITE, MotorAuthority::VERDICT_OUT_OF_LIMITS].contains(verdict)
+    })
+}
 
 /// What the planner knows when it is asked something.
 #[derive(Debug, Clone, Copy)]
@@ -513,7 +523,8 @@ impl Planner {
         } else if !flight.taken_up && authority.faults & MotorAuthority::FAULT_OFF_START != 0 {
             Some((PlanStatus::STATE_ABORTED, OFF_START.to_owned()))
         } else if !flight.taken_up && now_ns.saturating_sub(flight.accepted_ns) > TAKE_UP_NS {
-            Some((PlanStatus::STATE_ABORTED, NOT_TAKEN_UP.to_owned()))
+            let why = if is_refused(authority) { REFUSED } else { NOT_TAKEN_UP };
+            Some((PlanStatus::STATE_ABORTED, why.to_owned()))
         } else {
             status.state = if !flight.taken_up {
                 PlanStatus::STATE_READY

@@ -542,3 +542,20 @@ fn a_motion_that_another_planner_left_has_to_be_given_up_first() {
     world.authority.motion = 0;
     planner.run(&three_lines(), &world.seen()).unwrap();
 }
+
+#[test]
+fn a_motion_that_is_not_taken_up_says_what_the_controller_lacks() {
+    for (verdict, says) in [
+        (MotorAuthority::VERDICT_ABSENT, "is the controller running?"),
+        (MotorAuthority::VERDICT_NOT_FINITE, "swap to another controller"),
+    ] {
+        let (mut world, mut planner) = (World::ready(), Planner::new(config()));
+        planner.run(&three_lines(), &world.seen()).unwrap();
+        planner.step(&world.seen());
+        world.authority.verdict[0] = verdict;
+        world.pass(5.1);
+        let (_, status) = planner.step(&world.seen());
+        assert_eq!(status.state, PlanStatus::STATE_ABORTED);
+        assert!(text_of(&status.reason).contains(says), "{}", text_of(&status.reason));
+    }
+}
