@@ -140,22 +140,27 @@ pub fn there(run: &Path) -> Answer {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use runlog::{FileReport, RunReport};
 
-    #[test]
-    fn a_run_without_an_end_says_what_is_known_of_it() {
-        let manifest = json!({ "name": "demo3", "nims_version": "1" });
-        let file = FileReport {
-            path: PathBuf::from("run.mcap"),
+    /// One that was closed properly.
+    pub(crate) fn whole_file(name: &str) -> FileReport {
+        FileReport {
+            path: PathBuf::from(name),
             bytes: 1,
             finished: true,
             recording: false,
             silent_s: 0,
             recovered: false,
             damage: Vec::new(),
-        };
+        }
+    }
+
+    #[test]
+    fn a_run_without_an_end_says_what_is_known_of_it() {
+        let manifest = json!({ "name": "demo3", "nims_version": "1" });
+        let file = whole_file("run.mcap");
         let said = |file: &FileReport| {
             let (recording, silent_s) = (file.recording, file.silent_s);
             let report = RunReport { recording, silent_s, files: vec![file.clone()], ..RunReport::default() };

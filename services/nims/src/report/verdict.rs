@@ -349,21 +349,9 @@ fn steering(periods: &Periods) -> Option<String> {
 mod tests {
     use super::*;
     use crate::report::gather::blank;
+    use crate::runs::tests::whole_file as file;
     use messages::{ProcessState, put_text};
     use runlog::ChannelReport;
-    use std::path::PathBuf;
-
-    fn file(name: &str) -> FileReport {
-        FileReport {
-            path: PathBuf::from(name),
-            bytes: 1,
-            finished: true,
-            recording: false,
-            silent_s: 0,
-            recovered: false,
-            damage: Vec::new(),
-        }
-    }
 
     /// A run whose mission stands at 43 % and whose robot is in `mode`.
     fn run(state: u8, mode: u8) -> Gathered {
