@@ -7,7 +7,7 @@
     run.seconds(state)               # s since the run began
 
 Samples of nims are fixed-size, so nothing is decoded message by message: the message index of each chunk says where the samples
-of a channel are, and they are taken out all at once. That holds for what the scene process draws too: its texts become bytes, its lists
+of a channel are, and they are taken out all at once. That holds for what the visualization process draws too: its texts become bytes, its lists
 arrays. Needs `numpy`, `mcap` and `zstandard`.
 """
 

@@ -2,8 +2,8 @@
 
 use anyhow::{Context, Result};
 use cable_robot::drive_lag::DriveLag;
+use config::ControllerSection;
 use controller::Law;
-use service::config::ControllerSection;
 
 use crate::lockstep::{self, Flight, Lockstep};
 use crate::scenarios::Case;

@@ -5,11 +5,11 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
+use config::{BoxFile, ControllerSection, EstimatorSection};
 use controller::{ControllerConfig, Law};
 use estimator::EstimatorConfig;
 use messages::{Message, OperatorRequest, SLOT_NAMES};
 use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunWriter};
-use service::config::{BoxFile, ControllerSection, EstimatorSection};
 
 use crate::lockstep::{Chain, Cycle, Lockstep, Slots};
 use crate::scenarios::Case;
@@ -147,13 +147,13 @@ pub fn fly(path: &Path, box_path: &Path, case: &Case, cycles: u64) -> Result<Pat
     tape.finish()
 }
 
-/// A copy of a box file of `configs/boxes` (`name`, without its ending) and of its robot file in `folder`, with other words in it, such as
+/// A copy of a box file of `configs/systems` (`name`, without its ending) and of its robot file in `folder`, with other words in it, such as
 /// `("controller", "law", "preview")`.
 ///
 /// # Errors
 /// What is wrong with the files.
 pub fn box_with(folder: &Path, name: &str, words: &[(&str, &str, &str)]) -> Result<PathBuf> {
-    let path = format!("{}/../configs/boxes/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    let path = format!("{}/../configs/systems/{name}.toml", env!("CARGO_MANIFEST_DIR"));
     let file = BoxFile::load(Path::new(&path))?;
     fs::copy(&file.robot, folder.join("robot.toml"))?;
     let mut table: toml::Table = fs::read_to_string(&path)?.parse()?;

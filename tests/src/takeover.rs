@@ -2,10 +2,10 @@
 
 use anyhow::{Context, Result, ensure};
 use cable_robot::law::PFeedforward;
+use config::EstimatorSection;
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use messages::{CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
-use service::config::EstimatorSection;
 
 use crate::lockstep::{Chain, Cycle, Lockstep};
 use crate::scenarios::Case;

@@ -1,10 +1,11 @@
 //! What was recorded of a flight, fed again to fresh deciding parts, allocates nothing. That it gives the same bits is for `replay`.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-#[path = "../../shared/cable-robot/tests/mathematics/counting/mod.rs"]
+#[path = "../../shared/robot/cable-robot/tests/mathematics/counting/mod.rs"]
 mod counting;
 
 use cable_robot::law::PFeedforward;
+use config::EstimatorSection;
 use controller::Law;
 use counting::allocations;
 use estimator::Method;
@@ -12,7 +13,6 @@ use messages::OperatorRequest;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep};
 use nims_tests::scenarios::{self, Case};
 use planner::mission::PathShape;
-use service::config::EstimatorSection;
 use std::hint::black_box;
 
 /// A flight with all that happens in one: zeroing, arming, moving, a pause, going on, a stop.

@@ -57,7 +57,7 @@ fn talk() -> Result<(), Talked> {
     let box_said = folder.path().join("said");
     let child = Command::new(program("motor-box"))
         .arg("--box")
-        .arg(workspace().join("configs/boxes/demo3.toml"))
+        .arg(workspace().join("configs/systems/demo3.toml"))
         .arg("--ports-only")
         .arg(folder.path())
         .stderr(std::fs::File::create(&box_said).unwrap())

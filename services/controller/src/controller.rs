@@ -4,12 +4,12 @@ use cable_robot::elastic::{self, Realisation};
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::limits::scale_to_limits;
 use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
+use config::{BoxFile, RobotFile};
 use messages::{
     AUTHORITY_LAG, ControlStatus, ESTIMATORS, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate,
     PlanMotion, SLOTS, Standing, same_life, standing,
 };
-use service::config::{BoxFile, RobotFile};
-use service::motion::motion_of;
+use segments::motion_of;
 
 use crate::law::{self, Law};
 use crate::own::{Asked, CableLaw};

@@ -3,8 +3,8 @@
 use cable_robot::drive_lag::DriveLag;
 use cable_robot::law::{InputWeight, LqGain, PFeedforward};
 use cable_robot::{CableVec, Matrix3, NodeJacobian, Vector3};
+use config::ControllerSection;
 use messages::ControlStatus;
-use service::config::ControllerSection;
 use thiserror::Error;
 
 use crate::preview::PreviewSettings;

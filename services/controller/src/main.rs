@@ -3,10 +3,10 @@
 use std::process::ExitCode;
 
 use controller::{Controller, process};
-use service::LawArgs;
+use runtime::LawArgs;
 
 fn main() -> ExitCode {
-    service::main("controller", |args: &LawArgs, chassis| {
+    runtime::main("controller", |args: &LawArgs, chassis| {
         let config = process::config(chassis, args.law.as_deref())?;
         process::run(chassis, Controller::new(config))
     })

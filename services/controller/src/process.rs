@@ -2,12 +2,12 @@
 
 use std::process::ExitCode;
 
+use config::{BoxFile, RobotFile};
 use messages::{
     ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES, SLOTS,
     Standing, newer, standing,
 };
-use service::config::{BoxFile, RobotFile};
-use service::{Args, BadInput, Change, Chassis, Since, Tuning};
+use runtime::{Args, BadInput, Change, Chassis, Since, Tuning};
 
 use crate::{CableLaw, Controller, ControllerConfig, Law, Seen};
 
@@ -15,7 +15,7 @@ use crate::{CableLaw, Controller, ControllerConfig, Law, Seen};
 ///
 /// The box file's `[controller]` gives it the horizon, the limits and the distribution of tensions; its `law` is not used.
 pub fn main_with(law: Box<dyn CableLaw>) -> ExitCode {
-    service::main("controller", |_: &Args, chassis| {
+    runtime::main("controller", |_: &Args, chassis| {
         let config = config(chassis, None)?;
         run(chassis, Controller::with_law(config, law))
     })

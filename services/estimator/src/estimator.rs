@@ -1,8 +1,8 @@
 //! One step per cycle: lengths read, lengths predicted, position, tensions.
 
 use cable_robot::{CableVec, Matrix3, Robot, Vector3, elastic};
+use config::EstimatorSection;
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, same_life};
-use service::config::EstimatorSection;
 
 use crate::method::{Line, Method, MethodError};
 

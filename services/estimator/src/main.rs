@@ -2,13 +2,13 @@
 
 use std::process::ExitCode;
 
+use config::{BoxFile, RobotFile};
 use estimator::{Estimator, EstimatorConfig};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, newer};
-use service::config::{BoxFile, RobotFile};
-use service::{BadInput, Chassis, LawArgs, Since, Tuning};
+use runtime::{BadInput, Chassis, LawArgs, Since, Tuning};
 
 fn main() -> ExitCode {
-    service::main("estimator", run)
+    runtime::main("estimator", run)
 }
 
 /// An estimator as a box has it, and its section as the run file will have it.

@@ -2,10 +2,10 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use cable_robot::{CableVec, Distribution, Jacobian, Robot, RobotParts, Vector3, elastic};
+use config::EstimatorSection;
 use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig, Method};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate};
 use proptest::prelude::*;
-use service::config::EstimatorSection;
 
 const PERIOD_NS: u64 = 10_000_000;
 

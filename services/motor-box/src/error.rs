@@ -2,7 +2,7 @@
 
 use thiserror::Error;
 
-use crate::config::ConfigError;
+use crate::settings::ConfigError;
 
 /// What went wrong in the box.
 #[derive(Debug, Error)]

@@ -10,24 +10,24 @@
 //! * The box lives at most 20 ms at once: where the computer stands still, so does the box; and where it has no time for motor-io.
 #![forbid(unsafe_code)]
 
-pub mod config;
 mod device;
 mod error;
 mod fault;
 mod machine;
 mod run;
 mod serve;
+pub mod settings;
 mod socket;
 mod time;
 mod wire;
 
-pub use config::BoxConfig;
 pub use device::{DeviceConfig, DeviceKind};
 pub use error::BoxError;
 pub use fault::{BoxFault, FaultRequest, KINDS, Kind, UnknownFault};
 pub use machine::Machine;
 pub use run::MotorBox;
 pub use serve::{ports_only, serve};
+pub use settings::BoxConfig;
 pub use socket::{Shared, Socket};
 pub use time::Kept;
 pub use wire::Wire;

@@ -7,8 +7,8 @@ use roboclaw::{Packet, Status};
 use serial::{Device, Paced};
 
 use crate::BoxError;
-use crate::config::{BoxConfig, UnitConfig};
 use crate::fault::BoxFault;
+use crate::settings::{BoxConfig, UnitConfig};
 
 /// Longest time the drives keep one target, ns: ramps and watchdogs are looked at this often.
 const STEP_NS: u64 = 5_000_000;

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use service::{BadInput, Chassis, CommonArgs};
+use runtime::{BadInput, Chassis, CommonArgs};
 
 /// The virtual motor control box: drive units on pseudo-terminals, with winches, lines and a node behind them.
 #[derive(Debug, Parser)]
@@ -27,7 +27,7 @@ impl AsRef<CommonArgs> for Args {
 fn main() -> ExitCode {
     let args = Args::parse();
     let Some(folder) = args.ports_only else {
-        return service::main::<Args>("motor-box", |_, chassis: &mut Chassis| motor_box::serve(chassis));
+        return runtime::main::<Args>("motor-box", |_, chassis: &mut Chassis| motor_box::serve(chassis));
     };
     let box_file =
         args.common.box_file.ok_or_else(|| BadInput("no box file: give one with --box FILE".to_owned()).into());
@@ -35,7 +35,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("motor-box: {error:#}");
-            service::exit_code(&error)
+            runtime::exit_code(&error)
         }
     }
 }

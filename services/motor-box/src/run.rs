@@ -1,13 +1,13 @@
 //! The box in real time: wires, machine and clock brought together.
 
-use plant::scene::Scene;
+use plant::ground::Ground;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 
 use crate::BoxError;
-use crate::config::BoxConfig;
 use crate::device::Device;
 use crate::fault::{BoxFault, FaultRequest};
 use crate::machine::Machine;
+use crate::settings::BoxConfig;
 use crate::time::{BoxTime, Kept};
 use crate::wire::Wire;
 
@@ -29,7 +29,7 @@ pub struct MotorBox {
     machine: Machine,
     wires: Vec<Wire>,
     devices: Vec<Device>,
-    scene: Scene,
+    ground: Ground,
     time: BoxTime,
     maintained_ns: u64,
     /// What is put right by itself, and when on the machine's clock, ns.
@@ -58,7 +58,7 @@ impl MotorBox {
             machine,
             wires,
             devices,
-            scene: config.scene.clone(),
+            ground: config.ground.clone(),
             time: BoxTime::new(config.ports.iter().map(|port| &*port.link))?,
             maintained_ns: 0,
             repairs: Vec::new(),
@@ -171,7 +171,7 @@ impl MotorBox {
             if device.is_due(now_ns) {
                 self.machine.advance(now_ns)?;
             }
-            device.live(now_ns, self.machine.plant().position_m(), &self.scene)?;
+            device.live(now_ns, self.machine.plant().position_m(), &self.ground)?;
         }
         if now_ns >= self.maintained_ns + MAINTAIN_NS {
             self.maintained_ns = now_ns;

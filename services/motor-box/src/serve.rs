@@ -4,9 +4,9 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use config::BoxFile;
 use messages::{OperatorRequest, TruthNode, text_of};
-use service::config::BoxFile;
-use service::{BadInput, Chassis};
+use runtime::{BadInput, Chassis};
 use tracing::{info, warn};
 
 use crate::{BoxConfig, BoxError, FaultRequest, Kept, Machine, MotorBox};

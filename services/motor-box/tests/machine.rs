@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
-use motor_box::config::{PortConfig, UnitConfig};
+use motor_box::settings::{PortConfig, UnitConfig};
 use motor_box::{BoxConfig, BoxFault, Machine, Shared, Socket};
 use plant::line::IdlerConfig;
 use plant::{Fault, PlantConfig};
@@ -32,7 +32,7 @@ fn config() -> BoxConfig {
         }],
         turnaround_ns: 150_000,
         devices: Vec::new(),
-        scene: plant::scene::Scene::default(),
+        ground: plant::ground::Ground::default(),
     }
 }
 

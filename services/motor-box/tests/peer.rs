@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
-use motor_box::config::{PortConfig, UnitConfig};
+use motor_box::settings::{PortConfig, UnitConfig};
 use motor_box::{BoxConfig, MotorBox};
 use plant::PlantConfig;
 use plant::line::IdlerConfig;
@@ -38,7 +38,7 @@ fn motor_box(link: &Path) -> MotorBox {
         ports: vec![PortConfig { link: link.to_owned(), baud: BAUD, units }],
         turnaround_ns: 150_000,
         devices: Vec::new(),
-        scene: plant::scene::Scene::default(),
+        ground: plant::ground::Ground::default(),
     };
     MotorBox::new(&config).unwrap()
 }

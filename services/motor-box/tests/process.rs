@@ -30,7 +30,7 @@ impl Ended {
 }
 
 fn box_file(name: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/boxes").join(name)
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems").join(name)
 }
 
 fn motor_box() -> Command {

@@ -1,14 +1,14 @@
 //! Between the core and the drive units: velocities to counts per second, answers to the replies in [`MotorInput`].
 
-use crate::config::CoreConfig;
 use crate::core::DriveCommand;
+use crate::settings::CoreConfig;
+use config::{BoxFile, PortSection};
 use messages::{CABLES, MotorInput, UNITS};
 use roboclaw::driver::USB_MARGIN_NS;
 use roboclaw::fleet::MAX_FLEET;
 use roboclaw::{
     BusConfig, Drive, Error, Fleet, FleetCommand, PortConfig, Status, StatusPin, StopInput, UnitAnswer, UnitConfig,
 };
-use service::config::{BoxFile, PortSection};
 use std::path::Path;
 
 /// A motor cannot turn faster than this many times the fastest cable; an encoder that says so has jumped.
@@ -175,7 +175,7 @@ fn outcome(answer: &UnitAnswer, reboots: &mut u32) -> u8 {
 }
 
 fn port_config(port: &PortSection, config: &CoreConfig, domain_root: &Path) -> PortConfig {
-    let unit = |section: &service::config::UnitSection| {
+    let unit = |section: &config::UnitSection| {
         let counts = section.cables.iter().filter_map(|cable| config.counts_per_m.get(cable.wrapping_sub(1)));
         let finest = counts.fold(0.0, |most: f64, counts| most.max(counts.abs()));
         UnitConfig {

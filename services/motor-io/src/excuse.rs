@@ -1,6 +1,6 @@
 //! What a line may do by what was commanded of its drive lately: anything beyond that has another cause.
 
-use crate::config::CoreConfig;
+use crate::settings::CoreConfig;
 use messages::CABLES;
 
 /// Time constant with which an old command stops being an excuse for motion: drives lag by up to 0.16 s.

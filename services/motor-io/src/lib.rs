@@ -18,7 +18,6 @@
 
 pub mod answer;
 pub mod arbiter;
-pub mod config;
 pub mod core;
 pub mod drives;
 pub mod energy;
@@ -37,8 +36,9 @@ mod requests;
 pub mod safety;
 pub mod sentences;
 pub mod setpoint;
+pub mod settings;
 pub mod watch;
 
 pub use answer::Answer;
-pub use config::{ConfigError, CoreConfig};
 pub use core::{Core, DriveCommand, Observation};
+pub use settings::{ConfigError, CoreConfig};

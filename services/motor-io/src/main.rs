@@ -1,7 +1,7 @@
 //! The process `motor-io`; see the library.
 #![forbid(unsafe_code)]
 
-use service::CommonArgs;
+use runtime::CommonArgs;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -23,5 +23,5 @@ impl AsRef<CommonArgs> for Args {
 }
 
 fn main() -> ExitCode {
-    service::main("motor-io", |args: &Args, chassis| motor_io::process::run(chassis, args.state.as_deref()))
+    runtime::main("motor-io", |args: &Args, chassis| motor_io::process::run(chassis, args.state.as_deref()))
 }

@@ -1,6 +1,6 @@
 //! Encoder counts to line lengths: zero points, jumps, and how far the position can be trusted.
 
-use crate::config::CoreConfig;
+use crate::settings::CoreConfig;
 use messages::{CABLES, MotorState};
 
 /// No line is faster than this many times the fastest cable.

@@ -3,10 +3,10 @@
 //! A thread of its own writes: the loop hands over a copy and never waits. What comes back after a restart is only a claim, until
 //! somebody confirms it.
 
-use crate::config::CoreConfig;
+use crate::settings::CoreConfig;
+use config::file;
 use messages::CABLES;
 use serde::{Deserialize, Serialize};
-use service::file;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
@@ -156,7 +156,7 @@ impl Keeper {
         let (sender, receiver) = mpsc::sync_channel::<Position>(1);
         let (cables, config, target) = (config.cable_count(), config.clone(), path.clone());
         let work = move || {
-            service::realtime::ordinary();
+            runtime::realtime::ordinary();
             let mut failed = false;
             while let Ok(position) = receiver.recv() {
                 match PositionFile::of(&config, &position).write(&target) {

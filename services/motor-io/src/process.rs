@@ -1,6 +1,5 @@
 //! The process: the core, the drives and the bus, brought together once per period.
 
-use crate::config::CoreConfig;
 use crate::core::{Core, Observation};
 use crate::drives::Drives;
 use crate::inbox::Inbox;
@@ -8,15 +7,16 @@ use crate::kernel::Evidence;
 use crate::position::{Keeper, PositionFile};
 use crate::safety::Mode;
 use crate::sentences::{fault_sentences, faults_of, mode_sentence};
+use crate::settings::CoreConfig;
 use bus::clock::{Pacer, SECOND_NS, now_ns};
 use bus::estop;
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber};
+use config::{BoxFile, RobotFile};
 use messages::{
     Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
     PlanMotion, SLOT_NAMES,
 };
-use service::config::{BoxFile, RobotFile};
-use service::{BadInput, Chassis};
+use runtime::{BadInput, Chassis};
 use std::path::Path;
 use tracing::{info, warn};
 
@@ -104,7 +104,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
     let _awake = box_file
         .realtime
         .idle_latency_us
-        .and_then(|latency_us| service::realtime::stay_awake(latency_us).map_err(|sentence| warn!("{sentence}")).ok());
+        .and_then(|latency_us| runtime::realtime::stay_awake(latency_us).map_err(|sentence| warn!("{sentence}")).ok());
     let mut keeper = Keeper::start(folder, &robot, &config)?;
     let restored = PositionFile::load(folder, &robot, &config).unwrap_or_else(|error| {
         warn!("{error}");

@@ -3,12 +3,12 @@
 
 use crate::answer::{Answer, Sentence, sentence};
 use crate::arbiter::role::Refusal;
-use crate::config::{CoreConfig, JOG_LIMIT_M};
 use crate::core::{Core, Jog};
 use crate::faults::{Faults, STOPS};
 use crate::plan_clock::SLOWEST;
 use crate::safety::Mode;
 use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
+use crate::settings::{CoreConfig, JOG_LIMIT_M};
 use cable_robot::{Vector3, elastic, kinematics, tension};
 use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, OperatorRequest, ROLES, SLOT_NAMES, SLOTS};
 

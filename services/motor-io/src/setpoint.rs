@@ -2,7 +2,7 @@
 
 use cable_robot::Motion;
 use messages::{MotorInput, PlanMotion};
-use service::motion::motion_of;
+use segments::motion_of;
 
 /// The motion that plan/motion last held. The one that the robot is in the middle of outlives its planner.
 #[derive(Debug, Clone, Copy, Default)]

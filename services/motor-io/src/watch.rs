@@ -10,8 +10,8 @@
 //! Each condition has to persist for a number of cycles, because one reading is noise. Time is counted in cycles: a machine that
 //! stands still for a moment must not look like a fault of the robot.
 
-use crate::config::CoreConfig;
 use crate::faults::Faults;
+use crate::settings::CoreConfig;
 use cable_robot::motor::Motor;
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState, UNITS};
 use roboclaw::Status;

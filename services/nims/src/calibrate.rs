@@ -23,7 +23,7 @@ pub fn calibrate(asked: &Calibrate, json_only: bool) -> Answer<Value> {
         return Err(Failure::BadInput(format!("{out} is there already; name a new file, or move that one away")));
     }
     let path = asked.measurements.as_path();
-    let file: File = service::toml_file::load(path).map_err(Failure::bad)?;
+    let file: File = config::toml_file::load(path).map_err(Failure::bad)?;
     let method = match asked.method {
         CalibrationMethod::Survey => Method::Survey,
         CalibrationMethod::Joint => Method::Joint,
@@ -111,7 +111,7 @@ fn answer(found: &Calibration, numbers: &[usize], holdout: Option<&Holdout>, ver
 /// The calibration as a file of its own, with the measurements it comes from.
 fn write(out: &Path, measurements: &Path, value: &Value, covariance: &AnchorCovariance) -> Answer {
     let cannot = |why: String| Failure::NotNow(format!("{} cannot be written: {why}", out.display()));
-    let raw: toml::Table = service::toml_file::load(measurements).map_err(Failure::bad)?;
+    let raw: toml::Table = config::toml_file::load(measurements).map_err(Failure::bad)?;
     let mut table = toml::Table::new();
     table.insert("date".to_owned(), toml::Value::String(runlog::utc(bus::clock::unix_ns())));
     for (key, value) in value.as_object().into_iter().flatten() {

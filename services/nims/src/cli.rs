@@ -4,7 +4,7 @@ mod bench;
 mod values;
 
 use clap::{Parser, Subcommand, ValueEnum};
-use service::config::Point;
+use config::Point;
 use std::path::PathBuf;
 use values::{above_zero, assignment, finite, not_negative, numbers, point, seconds};
 
@@ -15,7 +15,7 @@ pub use values::Numbers;
 ///
 /// Exit code 0: answered; 2: bad input; 1: it could not be done now. Diagnostics go to stderr.
 #[derive(Debug, Parser)]
-#[command(name = "nims", version = service::build::own(), propagate_version = true)]
+#[command(name = "nims", version = runtime::build::own(), propagate_version = true)]
 pub struct Cli {
     /// What to do.
     #[command(subcommand)]
@@ -118,7 +118,7 @@ pub enum Command {
     /// show it.
     #[command(after_help = crate::set::help())]
     Set(Set),
-    /// Check a robot, box, mission, sensor or scene file; each finding with its cure.
+    /// Check a robot, box, mission, sensor or ground file; each finding with its cure.
     Check {
         /// The file.
         config: PathBuf,
@@ -229,7 +229,7 @@ pub struct Export {
     pub to: Option<f64>,
     /// In place of tables: as Foxglove, Lichtblick, RViz and rerun draw it in three dimensions, to this new file.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["out", "format", "channel", "from", "to"])]
-    pub scene: Option<PathBuf>,
+    pub visualization: Option<PathBuf>,
 }
 
 /// `nims map`.
@@ -317,7 +317,7 @@ pub struct Swap {
     pub name: Option<String>,
     /// Slot of the new one. Default: the one that is not in charge.
     #[arg(long, value_enum)]
-    pub slot: Option<service::Slot>,
+    pub slot: Option<config::Slot>,
     /// Keep the old one running, as a standby.
     #[arg(long)]
     pub keep: bool,
@@ -339,7 +339,7 @@ pub struct Set {
 /// `nims demo`.
 #[derive(Debug, clap::Args)]
 pub struct Demo {
-    /// Box file; default: configs/boxes/demo3.toml.
+    /// Box file; default: configs/systems/demo3.toml.
     pub config: Option<PathBuf>,
     /// Mission file; default: the one that the box names, `demo` if it names none.
     #[arg(long)]
@@ -369,7 +369,7 @@ pub struct Start {
     pub process: String,
     /// For a controller or an estimator: which slot; default: the first free one.
     #[arg(long, value_enum)]
-    pub slot: Option<service::Slot>,
+    pub slot: Option<config::Slot>,
     /// For a controller or an estimator: which law, or which [[process]]; default: as configured.
     #[arg(long)]
     pub law: Option<String>,

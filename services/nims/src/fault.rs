@@ -6,13 +6,13 @@
 use crate::failure::{Answer, Failure};
 use crate::{live, operate};
 use bus::Bus;
+use config::Role;
 use messages::{MotorAuthority, OperatorRequest, put_text};
 use motor_box::{FaultRequest, KINDS};
 use motor_io::sentences::{fault_sentences, mode_name};
+use runtime::OUTPUT_FAULTS;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
-use service::OUTPUT_FAULTS;
-use service::config::Role;
 use std::fmt::Write;
 use std::time::Duration;
 
@@ -346,7 +346,7 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
 
 /// Whose output is spoilt, and how.
 fn to_output(words: &[String]) -> Answer<(String, String)> {
-    let slots = [service::Slot::A, service::Slot::B];
+    let slots = [config::Slot::A, config::Slot::B];
     let names = [Role::Controller, Role::Estimator].map(|role| slots.map(|slot| role.process_name(slot))).concat();
     match words {
         [kind, process, rest @ ..] if names.contains(process) => {

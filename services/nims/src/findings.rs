@@ -4,13 +4,13 @@ use crate::failure::{Answer, Failure};
 use crate::points;
 use cable_robot::energy::MotorTable;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
+use config::toml_file;
+use config::{BoxFile, CalibrationFile, GroundFile, PlannerSection, RobotFile};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
 use sensor::SensorFile;
 use serde::Serialize;
 use serde_json::{Value, json};
-use service::config::{BoxFile, CalibrationFile, PlannerSection, RobotFile, SceneFile};
-use service::toml_file;
 use std::path::Path;
 
 /// Bytes of one cycle on the wire for a unit, with replies: speeds, encoders, currents; and once per port the slow slot.
@@ -75,7 +75,7 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
             Ok(findings)
         }
         Kind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
-        Kind::Scene => Ok(vec![scene(&SceneFile::load(path).map_err(Failure::bad)?)]),
+        Kind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
         Kind::Mission => {
             let mission = Mission::read(path).map_err(Failure::bad)?;
             let Some(on) = on else {
@@ -157,7 +157,7 @@ enum Kind {
     Box,
     Mission,
     Sensor,
-    Scene,
+    Ground,
 }
 
 /// What kind of file it is, by the keys that only that kind has.
@@ -172,10 +172,10 @@ fn kind(path: &Path) -> Answer<Kind> {
     } else if table.contains_key("port") {
         Ok(Kind::Sensor)
     } else if ["ground_m", "cylinder", "prism"].iter().any(|key| table.contains_key(*key)) {
-        Ok(Kind::Scene)
+        Ok(Kind::Ground)
     } else {
         Err(Failure::BadInput(format!(
-            "{} is no configuration file: a robot file has [robot], a box file [motor_io], a mission file [[leg]], a sensor file `port`, a scene file [[cylinder]] or [[prism]]",
+            "{} is no configuration file: a robot file has [robot], a box file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
             path.display()
         )))
     }
@@ -194,10 +194,10 @@ fn sensor(file: &SensorFile) -> Finding {
     ))
 }
 
-/// What stands in a scene.
-fn scene(file: &SceneFile) -> Finding {
+/// What stands in a ground.
+fn ground(file: &GroundFile) -> Finding {
     let (cylinders, prisms) = (file.cylinder.len(), file.prism.len());
-    note(format!("a scene of {cylinders} cylinders and {prisms} prisms on the ground at {} m", file.ground_m))
+    note(format!("a ground of {cylinders} cylinders and {prisms} prisms on the ground at {} m", file.ground_m))
 }
 
 /// Middle of the anchors' feet, at a quarter of the way up to the lowest anchor; of a node that floats between lines from

@@ -37,7 +37,6 @@ pub mod processes;
 pub mod replay;
 pub mod report;
 mod runs;
-pub mod scene_export;
 mod set;
 mod setup;
 pub mod solve;
@@ -46,6 +45,7 @@ pub mod supervisor;
 mod swap;
 mod top;
 pub mod tracker;
+pub mod visualization_export;
 mod workspace;
 
 pub use failure::{Answer, Failure};
@@ -218,8 +218,8 @@ pub fn run(cli: &Cli) -> Answer {
             Ok(())
         }
         Command::Export(asked) => {
-            let (value, words) = match &asked.scene {
-                Some(scene) => scene_export::export_scene(&asked.run, scene)?,
+            let (value, words) = match &asked.visualization {
+                Some(file) => visualization_export::export_visualization(&asked.run, file)?,
                 None => export::export(asked)?,
             };
             print(&value, &words);

@@ -8,6 +8,7 @@ pub use slots::{Said, Slots};
 
 use anyhow::{Context, Result, ensure};
 use cable_robot::{CableVec, Distribution, Robot, Vector3};
+use config::{BoxFile, ControllerSection, EstimatorSection, PlannerSection};
 use controller::{Controller, ControllerConfig, Law, Notice};
 use estimator::{Estimator, EstimatorConfig, Method};
 use messages::{
@@ -18,8 +19,7 @@ use motor_io::setpoint::Setpoints;
 use motor_io::{Answer, Core, CoreConfig};
 use planner::{Mission, Planner, PlannerConfig};
 use plant::{MotorInput as DriveInput, Plant, PlantConfig};
-use service::config::{BoxFile, ControllerSection, EstimatorSection, PlannerSection};
-use service::motion::motion_of;
+use segments::motion_of;
 
 /// Time from a tick until a drive unit has answered, ns: two units at 230400 baud, 37 bytes out and 39 bytes back each.
 const ANSWER_NS: u64 = 2_000_000;

@@ -4,8 +4,8 @@ use crate::cli::{Numbers, Tension};
 use crate::failure::{Answer, Failure};
 use crate::{plan, points};
 use cable_robot::{Robot, Vector3, kinematics, tension};
+use config::{Point, RobotFile};
 use serde_json::{Value, json};
-use service::config::{Point, RobotFile};
 use std::path::Path;
 
 /// The robot of a file. [`RobotFile::load`] refuses anchors that determine no position.

@@ -6,9 +6,9 @@ use crate::live::{self, Running};
 use crate::points;
 use bus::Bus;
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
+use config::{BoxFile, RESOLVED};
 use messages::{OperatorRequest, put_text};
 use serde_json::{Value, json};
-use service::config::{BoxFile, RESOLVED};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 

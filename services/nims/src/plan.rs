@@ -8,8 +8,8 @@ use cable_robot::energy::{Best, Bounds, Cost, EnergyError, Hoist, flight, parabo
 use cable_robot::path::{Lateral, Parabola};
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Distribution, Path, Robot, Vector3};
+use config::RobotFile;
 use serde_json::{Value, json};
-use service::config::RobotFile;
 
 /// Simpson's intervals for the answer, and for the scan.
 const INTERVALS: [usize; 2] = [64, 16];

@@ -2,8 +2,8 @@
 
 use crate::failure::{Answer, Failure};
 use cable_robot::{Robot, Vector3};
+use config::Point;
 use serde_json::{Value, json};
-use service::config::Point;
 
 /// The position that was given, m.
 ///

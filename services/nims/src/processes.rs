@@ -143,8 +143,8 @@ pub fn state_name(state: u8) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use config::Slot;
     use messages::put_text;
-    use service::Slot;
 
     fn row(name: &str, role: &str, slot: u8, state: u8, started_ns: u64) -> ProcessState {
         let mut row = ProcessState { state, slot, started_ns, ..Default::default() };

@@ -6,11 +6,11 @@ use crate::live;
 use crate::operate;
 use crate::supervisor::{self, Asked};
 use bus::{Bus, Subscriber, clock};
+use config::Slot;
+use config::{BoxFile, RobotFile, Role, TUNABLE, Tuned};
 use messages::{SystemConfig, text_of};
+use runtime::TUNED_CHANNEL;
 use serde_json::{Value, json};
-use service::Slot;
-use service::TUNED_CHANNEL;
-use service::config::{BoxFile, RobotFile, Role, TUNABLE, Tuned};
 use std::time::Duration;
 
 /// How long a process may take to say that it has taken a change up, ns: it is announced a tenth of a second ahead.

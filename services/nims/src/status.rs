@@ -11,8 +11,8 @@ use messages::{
     RecorderStatus, Rule, SLOT_NAMES, SLOTS, SystemConfig, blended_estimate, text_of,
 };
 use motor_io::sentences;
+use runtime::TUNED_CHANNEL;
 use serde_json::{Value, json};
-use service::TUNED_CHANNEL;
 use std::collections::BTreeMap;
 
 pub use motor_io::sentences::mode_name;

@@ -9,11 +9,11 @@ use crate::operate::{self, MOTOR_IO};
 use crate::processes;
 use crate::supervisor::{Asked, law_of};
 use bus::{Bus, Subscriber, Waiter, clock};
+use config::Role;
+use config::Slot;
 use messages::{MotorSlots, OperatorRequest, ProcessState, SLOTS, text_of};
 use motor_io::sentences;
 use serde_json::{Value, json};
-use service::Slot;
-use service::config::Role;
 use std::collections::BTreeMap;
 
 /// As configured, instead of a law.

@@ -7,7 +7,7 @@ use messages::{
     blended_estimate,
 };
 use runlog::Recorded;
-use service::motion::segment_of;
+use segments::segment_of;
 use std::collections::{BTreeMap, VecDeque};
 
 /// A setpoint slower than this rests, m/s: the ends of a profile, where every law is right.

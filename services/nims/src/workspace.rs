@@ -8,8 +8,8 @@ use crate::points;
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::tension::{self, general};
 use cable_robot::{Distribution, Robot, Vector3, elastic};
+use config::RobotFile;
 use serde_json::{Value, json};
-use service::config::RobotFile;
 
 /// Cells along the longest side, if no step is given.
 const CELLS: f64 = 40.0;

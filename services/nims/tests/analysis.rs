@@ -8,7 +8,7 @@ use nims::counters::Periods;
 use nims::demo::analysis::{Analysis, analyse};
 use nims::report::report;
 use runlog::{ChannelId, ChannelSpec, RunClock, RunWriter};
-use service::motion::segment_message;
+use segments::segment_message;
 
 const PERIOD_NS: u64 = 10_000_000;
 /// Estimate and truth are this far beside the setpoint, m.

@@ -4,5 +4,5 @@
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    service::main("planner", planner::process::run)
+    runtime::main("planner", planner::process::run)
 }

@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use config::Point;
+use config::{file, toml_file};
 use serde::{Deserialize, Serialize};
-use service::config::Point;
-use service::{file, toml_file};
 use thiserror::Error;
 
 use crate::scan::{Adaptive, DwellPoints, Profile, Raster, Transect};
@@ -327,7 +327,7 @@ impl Mission {
         high: f64,
         accepted: &'static str,
     ) -> Result<(), MissionError> {
-        let given = || service::config::Given(value).to_string();
+        let given = || config::Given(value).to_string();
         if (low..=high).contains(&value) { Ok(()) } else { Err(self.wrong(leg, key, given(), accepted)) }
     }
 

@@ -7,7 +7,7 @@ use cable_robot::motion::{Refusal, Report};
 use cable_robot::path::PathError;
 use cable_robot::profile::ProfileError;
 use cable_robot::{Distribution, Robot, Segment, Vector3};
-use service::config::BoxFile;
+use config::BoxFile;
 use thiserror::Error;
 
 use crate::mission::Mission;

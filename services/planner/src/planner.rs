@@ -5,7 +5,7 @@ use messages::{
     FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence,
     put_text, same_life, text_of,
 };
-use service::motion::segment_message;
+use segments::segment_message;
 use thiserror::Error;
 
 use crate::adaptive;

@@ -4,7 +4,7 @@ use bus::{Bus, Subscriber, clock::now_ns};
 use messages::{
     FieldMap, MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, Rule, SLOT_NAMES, blended_estimate, newer,
 };
-use service::{Args, Chassis};
+use runtime::{Args, Chassis};
 
 use crate::progress::{Keeper, Progress};
 use crate::{Planner, PlannerConfig, Seen, requests};

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use std::sync::mpsc::{self, SyncSender, TrySendError};
 use std::thread::JoinHandle;
 
+use config::file;
 use serde::{Deserialize, Serialize};
-use service::file;
 use thiserror::Error;
 
 use crate::mission::Mission;
@@ -127,7 +127,7 @@ impl Keeper {
         let (sender, receiver) = mpsc::sync_channel::<Progress>(1);
         let target = path.clone();
         let work = move || {
-            service::realtime::ordinary();
+            runtime::realtime::ordinary();
             let mut failed = false;
             while let Ok(progress) = receiver.recv() {
                 match progress.write(&target) {

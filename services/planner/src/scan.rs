@@ -4,8 +4,8 @@
 //! list of [`Stop`]s, flown straight from one to the next.
 
 use cable_robot::Vector3;
+use config::Point;
 use serde::{Deserialize, Serialize};
-use service::config::Point;
 use survey::adaptive::{Merit, Patch};
 use thiserror::Error;
 

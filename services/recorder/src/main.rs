@@ -6,9 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use bus::CHANNELS_EVENT;
+use config::RecorderSection;
 use recorder::{Recorder, Settings, recover_leftovers};
-use service::config::RecorderSection;
-use service::{BadInput, Chassis, CommonArgs, build};
+use runtime::{BadInput, Chassis, CommonArgs, build};
 
 /// Records every channel of a domain until it is told to stop.
 #[derive(clap::Parser)]
@@ -28,7 +28,7 @@ impl AsRef<CommonArgs> for Args {
 }
 
 fn main() -> ExitCode {
-    service::main("recorder", run)
+    runtime::main("recorder", run)
 }
 
 fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {

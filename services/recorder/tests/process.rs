@@ -188,7 +188,7 @@ fn a_file_that_takes_no_more_is_left_and_every_sample_that_is_missing_is_counted
     let mut recording = Recording::start_limited(&domain, run.path(), &bus, 16_000_000);
     let mut rows = bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
     let mut states = bus.publisher::<MotorState>("motor/state").unwrap();
-    let mut clouds = bus.publisher::<PointCloud2>("scene/samples/noise").unwrap();
+    let mut clouds = bus.publisher::<PointCloud2>("visualization/samples/noise").unwrap();
     let mut cloud: Box<PointCloud2> = Box::new(bytemuck::Zeroable::zeroed());
     let (mut seq, mut random) = (0, 88_172_645_463_325_252_u64);
     let mut last = None;
@@ -262,7 +262,7 @@ fn it_refuses_what_it_cannot_use_with_one_sentence() {
 fn a_disk_that_fills_up_is_said_within_a_second_and_recording_goes_on_when_there_is_room() {
     let disk = std::env::var("NIMS_SMALL_DISK").expect("NIMS_SMALL_DISK names a folder on a small file system");
     let (domain, run) = (Domain::for_test(), tempfile::tempdir_in(disk).unwrap());
-    let boxes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/boxes").canonicalize().unwrap();
+    let boxes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems").canonicalize().unwrap();
     let text = fs::read_to_string(boxes.join("demo3.toml")).unwrap();
     let robot = boxes.join("../robots/lab3.toml");
     let text = text.replace("\"../robots/lab3.toml\"", &format!("{:?}", robot.display().to_string()));

@@ -11,15 +11,15 @@
 //! * Nothing depends on it: the robot flies without it, and what it makes can be made again from the run (`nims map`).
 #![forbid(unsafe_code)]
 
-mod config;
 mod decode;
 mod logger;
 mod map;
 pub mod process;
+mod settings;
 mod words;
 
-pub use config::{LoggerConfig, SensorConfig};
 pub use decode::Decoder;
 pub use logger::{Counts, Logger};
 pub use map::{Plane, SensorMap};
+pub use settings::{LoggerConfig, SensorConfig};
 pub use words::complaint;

@@ -3,8 +3,8 @@
 
 use std::process::ExitCode;
 
-use service::{Args, Chassis};
+use runtime::{Args, Chassis};
 
 fn main() -> ExitCode {
-    service::main("sensor-logger", |_: &Args, chassis: &mut Chassis| sensor_logger::process::run(chassis))
+    runtime::main("sensor-logger", |_: &Args, chassis: &mut Chassis| sensor_logger::process::run(chassis))
 }

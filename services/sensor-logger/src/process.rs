@@ -3,7 +3,7 @@
 use bus::clock::{SECOND_NS, now_ns};
 use bus::{BusError, CHANNELS_EVENT, ChannelInfo, ChannelWatch, Publisher, Subscriber, Tap};
 use messages::{FieldMap, MotorAuthority, NodeEstimate, Sample};
-use service::Chassis;
+use runtime::Chassis;
 
 use crate::words::complaint;
 use crate::{Counts, Decoder, Logger, LoggerConfig, SensorMap};

@@ -8,16 +8,16 @@
 //! * A bad frame is counted and never published. A device that is silent or gone ends nothing: its last value is repeated as stale.
 #![forbid(unsafe_code)]
 
-mod config;
 mod line;
 mod modbus;
 mod process;
 mod sensor;
+mod settings;
 mod tfmini;
 
-pub use config::SensorFile;
 pub use process::serve;
 pub use sensor::Sensor;
+pub use settings::SensorFile;
 
 /// What a sensor said.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,7 +2,7 @@
 
 use messages::Reading;
 
-use crate::config::{LineFormat, LineSection, ValueSection};
+use crate::settings::{LineFormat, LineSection, ValueSection};
 use crate::{Frame, Protocol, VALUES};
 
 /// Longest line, bytes; NMEA 0183 allows 82.

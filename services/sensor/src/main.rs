@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use service::CommonArgs;
+use runtime::CommonArgs;
 
 /// A sensor on a serial port: publishes what it says on sensor/NAME.
 #[derive(Debug, Parser)]
@@ -24,5 +24,5 @@ impl AsRef<CommonArgs> for Args {
 }
 
 fn main() -> ExitCode {
-    service::main("sensor", |args: &Args, chassis| sensor::serve(&args.file, chassis))
+    runtime::main("sensor", |args: &Args, chassis| sensor::serve(&args.file, chassis))
 }

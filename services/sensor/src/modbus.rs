@@ -5,7 +5,7 @@ use messages::Reading;
 use rmodbus::client::ModbusRequest;
 use rmodbus::{ErrorKind, ModbusProto};
 
-use crate::config::{ModbusSection, NumberKind, RegisterTable, ValueSection};
+use crate::settings::{ModbusSection, NumberKind, RegisterTable, ValueSection};
 use crate::{Frame, Protocol, VALUES};
 
 /// Unit, function, and the number of bytes or the reason of a refusal.

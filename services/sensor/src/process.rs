@@ -3,8 +3,8 @@
 use std::path::Path;
 
 use messages::Reading;
+use runtime::{BadInput, Chassis, now_ns};
 use serial::{Line, Transport};
-use service::{BadInput, Chassis, now_ns};
 use tracing::{info, warn};
 
 use crate::{Sensor, SensorFile};

@@ -2,9 +2,9 @@
 
 use messages::{Header, Reading, put_text};
 
-use crate::config::{SensorFile, Speech};
 use crate::line::Lines;
 use crate::modbus::Modbus;
+use crate::settings::{SensorFile, Speech};
 use crate::tfmini::Tfmini;
 use crate::{Frame, Protocol};
 

@@ -6,8 +6,8 @@ use std::process::ExitCode;
 use bus::clock::now_ns;
 use bus::{CHANNELS_EVENT, Party};
 use runlog::RunClock;
-use service::config::ViewerSection;
-use service::{Chassis, CommonArgs};
+use config::ViewerSection;
+use runtime::{Chassis, CommonArgs};
 use viewer::{Settings, Viewer};
 
 /// Shows every channel of a domain to Foxglove and Lichtblick until it is told to stop.
@@ -31,7 +31,7 @@ impl AsRef<CommonArgs> for Args {
 }
 
 fn main() -> ExitCode {
-    service::main_as("viewer", Party::Guest, run)
+    runtime::main_as("viewer", Party::Guest, run)
 }
 
 fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {

@@ -3,7 +3,7 @@
 use crate::lockstep::Cycle;
 use cable_robot::Vector3;
 use messages::MotorAuthority;
-use service::motion::motion_of;
+use segments::motion_of;
 use std::collections::VecDeque;
 
 /// A line with less tension holds nothing, N.

@@ -10,12 +10,12 @@ mod steps;
 
 use anyhow::{Context, Result, anyhow, bail};
 use cable_robot::law::PFeedforward;
+use config::{EstimatorSection, PlannerSection};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use messages::{OperatorRequest, SLOTS};
 use motor_io::CoreConfig;
 use planner::PlannerConfig;
-use service::config::{EstimatorSection, PlannerSection};
 use std::collections::VecDeque;
 
 use crate::lockstep::{Chain, Cycle, Lockstep, core_config};

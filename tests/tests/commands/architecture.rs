@@ -19,15 +19,13 @@ fn root() -> PathBuf {
 /// From the manifests themselves: the toolchain need not be installed for the user who runs the tests.
 fn packages() -> BTreeMap<String, Package> {
     let mut found = BTreeMap::new();
+    let within = |folder: &Path| -> Vec<PathBuf> {
+        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
+        entries.filter(|path| path.is_dir()).collect()
+    };
     let mut folders = vec![root().join("tests")];
-    for place in ["shared", "services"] {
-        folders.extend(
-            std::fs::read_dir(root().join(place))
-                .unwrap()
-                .map(|entry| entry.unwrap().path())
-                .filter(|path| path.is_dir()),
-        );
-    }
+    folders.extend(within(&root().join("services")));
+    folders.extend(within(&root().join("shared")).iter().flat_map(|group| within(group)));
     for folder in folders {
         let manifest: toml::Table = std::fs::read_to_string(folder.join("Cargo.toml")).unwrap().parse().unwrap();
         let names = |section: &str| -> BTreeSet<String> {
@@ -95,8 +93,11 @@ fn dependencies_point_one_way() {
         ("bus", &["messages"]),
         ("runlog", &["messages"]),
         ("survey", &[]),
-        // configuration types are made from the mathematics, samples are filled by the chassis
-        ("service", &["bus", "messages", "cable-robot"]),
+        // configuration types are made from the mathematics
+        ("config", &["messages", "cable-robot"]),
+        ("segments", &["messages", "cable-robot"]),
+        // samples are filled by the chassis of a process
+        ("runtime", &["bus", "messages", "config"]),
     ]);
     for (name, package) in &packages {
         let ours = ours(package);
@@ -245,16 +246,16 @@ fn every_example_configuration_loads() {
         std::fs::read_dir(configs.join(folder)).unwrap().map(|entry| entry.unwrap().path()).collect()
     };
     for path in files("robots") {
-        service::config::RobotFile::load(&path).unwrap();
+        config::RobotFile::load(&path).unwrap();
     }
-    for path in files("boxes") {
-        service::config::BoxFile::load(&path).unwrap();
+    for path in files("systems") {
+        config::BoxFile::load(&path).unwrap();
     }
     for path in files("sensors") {
         sensor::SensorFile::load(&path).unwrap();
     }
-    for path in files("scenes") {
-        service::config::SceneFile::load(&path).unwrap();
+    for path in files("ground") {
+        config::GroundFile::load(&path).unwrap();
     }
     for path in files("missions") {
         planner::mission::Mission::read(&path).unwrap();

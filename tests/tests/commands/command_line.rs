@@ -36,7 +36,7 @@ fn refused(args: &[&str], code: i32, words: &[&str]) {
 }
 
 const ROBOT: &str = "configs/robots/lab3.toml";
-const BOX: &str = "configs/boxes/demo3.toml";
+const BOX: &str = "configs/systems/demo3.toml";
 
 /// A folder with the project's configuration in it, one line of one file changed.
 struct Changed {
@@ -51,7 +51,7 @@ impl Changed {
 
 fn changed(file: &str, from: &str, to: &str) -> Changed {
     let folder = tempfile::tempdir().unwrap();
-    for place in ["robots", "boxes", "missions"] {
+    for place in ["robots", "systems", "missions"] {
         std::fs::create_dir(folder.path().join(place)).unwrap();
         for entry in std::fs::read_dir(root().join("configs").join(place)).unwrap() {
             let entry = entry.unwrap();
@@ -124,13 +124,13 @@ fn bad_box_files_start_nothing() {
         ("start_m = [4.8, 3.0, 0.3]", "start_m = [4.8, nan, 0.3]", &["start_m", "NaN"]),
     ];
     for (from, to, words) in cases {
-        let changed = changed("boxes/demo3.toml", from, to);
+        let changed = changed("systems/demo3.toml", from, to);
         let run = changed.file("run");
-        refused(&["up", &changed.file("boxes/demo3.toml"), "--for", "1", "--run", &run], 2, words);
+        refused(&["up", &changed.file("systems/demo3.toml"), "--for", "1", "--run", &run], 2, words);
         assert!(!Path::new(&run).exists(), "{to:?} made a run folder");
     }
-    let changed = changed("boxes/demo3.toml", "[motor_box]", "[recorder]\n[controller]\nlaw = \"pid\"\n[motor_box]");
-    refused(&["up", &changed.file("boxes/demo3.toml")], 2, &["controller.law", "pid", "lq-endpoint"]);
+    let changed = changed("systems/demo3.toml", "[motor_box]", "[recorder]\n[controller]\nlaw = \"pid\"\n[motor_box]");
+    refused(&["up", &changed.file("systems/demo3.toml")], 2, &["controller.law", "pid", "lq-endpoint"]);
 }
 
 #[test]
@@ -145,14 +145,14 @@ fn bad_missions_are_refused_before_anything_starts() {
     for (from, to, words) in cases {
         let changed = changed("missions/spiral.toml", from, to);
         let (mission, run) = (changed.file("missions/spiral.toml"), changed.file("run"));
-        refused(&["demo", &changed.file("boxes/demo3.toml"), "--mission", &mission, "--run", &run], 2, words);
+        refused(&["demo", &changed.file("systems/demo3.toml"), "--mission", &mission, "--run", &run], 2, words);
         assert!(!Path::new(&run).exists(), "{to:?} made a run folder");
     }
     // The lines' own limit, below what the mission asks of them.
     let changed = changed("robots/lab3.toml", "# cable_speed_limit_m_s = 0.8 ", "cable_speed_limit_m_s = 0.1 ");
     let (mission, run) = (changed.file("missions/spiral.toml"), changed.file("run"));
     let words = ["leg", "cable", "cable_speed_limit_m_s is 0.100 m/s"];
-    refused(&["demo", &changed.file("boxes/demo3.toml"), "--mission", &mission, "--run", &run], 2, &words);
+    refused(&["demo", &changed.file("systems/demo3.toml"), "--mission", &mission, "--run", &run], 2, &words);
     assert!(!Path::new(&run).exists());
     refused(&["demo", BOX, "--mission", "no-such-mission"], 2, &["no-such-mission"]);
     let folder = tempfile::tempdir().unwrap();
@@ -215,7 +215,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
 fn sensor_and_scene_files_are_checked_too() {
     let finding = |file: &str| answer(&["check", file, "--json"])["findings"][0]["finding"].to_string();
     assert!(finding("configs/sensors/tfmini.toml").contains("distance in m"));
-    assert!(finding("configs/scenes/fig10.toml").contains("prisms on the ground"));
+    assert!(finding("configs/ground/fig10.toml").contains("prisms on the ground"));
     let folder = tempfile::tempdir().unwrap();
     let spoilt = |from: &str, what: &str, with: &str| {
         let text = std::fs::read_to_string(root().join(from)).unwrap();
@@ -226,8 +226,8 @@ fn sensor_and_scene_files_are_checked_too() {
     };
     let sensor = spoilt("configs/sensors/tfmini.toml", "[tfmini]", "[tfmeani]");
     refused(&["check", &sensor], 2, &["tfmini.toml", "tfmeani"]);
-    let scene = spoilt("configs/scenes/fig10.toml", "height_m = ", "height_m = -");
-    refused(&["check", &scene], 2, &["fig10.toml", "height_m", "above 0"]);
+    let ground = spoilt("configs/ground/fig10.toml", "height_m = ", "height_m = -");
+    refused(&["check", &ground], 2, &["fig10.toml", "height_m", "above 0"]);
 }
 
 #[test]
@@ -485,12 +485,12 @@ mod planar {
     #[test]
     fn its_files_are_checked_and_missions_of_the_other_kind_are_refused() {
         let good =
-            answer(&["check", "configs/missions/cross-section.toml", "--for", "configs/boxes/aq4.toml", "--json"]);
+            answer(&["check", "configs/missions/cross-section.toml", "--for", "configs/systems/aq4.toml", "--json"]);
         assert_eq!(good["usable"], json!(true), "{good}");
-        let own = answer(&["check", "configs/boxes/aq4.toml", "--json"]);
+        let own = answer(&["check", "configs/systems/aq4.toml", "--json"]);
         assert_eq!(own["usable"], json!(true), "{own}");
         for (mission, file, says) in
-            [("spiral", "configs/boxes/aq4.toml", "beside the plane"), ("cross-section", BOX, "moves in space")]
+            [("spiral", "configs/systems/aq4.toml", "beside the plane"), ("cross-section", BOX, "moves in space")]
         {
             let value = answer(&["run", mission, "--dry-run", "--config", file, "--json"]);
             assert_eq!(value["feasible"], json!(false));
@@ -504,7 +504,7 @@ mod planar {
             let files = changed("robots/aq4.toml", from, to);
             refused(&["check", &files.file("robots/aq4.toml")], 2, says);
         }
-        let files = changed("boxes/aq4.toml", "start_m = [4.0, 2.0]", "start_m = [4.0, 1.0, 2.0]");
-        refused(&["check", &files.file("boxes/aq4.toml")], 2, &["start_m", "beside the plane"]);
+        let files = changed("systems/aq4.toml", "start_m = [4.0, 2.0]", "start_m = [4.0, 1.0, 2.0]");
+        refused(&["check", &files.file("systems/aq4.toml")], 2, &["start_m", "beside the plane"]);
     }
 }

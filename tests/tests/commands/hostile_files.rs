@@ -90,7 +90,7 @@ fn what_is_no_small_file_is_refused_by_every_command_that_reads_one() {
         refused(&["doctor", file], words);
     }
     // a mission has to be a file before it is looked for by its name
-    refused(&["run", "--dry-run", "--config", "configs/boxes/demo3.toml", &files[3].0], &["3072 MB"]);
+    refused(&["run", "--dry-run", "--config", "configs/systems/demo3.toml", &files[3].0], &["3072 MB"]);
 }
 
 #[test]
@@ -122,7 +122,7 @@ fn what_a_robot_file_names_is_read_with_the_same_care() {
 fn what_is_no_run_is_bad_input() {
     let (folder, files) = hostile();
     for command in ["info", "recover", "export", "report", "map", "replay"] {
-        refused(&[command, "configs/boxes/demo3.toml"], &["demo3.toml"]);
+        refused(&[command, "configs/systems/demo3.toml"], &["demo3.toml"]);
         refused(&[command, &files[0].0], &["pipe.toml", "no regular file"]);
         refused(&[command, "no/such/run"], &["no/such/run"]);
     }
@@ -155,8 +155,8 @@ fn anchors_in_a_row_are_refused_with_what_to_do() {
 #[test]
 fn numbers_beyond_any_robot_are_refused_with_what_is_accepted() {
     const ROBOT: &str = "configs/robots/lab3.toml";
-    refused(&["up", "configs/boxes/demo3.toml", "--for", "1.7e150"], &["1.7e150", "accepted"]);
-    refused(&["up", "configs/boxes/demo3.toml", "--for", "1e8"], &["1e7 s"]);
+    refused(&["up", "configs/systems/demo3.toml", "--for", "1.7e150"], &["1.7e150", "accepted"]);
+    refused(&["up", "configs/systems/demo3.toml", "--for", "1e8"], &["1e7 s"]);
     refused(&["ik", "--config", ROBOT, "--at", "1.7e150,1,1"], &["1.7e150", "accepted"]);
     refused(&["ik", "--config", ROBOT, "--at", "1e6,1,1"], &["1e5 m"]);
     refused(&["fk", "--config", ROBOT, "--lengths", "1e200,5,5"], &["1e200"]);

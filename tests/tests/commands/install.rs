@@ -53,7 +53,7 @@ fn installed_upgraded_rolled_back_and_removed() {
     assert!(current_says(&root).contains("old"));
     assert_eq!(fs::read_link(root.join("usr/local/bin/nims")).unwrap(), Path::new("/opt/nims/current/bin/nims"));
     assert_eq!(fs::metadata(root.join("etc/sudoers.d/nims")).unwrap().permissions().mode() & 0o777, 0o440);
-    let boxed = root.join("etc/nims/boxes/demo3.toml");
+    let boxed = root.join("etc/nims/systems/demo3.toml");
     let text = fs::read_to_string(&boxed).unwrap();
     assert!(text.contains("\nruns = \"/var/lib/nims/runs\""), "{text}");
 
@@ -153,7 +153,7 @@ fn the_oldest_finished_runs_make_room_and_nothing_else() {
     make("2026-01-03T00-00-00Z-lab", "run.mcap");
     make("2026-01-04T00-00-00Z-lab", "run.mcap");
     make("0-notes", "notes.txt");
-    let script = fs::read_to_string(project().join("configs/system/nims-runs-quota")).unwrap();
+    let script = fs::read_to_string(project().join("configs/host/nims-runs-quota")).unwrap();
     let tried = runs.join("quota");
     // Gigabytes are too large for a test: here a unit is 100 kB.
     assert!(script.contains("most * 1000000"));

@@ -7,7 +7,7 @@ use std::cell::RefCell;
 use std::collections::BTreeMap;
 
 /// Level ground, and on it a block whose corner lies within the area.
-const SCENE: &str = "[[prism]]\ncenter_m = [5.33, 3.4]\nsize_m = [1.0, 1.0]\nheight_m = 0.3\n";
+const GROUND: &str = "[[prism]]\ncenter_m = [5.33, 3.4]\nsize_m = [1.0, 1.0]\nheight_m = 0.3\n";
 /// Where its sides stand within the area, m: x of the one along y, y of the one along x.
 const EDGE_M: [f64; 2] = [4.83, 2.9];
 const LOW_M: [f64; 2] = [4.4, 2.6];
@@ -28,7 +28,7 @@ line = { to_m = [4.8, 3.0, 0.3] }
 
 /// Behind what stands in [motor_box] of the box file.
 const DEVICES: &str = r#"
-scene = "../scenes/corner.toml"
+ground = "../ground/corner.toml"
 
 [[motor_box.device]]
 name = "rangefinder"
@@ -77,8 +77,8 @@ fn from_edge_m([x, y]: [f64; 2]) -> f64 {
 fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
     steadily(|| {
         let mut robot = Robot::up_with(THREE_LINES, DEVICES, |configs| {
-            std::fs::write(configs.join("scenes/corner.toml"), SCENE).unwrap();
-            std::fs::write(configs.join("boxes/rangefinder.toml"), RANGEFINDER).unwrap();
+            std::fs::write(configs.join("ground/corner.toml"), GROUND).unwrap();
+            std::fs::write(configs.join("systems/rangefinder.toml"), RANGEFINDER).unwrap();
             std::fs::write(configs.join("missions/look-twice.toml"), MISSION).unwrap();
         });
         robot.arm();

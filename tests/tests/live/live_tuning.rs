@@ -29,7 +29,7 @@ fn parameters(said: &SystemConfig) -> String {
 }
 
 fn hash(path: &Path) -> String {
-    service::hash_of(&[path.to_path_buf()]).unwrap()
+    runtime::hash_of(&[path.to_path_buf()]).unwrap()
 }
 
 /// Computes the run again: every sample that can be compared is the same.
@@ -174,7 +174,7 @@ fn the_page_has_the_table_of_the_help() {
     let page = std::fs::read_to_string(crate::robot::root().join("docs/tuning.md")).unwrap();
     let help = std::process::Command::new(crate::robot::program()).args(["set", "--help"]).output().unwrap();
     let help = String::from_utf8(help.stdout).unwrap();
-    for one in &service::config::TUNABLE {
+    for one in &config::TUNABLE {
         for text in [&page, &help] {
             let row = |line: &&str| [one.key, one.accepted, one.what].iter().all(|words| line.contains(words));
             assert!(text.lines().any(|line| row(&line)), "no row of {}", one.key);

@@ -127,7 +127,7 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         let mut demo = Command::new(program())
             .args(["demo", "--json", "--domain", domain.name(), "--run"])
             .arg(&run)
-            .arg(copy_configs(folder.path()).join(format!("boxes/{THREE_LINES}.toml")))
+            .arg(copy_configs(folder.path()).join(format!("systems/{THREE_LINES}.toml")))
             .stdout(std::fs::File::create(folder.path().join("stdout")).unwrap())
             .stderr(std::fs::File::create(folder.path().join("stderr")).unwrap())
             .spawn()

@@ -16,7 +16,7 @@ mod plugged_sensors;
 mod power;
 mod processes;
 mod robot;
-mod scene;
 mod sensor_logger;
 mod serial_sensors;
 mod swaps;
+mod visualization;

@@ -32,7 +32,7 @@ fn a_law_of_ones_own_flies_by_configuration_alone() {
             "{parameters}"
         );
         let program = crate::robot::program().canonicalize().unwrap().with_file_name("my-law");
-        assert_eq!(text_of(&said.program_sha256), service::hash_of(&[program]).unwrap());
+        assert_eq!(text_of(&said.program_sha256), runtime::hash_of(&[program]).unwrap());
         robot.arrive();
         robot.for_cycles(50);
         let off_m = robot.distance_m(robot.goal);

@@ -453,9 +453,9 @@ fn whoever_is_not_in_the_control_cycle_dies_at_no_cost() {
     steadily(|| {
         let process =
             |name: &str| format!("\n[[process]]\nname = \"{name}\"\ncommand = [\"{name}\", \"--box\", \"{{box}}\"]\n");
-        let mut robot = in_flight(THREE_LINES, &["scene", "sensor-logger"].map(process).concat());
+        let mut robot = in_flight(THREE_LINES, &["visualization", "sensor-logger"].map(process).concat());
         robot.told(&["plug", "soil", "--", "my-sensor"]);
-        for name in ["scene", "sensor-logger", "soil"] {
+        for name in ["visualization", "sensor-logger", "soil"] {
             robot.until_said("it runs", |robot| robot.pid(name).is_some());
             robot.signal(name, Signal::KILL);
             let lost = format!("{name} was ended by signal 9");

@@ -120,7 +120,7 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
     let bus = Bus::join(&domain, "test").unwrap();
     let run = folder.path().join("run");
     std::fs::create_dir(&run).unwrap();
-    let box_file = root().join("configs/boxes/demo3.toml");
+    let box_file = root().join("configs/systems/demo3.toml");
     let recorder = Running::start(&bus, &domain, "recorder", &["--run", run.to_str().unwrap()]);
     let logger = Running::start(&bus, &domain, "sensor-logger", &["--box", box_file.to_str().unwrap()]);
 

@@ -3,13 +3,13 @@
 
 use crate::robot::{Robot, THREE_LINES, root, steadily};
 use bus::{Subscriber, clock};
+use config::GroundFile;
 use messages::{MotorAuthority, Reading, TruthNode, text_of};
-use service::config::SceneFile;
 use std::time::Duration;
 
 /// Behind what stands in [motor_box] of the box file. Ports count from the drives' own: 2, 3 and 4.
 const DEVICES: &str = r#"
-scene = "../scenes/fig10.toml"
+ground = "../ground/fig10.toml"
 
 [[motor_box.device]]
 name = "rangefinder"
@@ -92,7 +92,7 @@ fn wait_for(readings: &mut Subscriber<Reading>, what: &str, wanted: impl Fn(&Rea
 fn they_say_the_truth_and_survive_what_happens_to_ports() {
     steadily(|| {
         let mut robot = Robot::up_with(THREE_LINES, DEVICES, |configs| {
-            std::fs::write(configs.join("boxes/rangefinder.toml"), rangefinder()).unwrap()
+            std::fs::write(configs.join("systems/rangefinder.toml"), rangefinder()).unwrap()
         });
         robot.arm();
         let open = |name: &str| robot.bus.subscriber::<Reading>(&format!("sensor/{name}")).unwrap();
@@ -122,9 +122,10 @@ fn they_say_the_truth_and_survive_what_happens_to_ports() {
             }
             std::thread::sleep(Duration::from_millis(10));
         }
-        let scene = motor_box::config::scene(&SceneFile::load(&root().join("configs/scenes/fig10.toml")).unwrap());
+        let ground =
+            motor_box::settings::ground_of(&GroundFile::load(&root().join("configs/ground/fig10.toml")).unwrap());
         // A centimetre is what it counts in; where this machine stood still, a stamp is late.
-        let ranges = share(&said[0], &truths, 0.01, |place| scene.distance_m(place, 0.0));
+        let ranges = share(&said[0], &truths, 0.01, |place| ground.distance_m(place, 0.0));
         let winds = share(&said[1], &truths, 0.01, |[x, _, z]| 2.0 + 0.1 * x + z);
         // The probe was asked 0.5 s late by its file, and has not: this is what a wrong latency does.
         let peak = |place: [f64; 3]| {

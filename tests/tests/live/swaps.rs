@@ -53,7 +53,7 @@ fn in_flight(more: &str) -> Robot {
             mission += "[[leg]]\npolyline = { points_m = [[5.6, 3.4, 0.6], [4.8, 4.0, 0.9], [4.0, 3.4, 0.6], [4.8, 3.0, 0.3]] }\n";
         }
         std::fs::write(configs.join("missions/fro.toml"), mission).unwrap();
-        let path = configs.join("boxes").join(format!("{file}.toml"));
+        let path = configs.join("systems").join(format!("{file}.toml"));
         let text = std::fs::read_to_string(&path).unwrap();
         assert!(text.contains(rate), "the rate is said otherwise in {}", path.display());
         std::fs::write(&path, text.replacen(rate, &format!("rate_hz = {:.1}", rate_hz()), 1)).unwrap();

@@ -1,12 +1,12 @@
 //! What can be chosen and swapped: the plain law, the Kalman filter, a law of one's own; against the plant.
 
 use crate::law;
+use config::{ControllerSection, EstimatorSection};
 use controller::{Controller, Law};
 use estimator::Method;
 use messages::PlanStatus;
 use nims_tests::lockstep::{Flight, fly, fly_with};
 use nims_tests::scenarios::Case;
-use service::config::{ControllerSection, EstimatorSection};
 
 const QUICK: [f64; 2] = [0.030, 0.040];
 const SLOW: [f64; 2] = [0.060, 0.100];

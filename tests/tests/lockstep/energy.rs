@@ -6,7 +6,7 @@ use messages::{MotorAuthority, PlanSegment, PlanStatus};
 use nims_tests::lockstep::Lockstep;
 use nims_tests::scenarios::Case;
 use planner::Mission;
-use service::motion::motion_of;
+use segments::motion_of;
 
 /// Where the moves start and end, m: in the upper region, where lines carry much.
 const FROM_M: [f64; 3] = [3.3, 1.6, 2.2];

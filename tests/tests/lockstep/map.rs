@@ -1,6 +1,7 @@
 //! From a flight over known ground to its map: nearer to the truth than the map says it may be off, whether the sensor logger ran in flight or
 //! not, and readable by software of others.
 
+use config::{GroundFile, SensorLoggerSection};
 use messages::{Header, Message, Reading, put_text};
 use nims::cli;
 use nims::map::map;
@@ -9,10 +10,9 @@ use nims_tests::python;
 use nims_tests::record::Tape;
 use nims_tests::scenarios::Case;
 use planner::Mission;
-use plant::scene::Scene;
+use plant::ground::Ground;
 use sensor_logger::{Decoder, Logger, LoggerConfig};
 use serde_json::Value;
-use service::config::{SceneFile, SensorLoggerSection};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
@@ -36,15 +36,15 @@ fn configs(file: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs").join(file)
 }
 
-fn scene() -> Scene {
-    motor_box::config::scene(&SceneFile::load(&configs("scenes/fig10.toml")).unwrap())
+fn ground() -> Ground {
+    motor_box::settings::ground_of(&GroundFile::load(&configs("ground/fig10.toml")).unwrap())
 }
 
 fn moisture(x: f64, y: f64) -> f64 {
     20.0 + 5.0 * (1.2 * x).sin() + 3.0 * y
 }
 
-/// Flies a raster over the scene with a rangefinder that looks down and a probe, into a run file; with `sample/*` if `logged`.
+/// Flies a raster over the ground with a rangefinder that looks down and a probe, into a run file; with `sample/*` if `logged`.
 fn fly(path: &Path, logged: bool) {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
     let mut scenario = case.scenario(true).unwrap();
@@ -58,9 +58,9 @@ fn fly(path: &Path, logged: bool) {
     let decoder = Decoder::of(&sensor, Reading::type_name(), Reading::schema(), size_of::<Reading>()).unwrap();
     logger.sensor("range", &sensor, decoder);
 
-    let scene = scene();
+    let ground = ground();
     let mut lockstep = Lockstep::new(scenario).unwrap();
-    let mut tape = Tape::new(path, &configs("boxes/demo3.toml")).unwrap();
+    let mut tape = Tape::new(path, &configs("systems/demo3.toml")).unwrap();
     let mut random = 1_u64;
     let mut underway: Vec<(u64, Reading, Soil)> = Vec::new();
     let (mut seq, mut rest, mut begun) = (0, 0, false);
@@ -83,7 +83,7 @@ fn fly(path: &Path, logged: bool) {
             let mut header = Header::at(stamp_ns + LATENCY_NS);
             (header.oldest_input_ns, header.seq) = (stamp_ns, seq);
             let mut reading = Reading { header, count: 1, ..Reading::default() };
-            reading.value[0] = scene.distance_m(now.truth_m, 0.0) + noise;
+            reading.value[0] = ground.distance_m(now.truth_m, 0.0) + noise;
             put_text(&mut reading.quantity, "distance");
             put_text(&mut reading.unit, "m");
             let [x, y, _] = now.truth_m;
@@ -150,10 +150,10 @@ fn ground_that_was_flown_over_is_on_the_map() {
     let noise = told["noise"].as_f64().unwrap();
     assert!((noise / NOISE_M - 1.0).abs() < 0.3, "the noise that was found: {noise}");
 
-    let scene = scene();
+    let ground = ground();
     let (mut within, mut flat, mut steep, mut all) = (0, Vec::new(), Vec::new(), 0);
     for [x, y, height, sigma] in cells(&out, "range") {
-        let truth = scene.height_m([x, y]);
+        let truth = ground.height_m([x, y]);
         let error = height - truth;
         all += 1;
         within += u32::from(error.abs() < 2.0 * sigma + 1e-4);
@@ -168,7 +168,7 @@ fn ground_that_was_flown_over_is_on_the_map() {
             [-0.07, -0.07],
         ]
         .iter()
-        .any(|[dx, dy]| (scene.height_m([x + dx, y + dy]) - truth).abs() > 0.01);
+        .any(|[dx, dy]| (ground.height_m([x + dx, y + dy]) - truth).abs() > 0.01);
         if edge { steep.push(error) } else { flat.push(error) }
     }
     let rms = |errors: &[f64]| (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt();
@@ -242,7 +242,7 @@ fn what_is_not_there_is_said_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let absent = map(&asked(&folder.path().join("none"), folder.path())).unwrap_err();
     assert!(absent.exit_code() == 2 && absent.to_string().contains("there is no run"), "{absent}");
-    let box_path = configs("boxes/demo3.toml");
+    let box_path = configs("systems/demo3.toml");
     let run = folder.path().join("run.mcap");
     let mut tape = Tape::new(&run, &box_path).unwrap();
     tape.write("sensor/height", Reading::default()).unwrap();

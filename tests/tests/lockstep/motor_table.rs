@@ -2,13 +2,13 @@
 
 use cable_robot::motor::Motor;
 use cable_robot::{Robot, RobotParts, Vector3};
+use config::{MotorTableFile, RobotFile};
 use messages::{Message, MotorAuthority, MotorState, NodeEstimate, PlanStatus};
 use nims::cli::{MotorTable, Numbers};
 use nims_tests::lockstep::Lockstep;
 use nims_tests::scenarios::{self, Case};
 use planner::Mission;
 use runlog::{ChannelSpec, RunClock, RunWriter};
-use service::config::{MotorTableFile, RobotFile};
 use std::path::Path;
 
 /// Up and down in two places and across, at five speeds: the slowest for a hand's breadth at several heights, with quick ways between.

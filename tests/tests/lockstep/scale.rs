@@ -1,10 +1,10 @@
 //! What a calibration says of the encoders reaches the robot: one whose encoders count 1 % off, calibrated by its own lengths, flies true
 //! afterwards.
 
+use config::{BoxFile, RobotFile};
 use messages::PlanStatus;
 use nims_tests::lockstep::{Chain, Lockstep};
 use nims_tests::scenarios::{COUNTS_PER_M, Case};
-use service::config::{BoxFile, RobotFile};
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
@@ -29,7 +29,7 @@ fn files(folder: &Path, anchors: Option<&str>) -> BoxFile {
         Some(line) => format!("{}{line}\n{}", &robot[..from], &robot[to..]),
         None => robot,
     };
-    let said = std::fs::read_to_string(configs().join("boxes/demo3.toml")).unwrap();
+    let said = std::fs::read_to_string(configs().join("systems/demo3.toml")).unwrap();
     let counts = format!("counts_per_m = [{BELIEVED}, {BELIEVED}, {BELIEVED}]");
     let said = said.replace("counts_per_m = [10865.0, 10865.0, 10865.0]", &counts);
     let said = said.replace("../robots/lab3.toml", "robot.toml");

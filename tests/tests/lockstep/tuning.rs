@@ -1,5 +1,6 @@
 //! Parameters that are set in flight, in lockstep: without a step, and the same bits again in a replay.
 
+use config::{BoxFile, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
 use messages::{CABLES, OperatorRequest, SystemConfig, put_text};
@@ -7,7 +8,6 @@ use nims::replay::{Changes, run};
 use nims_tests::lockstep::{Chain, Lockstep};
 use nims_tests::record::{self, Tape};
 use nims_tests::scenarios::Case;
-use service::config::{BoxFile, Tuned};
 use std::path::Path;
 
 /// The cycle of the change, in the middle of a motion.

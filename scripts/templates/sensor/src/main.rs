@@ -4,7 +4,7 @@ mod driver;
 
 use driver::Device;
 use messages::Header;
-use service::{Args, Chassis, now_ns};
+use runtime::{Args, Chassis, now_ns};
 use std::process::ExitCode;
 
 /// How often the device is read, 1/s.
@@ -20,7 +20,7 @@ messages::message! {
 }
 
 fn main() -> ExitCode {
-    service::main("example", run)
+    runtime::main("example", run)
 }
 
 fn run(_: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {

@@ -3,11 +3,11 @@
 use cable_robot::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{CableVec, Jacobian, NodeJacobian, Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
+use config::ControllerSection;
 use controller::{Asked, CableLaw, Controller, ControllerConfig, Law, Seen};
 use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
-use service::config::ControllerSection;
-use service::motion::segment_message;
+use segments::segment_message;
 
 const PERIOD_S: f64 = 0.01;
 const HORIZON: u32 = 20;
@@ -145,7 +145,7 @@ fn an_answer_to_nothing_has_a_time() {
 fn a_motion_under_way_outlives_its_planner_while_the_epoch_holds() {
     let robot = robot(3);
     let motion = motion();
-    let now = service::motion::segment_of(&motion.current).unwrap().setpoint(3.0);
+    let now = segments::segment_of(&motion.current).unwrap().setpoint(3.0);
     let is = estimate(&robot, 8, now.position);
     let mut controller = controller(robot);
     let under_way = MotorAuthority { motion: 1, ..authority(8, 3.0) };
@@ -176,7 +176,7 @@ fn on_the_path_it_commands_the_speed_of_the_path() {
     for cables in [3, 4] {
         let robot = robot(cables);
         let motion = motion();
-        let segment = service::motion::segment_of(&motion.current).unwrap();
+        let segment = segments::segment_of(&motion.current).unwrap();
         let now = segment.setpoint(3.0);
         assert!((now.velocity.norm() - 0.2).abs() < 1e-12);
         let is = estimate(&robot, 8, now.position);
@@ -250,7 +250,7 @@ fn the_redundant_lengths_are_corrected_and_the_node_stays() {
 #[test]
 fn drag_is_part_of_what_the_lengths_have_to_hold() {
     let (robot, motion) = (floating(), level_motion());
-    let segment = service::motion::segment_of(&motion.current).unwrap();
+    let segment = segments::segment_of(&motion.current).unwrap();
     let now = segment.setpoint(8.0);
     assert!((now.velocity.norm() - 0.2).abs() < 1e-12 && now.acceleration.norm() < 1e-12);
     let is = estimate(&robot, 8, now.position);
@@ -284,7 +284,7 @@ fn both_live_estimates_are_answered_and_an_old_one_is_not() {
 fn an_authority_that_is_one_cycle_behind_is_carried_forward() {
     let robot = robot(3);
     let motion = motion();
-    let segment = service::motion::segment_of(&motion.current).unwrap();
+    let segment = segments::segment_of(&motion.current).unwrap();
     let is = estimate(&robot, 8, segment.setpoint(3.0).position);
     let current = step(&mut controller(robot), &is, Some(&motion), &authority(8, 3.0));
     let behind = step(&mut controller(robot), &is, Some(&motion), &authority(7, 3.0 - PERIOD_S));
@@ -338,7 +338,7 @@ fn the_plain_law_feeds_the_velocity_forward_and_the_length_error_back() {
     for cables in [3, 4] {
         let robot = robot(cables);
         let motion = motion();
-        let segment = service::motion::segment_of(&motion.current).unwrap();
+        let segment = segments::segment_of(&motion.current).unwrap();
         let at = |time_s: f64| estimate(&robot, 8, segment.setpoint(time_s).position);
         let law = Law::PFeedforward(PFeedforward::new(2.5).unwrap());
         let mut controller = Controller::new(config(robot, law));

@@ -3,11 +3,11 @@
 use cable_robot::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
+use config::ControllerSection;
 use controller::{Controller, ControllerConfig, Law, Seen};
 use messages::{ESTIMATORS, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
-use service::config::ControllerSection;
-use service::motion::segment_message;
+use segments::segment_message;
 
 const PERIOD_NS: u64 = 10_000_000;
 const LIFE: u64 = 7;

@@ -6,7 +6,7 @@ mod tfmini;
 
 use std::collections::VecDeque;
 
-use plant::scene::{Field, Scene};
+use plant::ground::{Field, Ground};
 use serial::Random;
 
 use self::line::Template;
@@ -37,7 +37,7 @@ pub struct DeviceConfig {
 /// What a device measures, and how it says so.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DeviceKind {
-    /// Looks straight down at the scene and sends frames by itself.
+    /// Looks straight down at the ground and sends frames by itself.
     Tfmini {
         /// Width of its beam, rad.
         beam_rad: f64,
@@ -116,13 +116,13 @@ impl Device {
     }
 
     /// Lives until `now_ns`, with the node at `node_m`.
-    pub fn live(&mut self, now_ns: u64, node_m: [f64; 3], scene: &Scene) -> Result<(), BoxError> {
+    pub fn live(&mut self, now_ns: u64, node_m: [f64; 3], ground: &Ground) -> Result<(), BoxError> {
         if self.is_due(now_ns) {
             // What a pause has taken is not caught up with.
             let missed = (now_ns - self.next_ns) / self.config.period_ns;
             self.next_ns += (missed + 1) * self.config.period_ns;
             let place_m = std::array::from_fn(|axis| node_m[axis] + self.config.lever_m[axis]);
-            let values = self.measure(place_m, scene);
+            let values = self.measure(place_m, ground);
             self.measured.push_back((now_ns + self.config.latency_ns, values));
         }
         self.wire.take_in(now_ns)?;
@@ -152,9 +152,9 @@ impl Device {
         Ok(())
     }
 
-    fn measure(&mut self, place_m: [f64; 3], scene: &Scene) -> Vec<f64> {
+    fn measure(&mut self, place_m: [f64; 3], ground: &Ground) -> Vec<f64> {
         let true_values: Vec<f64> = match &self.speech {
-            Speech::Tfmini(tfmini) => vec![scene.distance_m(place_m, tfmini.beam_rad)],
+            Speech::Tfmini(tfmini) => vec![ground.distance_m(place_m, tfmini.beam_rad)],
             Speech::Line(_, fields) | Speech::Modbus(_, fields) => {
                 fields.iter().map(|field| field.value(place_m)).collect()
             }

@@ -8,8 +8,8 @@ pub mod bias;
 pub mod fade;
 pub mod role;
 
-use crate::config::CoreConfig;
 use crate::limits::largest;
+use crate::settings::CoreConfig;
 use bias::Bias;
 use fade::Fade;
 use messages::{
@@ -43,7 +43,7 @@ pub struct Chosen {
 
 /// What the arbiter has to know about the cycle beside its input.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Scene {
+pub struct ArbiterInput {
     /// Commands for another epoch are refused.
     pub epoch: u32,
     /// The robot moves by commands.
@@ -120,16 +120,22 @@ impl Arbiter {
     }
 
     /// Judges what arrived for this cycle and chooses. `follows` tells whether a command for a segment belongs to the robot's motion.
-    pub fn choose(&mut self, input: &MotorInput, scene: &Scene, follows: impl Fn(u32) -> bool) -> Option<Chosen> {
+    pub fn choose(
+        &mut self,
+        input: &MotorInput,
+        context: &ArbiterInput,
+        follows: impl Fn(u32) -> bool,
+    ) -> Option<Chosen> {
         let cycle = input.header.cycle;
-        let rows: [Rows; SLOTS] = std::array::from_fn(|slot| self.rows(input, slot, scene, &follows));
+        let rows: [Rows; SLOTS] = std::array::from_fn(|slot| self.rows(input, slot, context, &follows));
         let estimates: [Reply; SLOTS] = std::array::from_fn(|slot| estimate(input, slot));
         let lead = self.in_charge();
-        let of_role = |role: usize| -> [bool; SLOTS] { std::array::from_fn(|slot| scene.starved[role * SLOTS + slot]) };
+        let of_role =
+            |role: usize| -> [bool; SLOTS] { std::array::from_fn(|slot| context.starved[role * SLOTS + slot]) };
         self.compare(input, &rows, &estimates);
         let usable: [bool; SLOTS] = std::array::from_fn(|e| {
             let who = input.estimate_incarnation[e];
-            estimates[e] == Reply::Good && self.roles[ESTIMATORS].may_use(e, who, scene.moving)
+            estimates[e] == Reply::Good && self.roles[ESTIMATORS].may_use(e, who, context.moving)
         });
         let reports: [Report; SLOTS] = std::array::from_fn(|slot| {
             let reply = self.reply(input, slot, &rows[slot], &usable);
@@ -137,8 +143,8 @@ impl Arbiter {
             let bias = self.bias[slot].beside(self.bias_share, self.bias_bound_m_s);
             Report { reply, incarnation, apart: share(self.apart[slot], self.bound_m_s).map(|apart| apart.max(bias)) }
         });
-        let controller = self.roles[CONTROLLERS].step(cycle, scene.moving, &of_role(CONTROLLERS), &reports);
-        self.note_verdicts(&reports, scene.moving);
+        let controller = self.roles[CONTROLLERS].step(cycle, context.moving, &of_role(CONTROLLERS), &reports);
+        self.note_verdicts(&reports, context.moving);
 
         let reports: [Report; SLOTS] = std::array::from_fn(|e| {
             let answered = controller.is_some_and(|c| matches!(&rows[c], Ok(rows) if rows[e].good().is_some()));
@@ -149,21 +155,21 @@ impl Arbiter {
             let incarnation = if reply == Reply::Silent { 0 } else { input.estimate_incarnation[e] };
             Report { reply, incarnation, apart: share(self.apart[SLOTS + e], self.bound_m) }
         });
-        let estimator = self.roles[ESTIMATORS].step(cycle, scene.moving, &of_role(ESTIMATORS), &reports);
+        let estimator = self.roles[ESTIMATORS].step(cycle, context.moving, &of_role(ESTIMATORS), &reports);
         let (Some(controller), Some(estimator)) = (controller, estimator) else {
             return None;
         };
         let pair = (controller, estimator);
         let known: [bool; SLOTS] = std::array::from_fn(|slot| {
-            self.roles[CONTROLLERS].may_use(slot, input.command[slot].incarnation, scene.moving)
+            self.roles[CONTROLLERS].may_use(slot, input.command[slot].incarnation, context.moving)
         });
         let answers = |(c, e): (usize, usize)| {
             rows[c].as_ref().ok().filter(|_| known[c] && usable[e]).and_then(|rows| rows[e].good())
         };
         // What the machines agree on has an answer; `?` only because a compiler cannot know.
-        let velocity_m_s = if scene.moving {
+        let velocity_m_s = if context.moving {
             let planned = pair == self.in_charge() && self.roles.iter().any(Role::swapping) && pair != lead;
-            self.fade.step(pair, &scene.sent_m_s, planned, answers)?
+            self.fade.step(pair, &context.sent_m_s, planned, answers)?
         } else {
             self.fade.rest(Some(pair));
             answers(pair)?
@@ -181,7 +187,7 @@ impl Arbiter {
     }
 
     /// The verdict on a slot's command as a whole, and its rows.
-    fn rows(&self, input: &MotorInput, slot: usize, scene: &Scene, follows: &impl Fn(u32) -> bool) -> Rows {
+    fn rows(&self, input: &MotorInput, slot: usize, context: &ArbiterInput, follows: &impl Fn(u32) -> bool) -> Rows {
         let command = &input.command[slot];
         if input.command_arrived[slot] == 0 {
             return Err(MotorAuthority::VERDICT_ABSENT);
@@ -189,7 +195,7 @@ impl Arbiter {
         if !same_life(&command.header, &input.header) {
             return Err(MotorAuthority::VERDICT_LIFE);
         }
-        if command.epoch != scene.epoch {
+        if command.epoch != context.epoch {
             return Err(MotorAuthority::VERDICT_EPOCH);
         }
         if command.incarnation == 0 {
@@ -198,7 +204,7 @@ impl Arbiter {
         if command.based_on_cycle.checked_add(1) != Some(input.header.cycle) {
             return Err(MotorAuthority::VERDICT_STALE);
         }
-        if scene.moving && !follows(command.segment) {
+        if context.moving && !follows(command.segment) {
             return Err(MotorAuthority::VERDICT_SEGMENT);
         }
         Ok(std::array::from_fn(|estimator| self.row(command, estimator)))

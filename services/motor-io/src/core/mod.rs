@@ -15,8 +15,7 @@ use account::Account;
 use starved::Starved;
 
 use crate::answer::Answer;
-use crate::arbiter::{Arbiter, Chosen, Scene};
-use crate::config::CoreConfig;
+use crate::arbiter::{Arbiter, ArbiterInput, Chosen};
 use crate::energy::EnergyMeter;
 use crate::excuse::Excuse;
 use crate::limits::Limits;
@@ -25,6 +24,7 @@ use crate::node::Node;
 use crate::odometry::Odometry;
 use crate::plan_clock::PlanClock;
 use crate::safety::{Mode, Safety};
+use crate::settings::CoreConfig;
 use crate::watch::Watch;
 use arrayvec::ArrayVec;
 use messages::{CABLES, Energy, MotorAuthority, MotorInput, MotorSlots, MotorState};
@@ -219,9 +219,9 @@ impl Core {
         self.motion.note(input);
         let ended = self.motion.ended(self.clock.time_s());
         let starved = self.starved_seats();
-        let scene = Scene { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s, starved };
+        let context = ArbiterInput { epoch: self.safety.epoch(), moving, sent_m_s: self.sent.speed_m_s, starved };
         let motion = &self.motion;
-        self.chosen = self.arbiter.choose(input, &scene, |segment| motion.has(segment) || (ended && segment == 0));
+        self.chosen = self.arbiter.choose(input, &context, |segment| motion.has(segment) || (ended && segment == 0));
         for i in 0..REQUESTS {
             if input.request_verb[i] != 0 {
                 let mut args = [0.0; 8];

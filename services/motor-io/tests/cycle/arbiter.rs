@@ -6,7 +6,7 @@ use crate::rig;
 
 use bytemuck::bytes_of;
 use messages::{CABLES, MotorAuthority as A, MotorInput, MotorSlots as P, SEATS, SLOTS};
-use motor_io::arbiter::{Arbiter, Chosen, Scene};
+use motor_io::arbiter::{Arbiter, ArbiterInput, Chosen};
 use proptest::prelude::*;
 
 /// What a process says instead of a good answer.
@@ -80,7 +80,7 @@ struct World {
     announced: Option<(usize, u64)>,
     admitted: Option<usize>,
     waiting: [u64; SEATS],
-    record: Vec<(MotorInput, Scene, Option<Chosen>, A, P)>,
+    record: Vec<(MotorInput, ArbiterInput, Option<Chosen>, A, P)>,
     swaps: u32,
 }
 
@@ -189,9 +189,13 @@ impl World {
     fn cycle(&mut self) -> Result<(), TestCaseError> {
         self.cycle += 1;
         let input = self.input();
-        let scene =
-            Scene { epoch: self.epoch, moving: self.moving, sent_m_s: self.sent, starved: [false; messages::SEATS] };
-        let chosen = self.arbiter.choose(&input, &scene, |segment| segment == SEGMENT);
+        let context = ArbiterInput {
+            epoch: self.epoch,
+            moving: self.moving,
+            sent_m_s: self.sent,
+            starved: [false; messages::SEATS],
+        };
+        let chosen = self.arbiter.choose(&input, &context, |segment| segment == SEGMENT);
         let mut now = A::default();
         self.arbiter.describe(&mut now);
         let slots = self.arbiter.slots(&now);
@@ -299,7 +303,7 @@ impl World {
         if let Some(chosen) = &chosen {
             self.sent = chosen.velocity_m_s;
         }
-        self.record.push((input, scene, chosen, now, slots));
+        self.record.push((input, context, chosen, now, slots));
         (self.before, self.slots, self.admitted) = (now, slots, None);
         Ok(())
     }
@@ -374,11 +378,11 @@ proptest! {
         }
         let mut replayed = Arbiter::new(&rig::config());
         let mut asked = asked.into_iter().peekable();
-        for (input, scene, chosen, account, slots) in &world.record {
+        for (input, context, chosen, account, slots) in &world.record {
             while let Some((_, seat)) = asked.next_if(|(cycle, _)| *cycle < input.header.cycle) {
                 prop_assert!(replayed.announce(seat / SLOTS, seat % SLOTS, input.header.cycle - 1).is_ok());
             }
-            prop_assert_eq!(&replayed.choose(input, scene, |segment| segment == SEGMENT), chosen);
+            prop_assert_eq!(&replayed.choose(input, context, |segment| segment == SEGMENT), chosen);
             let mut again = A::default();
             replayed.describe(&mut again);
             prop_assert_eq!(bytes_of(&again), bytes_of(account));

@@ -4,7 +4,7 @@
 mod account;
 mod allocation;
 mod arbiter;
-#[path = "../../../../shared/cable-robot/tests/mathematics/counting/mod.rs"]
+#[path = "../../../../shared/robot/cable-robot/tests/mathematics/counting/mod.rs"]
 mod counting;
 mod faults;
 mod free_slot;

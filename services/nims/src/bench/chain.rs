@@ -9,8 +9,8 @@ use bus::clock::now_ns;
 use cable_robot::{Distribution, Robot, StructureMatrix, Vector3, tension};
 use controller::Seen;
 use nalgebra::Matrix3x4;
+use runtime::Timing;
 use serde::Serialize;
-use service::Timing;
 use std::hint::black_box;
 
 /// Positions at which tensions are computed, of a flight.

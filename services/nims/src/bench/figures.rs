@@ -1,7 +1,7 @@
 //! Figures: medians, tails, ratios. Pure.
 
+use runtime::Timing;
 use serde::Serialize;
-use service::Timing;
 
 /// How long something took, over many times.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]

@@ -1,7 +1,7 @@
 //! Whether a robot runs on this machine, whoever's it is.
 
 use bus::Domain;
-use service::config::Role;
+use config::Role;
 use std::fs;
 
 /// What runs here, in words; `None`: no robot.

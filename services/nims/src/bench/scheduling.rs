@@ -1,8 +1,8 @@
 //! The scheduling that `[realtime]` asks for, and how much of it this machine permits.
 
+use config::{RealtimeSection, Role};
+use runtime::realtime;
 use serde::Serialize;
-use service::config::{RealtimeSection, Role};
-use service::realtime;
 use std::fs::File;
 
 /// The roles that answer within a cycle, in the order of the chain.

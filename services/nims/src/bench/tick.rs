@@ -4,8 +4,8 @@ use super::figures::{Ratio, Spread, record};
 use super::{Settings, Watch, scheduling};
 use crate::failure::{Answer, Failure};
 use bus::clock::{Pacer, Schedule, Tick, now_ns};
+use runtime::Timing;
 use serde::Serialize;
-use service::Timing;
 use std::time::Duration;
 
 /// Wake-ups of one thread.

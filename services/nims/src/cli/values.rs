@@ -1,6 +1,6 @@
 //! What the values of options are made of: numbers that are finite, points, assignments.
 
-use service::config::Point;
+use config::Point;
 
 /// Finite numbers, at least one.
 #[derive(Debug, Clone, PartialEq)]

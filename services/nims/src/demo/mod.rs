@@ -9,13 +9,13 @@ use crate::failure::{Answer, Failure};
 use crate::supervisor::{self, Ending, Supervisor, Wanted};
 use crate::{answers, findings, operate, status};
 use analysis::Analysis;
+use config::BoxFile;
 use planner::mission::Mission;
 use serde_json::json;
-use service::config::BoxFile;
 use std::path::{Path, PathBuf};
 
 /// Where the demonstration's box file stands in the project.
-const DEFAULT_BOX: &str = "configs/boxes/demo3.toml";
+const DEFAULT_BOX: &str = "configs/systems/demo3.toml";
 /// Runs the demonstration and prints its report.
 ///
 /// # Errors

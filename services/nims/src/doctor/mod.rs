@@ -8,7 +8,7 @@ pub(crate) use probe::{TMPFS, where_it_will_be};
 
 use crate::failure::{Answer, Failure};
 use crate::findings::Finding;
-use service::config::BoxFile;
+use config::BoxFile;
 use std::path::Path;
 
 /// Looks at the machine, for a box or for any.

@@ -4,9 +4,9 @@ use super::machine::{DomainFound, Limits, Machine, Memory, PortFound, Runs};
 use crate::busy::Busy;
 use crate::live::Running;
 use bus::{Domain, clock};
+use config::{BoxFile, Role};
 use rustix::fs::{Access, access, statfs, statvfs};
 use rustix::process::{Pid, Resource, geteuid, getrlimit, test_kill_process};
-use service::config::{BoxFile, Role};
 use std::fs;
 use std::os::unix::fs::{FileTypeExt, MetadataExt};
 use std::path::{Path, PathBuf};
@@ -97,8 +97,8 @@ fn limits() -> Limits {
 /// Tries what `[realtime]` asks for, in a thread that ends with it.
 fn realtime_refused(file: &BoxFile) -> Option<String> {
     let section = file.realtime.clone();
-    let awake = section.idle_latency_us.and_then(|latency_us| service::realtime::stay_awake(latency_us).err());
-    let tried = std::thread::spawn(move || service::realtime::apply(&section, Role::MotorIo.name()).1).join();
+    let awake = section.idle_latency_us.and_then(|latency_us| runtime::realtime::stay_awake(latency_us).err());
+    let tried = std::thread::spawn(move || runtime::realtime::apply(&section, Role::MotorIo.name()).1).join();
     tried.ok().flatten().or(awake)
 }
 

@@ -1,12 +1,12 @@
 //! Controllers and estimators in their slots: who lives, and what they said last.
 
+use config::EstimatorSection;
 use controller::{Controller, ControllerConfig, Seen};
 use estimator::{Estimator, EstimatorConfig, Method};
 use messages::{
     CABLES, CONTROLLERS, ControlStatus, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, PlanMotion,
     Rule, SLOTS, blended_estimate,
 };
-use service::config::EstimatorSection;
 
 /// What a controller said when it was woken.
 #[derive(Debug, Clone, Copy)]

@@ -4,9 +4,9 @@
 //! e metres east is at φ + n / M and λ + e / (N cos φ). What that leaves out grows with the square of the distance: over 100 m it is under a
 //! millimetre up to 60 degrees north or south.
 
+use config::SiteSection;
 use sensor_logger::{Plane, SensorMap};
 use serde_json::{Value, json};
-use service::config::SiteSection;
 
 /// Half the equator's diameter of WGS 84, m, and its eccentricity squared.
 const A_M: f64 = 6_378_137.0;

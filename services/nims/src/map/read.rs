@@ -3,10 +3,10 @@
 use crate::failure::{Answer, Failure};
 use crate::report::robot_file_of;
 use crate::runs::progress;
+use config::{RobotFile, SensorLoggerSection};
 use messages::{MotorAuthority, NodeEstimate, Sample};
 use runlog::{Attachment, Recorded, RunReader};
 use sensor_logger::{Decoder, Logger, LoggerConfig};
-use service::config::{RobotFile, SensorLoggerSection};
 use std::collections::HashMap;
 use std::path::Path;
 

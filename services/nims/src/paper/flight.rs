@@ -6,14 +6,14 @@ use crate::picture::Series;
 use anyhow::{Context, Result};
 use cable_robot::drive_lag::DriveLag;
 use cable_robot::{Distribution, Jacobian, Robot, Vector3, elastic};
+use config::EstimatorSection;
 use controller::{Law, Notice};
 use estimator::Method;
 use messages::{MotorAuthority, PlanStatus};
 use motor_io::{Core, CoreConfig};
 use planner::Mission;
 use plant::PlantConfig;
-use service::config::EstimatorSection;
-use service::motion::motion_of;
+use segments::motion_of;
 
 /// Encoder counts per metre of line: a wheel of 15 mm radius with 1024 counts per turn.
 const COUNTS_PER_M: f64 = 10_865.0;

@@ -2,11 +2,11 @@
 
 use super::Changes;
 use crate::failure::{Answer, Failure};
+use config::{BoxFile, RobotFile};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
 use runlog::Attachment;
-use service::config::{BoxFile, RobotFile};
 use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
@@ -55,7 +55,9 @@ impl Configuration {
         file.insert("robot".to_owned(), Value::String(ROBOT.to_owned()));
         // What its sensors looked at is recorded, and not computed again.
         if let Some(Value::Table(section)) = file.get_mut("motor_box") {
-            section.remove("scene");
+            for key in ["ground", "scene"] {
+                section.remove(key); // `scene`: as older runs name it
+            }
         }
         for (key, value) in &changes.set {
             let first = key.split('.').next().unwrap_or_default();

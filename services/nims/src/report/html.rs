@@ -116,7 +116,7 @@ pub fn page(runs: &[Judged]) -> String {
     let _ = writeln!(
         out,
         "<footer>Made by nims {} from the run {}. Bands show the least and the greatest value of each stretch of time, lines the mean.</footer>\n</main>\n</body>\n</html>",
-        escape(service::build::own()),
+        escape(runtime::build::own()),
         if runs.len() == 1 { "alone" } else { "files alone" }
     );
     out

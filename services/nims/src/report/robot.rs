@@ -1,8 +1,8 @@
 //! The robot of a run: from the run folder, or from what was kept inside the run file.
 
 use cable_robot::Robot;
+use config::RobotFile;
 use runlog::Attachment;
-use service::config::RobotFile;
 use std::path::Path;
 
 /// The robot file of a run, as the supervisor names its copy.

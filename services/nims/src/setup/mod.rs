@@ -19,11 +19,11 @@ use crate::calibrate::{self, File};
 use crate::cli::{Calibrate, CalibrationMethod, Setup};
 use crate::failure::{Answer, Failure};
 use crate::supervisor;
+use config::file;
 use guide::{Guide, Then};
 use input::{Line, Lines};
 use numbers::clean;
 use serde_json::Value;
-use service::file;
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::AsFd;
 use std::path::{Path, PathBuf};
@@ -161,7 +161,7 @@ impl<'a> Kept<'a> {
     }
 
     fn file(&self) -> Answer<Option<File>> {
-        let parsed = self.text.as_ref().map(|text| service::toml_file::parse(text, self.path));
+        let parsed = self.text.as_ref().map(|text| config::toml_file::parse(text, self.path));
         parsed.transpose().map_err(Failure::bad)
     }
 

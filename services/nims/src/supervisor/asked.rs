@@ -1,8 +1,8 @@
 //! What the operator can ask of the supervisor, and how it travels in a request: one line of its text for each part.
 
 use crate::failure::{Answer, Failure};
+use config::Slot;
 use messages::{OperatorRequest, put_text, text_of};
-use service::Slot;
 use std::path::PathBuf;
 
 /// A request to the supervisor.

@@ -4,9 +4,9 @@ use super::members::Member;
 use super::restarts::Restarts;
 use crate::failure::{Answer, Failure};
 use bus::clock;
+use config::Role;
 use messages::ProcessState;
 use rustix::process::{Pid, Signal, WaitId, WaitIdOptions, kill_process_group, waitid};
-use service::config::Role;
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, Write};
 use std::os::unix::process::ExitStatusExt;
@@ -98,10 +98,10 @@ impl Child {
         let mut command = Command::new(&member.program);
         command
             .args(&member.args)
-            .env(service::DOMAIN_VARIABLE, with.domain)
-            .env(service::NAME_VARIABLE, &member.name)
-            .env(service::CHANGES_VARIABLE, with.changes.to_string())
-            .env(service::SUCCESSOR_VARIABLE, if with.succeeds { "1" } else { "" })
+            .env(runtime::DOMAIN_VARIABLE, with.domain)
+            .env(runtime::NAME_VARIABLE, &member.name)
+            .env(runtime::CHANGES_VARIABLE, with.changes.to_string())
+            .env(runtime::SUCCESSOR_VARIABLE, if with.succeeds { "1" } else { "" })
             .stdin(Stdio::null())
             .stdout(Stdio::from(file.try_clone().map_err(failed)?))
             .stderr(Stdio::piped());
@@ -277,7 +277,7 @@ fn spawn(command: &mut Command, member: &Member) -> (std::io::Result<Process>, O
     }
     let thread = std::thread::scope(|scope| {
         let parent = scope.spawn(|| {
-            let warning = service::realtime::bequeath(member.priority, member.cpu);
+            let warning = runtime::realtime::bequeath(member.priority, member.cpu);
             (command.spawn(), warning)
         });
         parent.join()

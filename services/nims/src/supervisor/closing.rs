@@ -9,9 +9,9 @@ use crate::live::RUNNING_FILE;
 use crate::operate;
 use bus::BusError;
 use bus::clock::{self, WallClock};
+use config::Role;
 use messages::{Heartbeat, MotorAuthority, OperatorRequest, put_text};
 use serde_json::{Value, json};
-use service::config::Role;
 use std::path::Path;
 use std::time::Duration;
 

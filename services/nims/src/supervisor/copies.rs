@@ -3,7 +3,7 @@
 //! An edit of the originals is for the next run. The supervisor holds the bytes too, so an edit of the copy changes nothing either.
 
 use crate::failure::{Answer, Failure};
-use service::config::RESOLVED;
+use config::RESOLVED;
 use std::collections::BTreeMap;
 use std::fs;
 use std::io;

@@ -6,7 +6,7 @@ use super::child::{Child, Then};
 use super::members::Member;
 use super::successors::Successor;
 use bus::clock;
-use service::config::Role;
+use config::Role;
 
 /// In which order processes end.
 const ORDER: [Role; 7] = [

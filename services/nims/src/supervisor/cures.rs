@@ -1,6 +1,6 @@
 //! What the loss of a process means, and what helps: the same words on the terminal, in the process table and in the report.
 
-use service::config::Role;
+use config::Role;
 
 /// What has become of a process that is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,8 +2,8 @@
 
 use super::restarts::Policy;
 use crate::failure::{Answer, Failure};
-use service::Slot;
-use service::config::{BoxFile, ProcessSection, Role};
+use config::Slot;
+use config::{BoxFile, ProcessSection, Role};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -356,7 +356,7 @@ mod tests {
 
     #[test]
     fn a_law_is_the_standard_programs_own_or_an_entry_of_the_box_file() {
-        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/boxes/demo3.toml");
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems/demo3.toml");
         let mut file = BoxFile::load(&path).unwrap();
         let own = "name = \"mine\"\nrole = \"controller\"\ncommand = [\"mine\"]\n";
         file.process = vec![toml::from_str(own).unwrap()];

@@ -2,10 +2,10 @@
 
 use crate::failure::{Answer, Failure};
 use bus::Domain;
+use config::Role;
+use config::Slot;
 use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde::{Deserialize, Serialize};
-use service::Slot;
-use service::config::Role;
 use std::time::{Duration, Instant};
 
 /// Where the supervisor writes down whom it started, in the folder of the domain.

@@ -8,9 +8,9 @@ use super::restarts::Restarts;
 use super::{NAME, Supervisor};
 use crate::failure::{Answer, Failure};
 use bus::{Server, clock};
+use config::Role;
+use config::Slot;
 use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, OperatorRequest};
-use service::Slot;
-use service::config::Role;
 
 /// motor-io that has not been heard for this long beyond the drives' watchdog moves nothing, ns: a shared machine stands still for up to
 /// 250 ms.

@@ -3,9 +3,9 @@
 use super::archive::replace;
 use super::copies::Copies;
 use crate::failure::{Answer, Failure};
+use config::{BoxFile, RESOLVED};
+use runtime::build;
 use serde_json::{Value, json};
-use service::build;
-use service::config::{BoxFile, RESOLVED};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -152,9 +152,9 @@ impl RunFolder {
 fn copies_of(file: &BoxFile) -> Answer<Copies> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let named = robot.named_files(file.robot.parent().unwrap_or(Path::new("")));
-    let scene = file.motor_box.as_ref().and_then(|section| section.scene.as_deref());
+    let ground = file.motor_box.as_ref().and_then(|section| section.ground.as_deref());
     let mut copies = Copies::default();
-    for (original, name) in [(Some(file.robot.as_path()), "robot.toml"), (scene, "scene.toml")] {
+    for (original, name) in [(Some(file.robot.as_path()), "robot.toml"), (ground, "ground.toml")] {
         original.map(|original| copies.read(original, name.as_ref())).transpose()?;
     }
     for original in &named {

@@ -21,8 +21,8 @@ use crate::live::{RUNNING_FILE, Running};
 use crate::operate;
 use bus::clock::{self, WallClock};
 use bus::{Bus, Domain};
+use config::{BoxFile, Role};
 use messages::{Heartbeat, put_text};
-use service::config::{BoxFile, Role};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -57,7 +57,7 @@ impl Supervisor {
         let orphans = orphans::end(&domain)?;
         domain.sweep()?;
         let folder = RunFolder::make(&file, &box_path, wanted.run, wanted.mission)?;
-        // Recorder, scene and viewer turn stamps into calendar time, all by this.
+        // Recorder, visualization and viewer turn stamps into calendar time, all by this.
         let clock = runlog::RunClock::now();
         domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
         let run = folder.path().to_path_buf();

@@ -5,9 +5,9 @@ use super::child::Child;
 use super::cures::{Fate, cure};
 use crate::failure::Answer;
 use bus::clock;
+use config::Slot;
+use config::{ProcessSection, Role};
 use messages::{ProcessState, put_sentence, put_text};
-use service::Slot;
-use service::config::{ProcessSection, Role};
 use std::os::unix::process::ExitStatusExt;
 
 /// The whole table is published this often, ns.

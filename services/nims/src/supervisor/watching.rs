@@ -12,8 +12,8 @@ use super::starting::READY_NS;
 use crate::busy;
 use crate::failure::Answer;
 use bus::clock;
+use config::Role;
 use messages::{Heartbeat, OperatorRequest, text_of};
-use service::config::Role;
 use std::time::Duration;
 
 /// How often the processes and their heartbeats are looked at, ns.

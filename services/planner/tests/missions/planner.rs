@@ -8,7 +8,7 @@ use planner::mission::{Leg, Line, Mission, Parabola, PathShape, Polyline, Spiral
 use planner::plan::{Plan, SHORTEST_S};
 use planner::{Planner, PlannerConfig, Seen, dry_run, requests};
 use proptest::prelude::*;
-use service::motion::segment_of;
+use segments::segment_of;
 
 const SECOND_NS: u64 = 1_000_000_000;
 
@@ -339,7 +339,7 @@ fn a_lateral_path_loses_less_than_a_parabola_and_a_vertical_one_is_a_line() {
     println!("line {line_j:.2} J, parabola {parabola_j:.2} J, lateral {lateral_j:.2} J");
     assert!(lateral_j < 0.95 * parabola_j && parabola_j < 0.9 * line_j, "{line_j} {parabola_j} {lateral_j}");
     sound(&lateral.segments, &config).unwrap();
-    let sent = segment_of(&service::motion::segment_message(&lateral.segments[0])).unwrap();
+    let sent = segment_of(&segments::segment_message(&lateral.segments[0])).unwrap();
     assert_eq!(sent, lateral.segments[0]);
     let up = plan("path = \"lateral\"\n[[leg]]\nline = { to_m = [3.0, 2.0, 1.0] }");
     assert_eq!(up.segments[0].path, Path::line(start, Vector3::new(3.0, 2.0, 1.0)));

@@ -8,13 +8,13 @@ mod plan;
 
 use crate::robot::{Robot, root, steadily};
 use bus::{Subscriber, clock};
+use config::RobotFile;
 use judge::{Blow, Evidence, Verdict};
 use messages::{
     CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, MotorState, NodeEstimate, OperatorRequest, SLOTS, TruthNode,
 };
 use plan::{Ending, Fault, How, Random, Round};
 use rustix::process::Signal;
-use service::config::RobotFile;
 use std::path::PathBuf;
 use std::time::Duration;
 

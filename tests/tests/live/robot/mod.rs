@@ -67,7 +67,7 @@ pub struct Robot {
 /// A copy of the examples' files, because what a robot keeps stands beside them.
 pub fn copy_configs(folder: &Path) -> PathBuf {
     let configs = folder.join("configs");
-    for place in ["robots", "boxes", "missions", "sensors", "scenes"] {
+    for place in ["robots", "systems", "missions", "sensors", "ground"] {
         std::fs::create_dir_all(configs.join(place)).unwrap();
         for entry in std::fs::read_dir(root().join("configs").join(place)).unwrap() {
             let entry = entry.unwrap();
@@ -145,7 +145,7 @@ impl Robot {
 
     /// Changes the box file for the next start.
     pub fn change_box(&self, change: impl FnOnce(String) -> String) {
-        let path = self.folder().join("configs/boxes").join(format!("{}.toml", self.file));
+        let path = self.folder().join("configs/systems").join(format!("{}.toml", self.file));
         std::fs::write(&path, change(std::fs::read_to_string(&path).unwrap())).unwrap();
     }
 
@@ -503,7 +503,7 @@ fn kill(pid: u32, signal: Signal) {
 
 /// `nims up` with more text at the end of the box file; the file itself stays as it is for the next start.
 fn start(folder: &Path, file: &str, domain: &Domain, more: &str, run: usize) -> Child {
-    let text = std::fs::read_to_string(folder.join(format!("configs/boxes/{file}.toml"))).unwrap();
+    let text = std::fs::read_to_string(folder.join(format!("configs/systems/{file}.toml"))).unwrap();
     let path = box_file(folder, file);
     std::fs::write(&path, text + more).unwrap();
     let said = std::fs::OpenOptions::new().append(true).create(true).open(folder.join("said")).unwrap();
@@ -518,7 +518,7 @@ fn start(folder: &Path, file: &str, domain: &Domain, more: &str, run: usize) -> 
 }
 
 fn box_file(folder: &Path, file: &str) -> PathBuf {
-    folder.join(format!("configs/boxes/{file}-up.toml"))
+    folder.join(format!("configs/systems/{file}-up.toml"))
 }
 
 /// What a run's file holds of a channel, without the times.

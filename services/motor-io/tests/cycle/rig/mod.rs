@@ -6,7 +6,7 @@ use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3};
 use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, UNITS};
 use motor_io::inbox::Inbox;
 use motor_io::{Answer, Core, CoreConfig, DriveCommand, Observation};
-use service::motion::segment_message;
+use segments::segment_message;
 use std::collections::VecDeque;
 
 pub const PERIOD_S: f64 = 0.01;

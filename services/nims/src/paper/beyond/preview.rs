@@ -6,8 +6,8 @@ use super::super::{control, stand_in};
 use super::{span, times};
 use crate::picture::{Axis, Chart, Look, Picture};
 use anyhow::{Context, Result};
+use config::ControllerSection;
 use controller::Law;
-use service::config::ControllerSection;
 
 /// The lag-aware law with what it is told of the drives.
 fn preview_law(lag_s: Option<[f64; 2]>) -> Result<Law> {

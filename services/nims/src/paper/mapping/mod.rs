@@ -6,7 +6,7 @@ use super::section::{Check, Effort, Section, Table, fixed};
 use super::stand_in;
 use crate::picture::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
 use anyhow::Result;
-use plant::scene::Scene;
+use plant::ground::Ground;
 use scan::{Area, Errors, Scan};
 use survey::grid::GridSpec;
 
@@ -32,13 +32,13 @@ const WORST_M: f64 = 0.05;
 /// Figure 10: topography by coarse and fine scans.
 pub fn fig10(effort: Effort) -> Result<Section> {
     let area = if effort == Effort::Full { AREA } else { CORNER };
-    let scene = scan::ground()?;
+    let ground = scan::ground()?;
     let band_m = scan::footprint_m() + scan::CELL_M;
-    let coarse = scan::uniform(&area, &scene, scan::COARSE_M)?;
-    let middle = scan::uniform(&area, &scene, MIDDLE_M)?;
-    let fine = scan::uniform(&area, &scene, FINE_M)?;
-    let rows = scan::uniform(&area, &scene, ROWS_M)?;
-    let adaptive = scan::adaptive(&area, &scene, PATCH_M, SHARE)?;
+    let coarse = scan::uniform(&area, &ground, scan::COARSE_M)?;
+    let middle = scan::uniform(&area, &ground, MIDDLE_M)?;
+    let fine = scan::uniform(&area, &ground, FINE_M)?;
+    let rows = scan::uniform(&area, &ground, ROWS_M)?;
+    let adaptive = scan::adaptive(&area, &ground, PATCH_M, SHARE)?;
     let flown = [
         ("uniform, coarse", scan::COARSE_M, &coarse),
         ("uniform, middle", MIDDLE_M, &middle),
@@ -46,7 +46,7 @@ pub fn fig10(effort: Effort) -> Result<Section> {
         ("uniform, a line for every row of cells", ROWS_M, &rows),
         ("adaptive", PATCH_M, &adaptive),
     ];
-    let errors = flown.map(|(_, _, scan)| Errors::of(&scan.map, &scene, band_m));
+    let errors = flown.map(|(_, _, scan)| Errors::of(&scan.map, &ground, band_m));
     let [_, _, by_fine, by_rows, by_adaptive] = errors;
     let mut table = Table::new(
         "Error of the heights",
@@ -133,8 +133,8 @@ pub fn fig10(effort: Effort) -> Result<Section> {
         stand_in: format!(
             "Closed-loop scans of the control chain against the plant: {}, a node of 2 kg at a height of {} m and {} m/s, drives with \
              30 ms delay and 40 ms lag, 50 cycles a second. The rangefinder has {} mm of noise, a beam of {} degrees, a reading every \
-             {} ms that is told {} ms later, give or take {} ms, and is placed by the estimates around its own time. Cells of {} m. The scene is \
-             configs/scenes/fig10.toml.",
+             {} ms that is told {} ms later, give or take {} ms, and is placed by the estimates around its own time. Cells of {} m. The ground is \
+             configs/ground/fig10.toml.",
             stand_in::THREE,
             scan::HEIGHT_M,
             scan::SPEED_M_S,
@@ -146,7 +146,7 @@ pub fn fig10(effort: Effort) -> Result<Section> {
             scan::CELL_M
         ),
         tables: vec![table],
-        pictures: vec![maps(&area, &scene, &fine, &adaptive), course(&flown, &errors, &adaptive)],
+        pictures: vec![maps(&area, &ground, &fine, &adaptive), course(&flown, &errors, &adaptive)],
         checks,
         remarks: vec![
             format!(
@@ -182,12 +182,12 @@ fn cells(area: &Area, spec: &GridSpec, caption: String, value: impl Fn(usize, [f
 }
 
 /// Idealised and measured heights, and what is between them.
-fn maps(area: &Area, scene: &Scene, fine: &Scan, adaptive: &Scan) -> Picture {
+fn maps(area: &Area, ground: &Ground, fine: &Scan, adaptive: &Scan) -> Picture {
     let spec = fine.map.spec();
     let height = |scan: &Scan, at: usize| scan.map.cells()[at].map_or(f64::NAN, |cell| cell.value);
     let span = format!("dark 0 m, bright {TOP_M} m");
     let charts = vec![
-        cells(area, spec, format!("idealised heights, {span}"), |_, place| scene.height_m(place) / TOP_M),
+        cells(area, spec, format!("idealised heights, {span}"), |_, place| ground.height_m(place) / TOP_M),
         cells(area, spec, format!("uniform fine raster, {:.0} m of way", fine.length_m), |at, _| {
             height(fine, at) / TOP_M
         }),
@@ -195,7 +195,7 @@ fn maps(area: &Area, scene: &Scene, fine: &Scan, adaptive: &Scan) -> Picture {
             height(adaptive, at) / TOP_M
         }),
         cells(area, spec, format!("error of the adaptive scan, bright {:.0} mm", 1e3 * WORST_M), |at, place| {
-            (height(adaptive, at) - scene.height_m(place)).abs() / WORST_M
+            (height(adaptive, at) - ground.height_m(place)).abs() / WORST_M
         }),
     ];
     Picture { title: String::new(), size: (1040, 900), columns: 2, charts }

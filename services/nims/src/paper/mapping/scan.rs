@@ -1,23 +1,23 @@
-//! Scans flown in lockstep over a scene, and the maps that come of them.
+//! Scans flown in lockstep over a ground, and the maps that come of them.
 
 use super::super::flight::{DRIVES, Flight};
 use super::super::random::Random;
 use crate::lockstep::{Cycle, Lockstep};
 use anyhow::{Context, Result, ensure};
 use cable_robot::Vector3;
+use config::GroundFile;
 use messages::PlanStatus;
-use motor_box::config::scene;
+use motor_box::settings::ground_of;
 use planner::Mission;
 use planner::mission::{Leg, Polyline};
 use planner::scan::{over_patches, raster};
-use plant::scene::Scene;
-use service::config::SceneFile;
-use service::motion::motion_of;
+use plant::ground::Ground;
+use segments::motion_of;
 use survey::adaptive::{Known, Merit, Patch, PatchOptions, patches};
 use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};
 
-/// What stands on the ground: the scene file that comes with the robot.
-const SCENE: &str = include_str!("../../../../../configs/scenes/fig10.toml");
+/// What stands on the ground: the ground file that comes with the robot.
+const GROUND: &str = include_str!("../../../../../configs/ground/fig10.toml");
 
 /// Control period, s.
 const PERIOD_S: f64 = 0.02;
@@ -74,15 +74,15 @@ pub fn footprint_m() -> f64 {
     2.0 * (0.5 * BEAM_DEG.to_radians()).tan() * HEIGHT_M
 }
 
-/// The scene.
-pub fn ground() -> Result<Scene> {
-    let file: SceneFile = toml::from_str(SCENE).context("configs/scenes/fig10.toml")?;
-    Ok(scene(&file))
+/// The ground.
+pub fn ground() -> Result<Ground> {
+    let file: GroundFile = toml::from_str(GROUND).context("configs/ground/fig10.toml")?;
+    Ok(ground_of(&file))
 }
 
 /// The rangefinder: readings of the true distance, told later.
 struct Rangefinder<'a> {
-    scene: &'a Scene,
+    ground: &'a Ground,
     random: Random,
     due_s: f64,
     before: Option<(f64, [f64; 3], [f64; 3])>,
@@ -105,7 +105,7 @@ impl Rangefinder<'_> {
             };
             // what it saw is where it was; where that was taken to be is the told time less the mean latency
             let (truth, seems) = (between(self.due_s, before.1, now.1), between(told_s - mean_s, before.2, now.2));
-            let distance_m = self.scene.distance_m(truth, BEAM_DEG.to_radians()) + NOISE_M * self.random.normal();
+            let distance_m = self.ground.distance_m(truth, BEAM_DEG.to_radians()) + NOISE_M * self.random.normal();
             let covariance = cycle.estimate.covariance_m2;
             take(&GridSample {
                 position_m: [seems[0], seems[1]],
@@ -127,7 +127,7 @@ struct Flown<'a> {
 }
 
 impl<'a> Flown<'a> {
-    fn new(area: &Area, scene: &'a Scene, start: Vector3<f64>) -> Result<Self> {
+    fn new(area: &Area, ground: &'a Ground, start: Vector3<f64>) -> Result<Self> {
         let flight =
             Flight { period_s: PERIOD_S, horizon: HORIZON, ..Flight::new(start.into(), IDLE.to_owned(), DRIVES[0]) };
         let mut lockstep = Lockstep::new(flight.scenario()?)?;
@@ -143,7 +143,7 @@ impl<'a> Flown<'a> {
             second: 0,
             course: Vec::new(),
         };
-        Ok(Self { lockstep, finder: Rangefinder { scene, random: Random::new(10), due_s: 0.0, before: None }, scan })
+        Ok(Self { lockstep, finder: Rangefinder { ground, random: Random::new(10), due_s: 0.0, before: None }, scan })
     }
 
     /// Flies lines through points; every `each_m` of the way the map is judged.
@@ -194,7 +194,7 @@ impl<'a> Flown<'a> {
 
     fn judge(&mut self) {
         self.scan.map.refresh();
-        let error = Errors::of(&self.scan.map, self.finder.scene, 0.0);
+        let error = Errors::of(&self.scan.map, self.finder.ground, 0.0);
         self.scan.course.push([self.scan.length_m, error.all_m]);
     }
 }
@@ -207,18 +207,18 @@ fn at_height([x, y]: [f64; 2]) -> Vector3<f64> {
 }
 
 /// One raster with lines along x.
-pub fn uniform(area: &Area, scene: &Scene, pitch_m: f64) -> Result<Scan> {
+pub fn uniform(area: &Area, ground: &Ground, pitch_m: f64) -> Result<Scan> {
     let way = raster(at_height(area.low_m), at_height(area.high_m), pitch_m, Some(planner::scan::Axis::X))?;
-    let mut flown = Flown::new(area, scene, way[0])?;
+    let mut flown = Flown::new(area, ground, way[0])?;
     flown.fly(&way[1..], f64::INFINITY)?;
     flown.scan.map.refresh_all();
     Ok(flown.scan)
 }
 
 /// A coarse raster, and fine ones of `fine_m` where its map changes.
-pub fn adaptive(area: &Area, scene: &Scene, fine_m: f64, share: f64) -> Result<Scan> {
+pub fn adaptive(area: &Area, ground: &Ground, fine_m: f64, share: f64) -> Result<Scan> {
     let way = raster(at_height(area.low_m), at_height(area.high_m), COARSE_M, Some(planner::scan::Axis::X))?;
-    let mut flown = Flown::new(area, scene, way[0])?;
+    let mut flown = Flown::new(area, ground, way[0])?;
     flown.fly(&way[1..], f64::INFINITY)?;
     flown.scan.second = flown.scan.way.len();
     let here = way[way.len() - 1];
@@ -249,18 +249,18 @@ pub struct Errors {
 
 impl Errors {
     /// Of all cells, and of those farther than `band_m` from every edge.
-    pub fn of(map: &GridMap, scene: &Scene, band_m: f64) -> Self {
+    pub fn of(map: &GridMap, ground: &Ground, band_m: f64) -> Self {
         let spec = map.spec();
         let (mut all, mut away, mut count, mut unknown, mut within) = (0.0, 0.0, 0usize, 0, 0usize);
         for (at, cell) in map.cells().iter().enumerate() {
             let place = spec.centre(at % spec.columns, at / spec.columns);
-            let truth_m = scene.height_m(place);
-            let value_m = cell.map_or(scene.ground_m, |cell| cell.value);
+            let truth_m = ground.height_m(place);
+            let value_m = cell.map_or(ground.ground_m, |cell| cell.value);
             unknown += usize::from(cell.is_none());
             let error = value_m - truth_m;
             within += usize::from(cell.is_some_and(|cell| error.abs() <= 3.0 * cell.sigma));
             all += error * error;
-            if band_m > 0.0 && !near_edge(scene, place, band_m) {
+            if band_m > 0.0 && !near_edge(ground, place, band_m) {
                 away += error * error;
                 count += 1;
             }
@@ -277,15 +277,15 @@ impl Errors {
 }
 
 /// Whether the ground has another height within that distance, m: looked at on rings a centimetre apart.
-fn near_edge(scene: &Scene, place: [f64; 2], within_m: f64) -> bool {
-    let height_m = scene.height_m(place);
+fn near_edge(ground: &Ground, place: [f64; 2], within_m: f64) -> bool {
+    let height_m = ground.height_m(place);
     let rings = (within_m / 0.01).ceil().max(1.0);
     (1..=rings as usize).any(|ring| {
         let radius_m = within_m * ring as f64 / rings;
         (0..48).any(|step| {
             let angle = f64::from(step) * std::f64::consts::TAU / 48.0;
             let there = [place[0] + radius_m * libm::cos(angle), place[1] + radius_m * libm::sin(angle)];
-            (scene.height_m(there) - height_m).abs() > 1e-9
+            (ground.height_m(there) - height_m).abs() > 1e-9
         })
     })
 }

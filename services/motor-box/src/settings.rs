@@ -1,0 +1,201 @@
+//! From the configuration files to the machine that stands in for the hardware.
+
+use std::path::{Path, PathBuf};
+
+use config::{BoxFile, DeviceKind as Speaks, DeviceSection, FieldSection, GroundFile, MotorBoxSection, RobotFile};
+use plant::PlantConfig;
+use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
+use plant::line::IdlerConfig;
+use plant::motor::MotorConfig;
+use thiserror::Error;
+
+use crate::device::{DeviceConfig, DeviceKind};
+
+/// What stands for the domain's folder in a port's path.
+const DOMAIN: &str = "{domain}";
+
+/// A drive limits at a multiple of the current that its motor stands for long; three times is usual for brushed motors.
+const PEAK_CURRENT_RATIO: f64 = 3.0;
+
+/// A box file that is not, or not only, for the virtual motor box.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ConfigError {
+    /// Real hardware is configured.
+    #[error(
+        "the box file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
+    )]
+    NoSection,
+    /// The ground.
+    #[error("{0}")]
+    Ground(String),
+    /// A port that is not in the domain's folder.
+    #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
+    NotOurPort(String),
+}
+
+/// One drive unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UnitConfig {
+    /// Packet serial address, 0x80 to 0x87.
+    pub address: u8,
+    /// Cables (from 0) on motor 1 and motor 2.
+    pub cables: [Option<usize>; 2],
+}
+
+/// One serial port with the units on it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PortConfig {
+    /// Name under which programs open it.
+    pub link: PathBuf,
+    /// Speed of the wire, bits per second.
+    pub baud: u32,
+    /// Units on the wire.
+    pub units: Vec<UnitConfig>,
+}
+
+/// The whole virtual motor box.
+#[derive(Debug, Clone, PartialEq)]
+pub struct BoxConfig {
+    /// The physics.
+    pub plant: PlantConfig,
+    /// Per cable: the encoder counts down as line pays out.
+    pub reversed: Vec<bool>,
+    /// The ports.
+    pub ports: Vec<PortConfig>,
+    /// Time a unit takes to answer, ns.
+    pub turnaround_ns: u64,
+    /// Sensors on the node.
+    pub devices: Vec<DeviceConfig>,
+    /// What they look at.
+    pub ground: Ground,
+}
+
+impl BoxConfig {
+    /// The box that `box_file` and its `robot` describe (both as [`BoxFile::load`] checked them), with its ports in `folder`.
+    ///
+    /// # Errors
+    /// The box file is for real hardware, wholly or in part.
+    pub fn from_files(box_file: &BoxFile, robot: &RobotFile, folder: &Path) -> Result<Self, ConfigError> {
+        let section = box_file.motor_box.as_ref().ok_or(ConfigError::NoSection)?;
+        let counts_per_m = &box_file.motor_io.counts_per_m;
+        Ok(Self {
+            plant: plant_config(section, robot, counts_per_m),
+            reversed: counts_per_m.iter().map(|&counts| counts < 0.0).collect(),
+            ports: port_configs(box_file, folder)?,
+            turnaround_ns: (section.turnaround_s * 1e9).round() as u64,
+            devices: section.device.iter().map(|device| device_config(device, folder)).collect(),
+            ground: match &section.ground {
+                Some(path) => {
+                    ground_of(&GroundFile::load(path).map_err(|error| ConfigError::Ground(error.to_string()))?)
+                }
+                None => Ground { ground_m: robot.robot.ground_m, ..Ground::default() },
+            },
+        })
+    }
+}
+
+fn plant_config(section: &MotorBoxSection, robot: &RobotFile, counts_per_m: &[f64]) -> PlantConfig {
+    let mut config = PlantConfig::new(robot.robot.anchors_m.to_vec(), section.start_m.position_m);
+    config.planar = robot.robot.anchors_m.is_planar();
+    config.routed_length_m = robot.lines.routed_length_m.clone();
+    config.routed_length_m.resize(config.cable_count(), 0.0);
+    config.node.mass_kg = robot.robot.node_mass_kg;
+    config.node.net_weight_n = robot.robot.net_weight_n;
+    config.node.drag_n_s2_m2 = section.drag_n_s2_m2;
+    config.node.ground_m = Some(robot.robot.ground_m);
+    config.line.stiffness_n = section.stiffness_n;
+    config.drum.radius_m = section.drum_radius_m;
+    config.drum.line_diameter_m = section.line_diameter_m;
+    let longest_m = robot.robot.length_limits_m[1].min(100.0);
+    config.drum.capacity_m = config.drum.capacity_m.max(longest_m + 10.0);
+    config.drive.delay_s = section.delay_s;
+    config.drive.lag_s = section.lag_s;
+    config.supply_v = section.supply_v;
+    config.seed = section.seed;
+    config.motor = MotorConfig {
+        force_constant_n_a: robot.motor.force_constant_n_a,
+        resistance_ohm: robot.motor.resistance_ohm,
+        gear_friction: robot.motor.gear_friction,
+        coulomb_n: robot.motor.coulomb_n,
+        viscous_n_s_m: robot.motor.viscous_n_s_m,
+        transition_m_s: robot.motor.transition_m_s,
+        current_limit_a: robot.motor.current_limit_a * PEAK_CURRENT_RATIO,
+        ..MotorConfig::default()
+    };
+    config.idlers = counts_per_m
+        .iter()
+        .map(|counts| IdlerConfig { counts_per_m: counts.abs(), ..IdlerConfig::default() })
+        .collect();
+    config.start_limits_n = robot.robot.tension_limits_n;
+    config
+}
+
+fn device_config(section: &DeviceSection, folder: &Path) -> DeviceConfig {
+    let fields = || section.values.iter().map(field).collect();
+    DeviceConfig {
+        link: folder.join(&section.name),
+        baud: section.baud,
+        period_ns: (1e9 / section.rate_hz).round() as u64,
+        latency_ns: (section.latency_s * 1e9).round() as u64,
+        lever_m: section.lever_m,
+        noise: section.noise,
+        kind: match section.kind {
+            Speaks::Tfmini => {
+                DeviceKind::Tfmini { beam_rad: section.beam_deg.to_radians(), resolution_m: section.resolution_m }
+            }
+            Speaks::Line => DeviceKind::Line { template: section.template.clone(), fields: fields() },
+            Speaks::Modbus => {
+                DeviceKind::Modbus { unit_id: section.unit_id, register: section.register, fields: fields() }
+            }
+        },
+    }
+}
+
+fn field(section: &FieldSection) -> Field {
+    let peak = section.peak.map(|peak| Peak { at_m: peak.at_m, height: peak.height, radius_m: peak.radius_m });
+    Field { base: section.base, slope_per_m: section.slope_per_m, peak }
+}
+
+/// What a ground file describes.
+#[must_use]
+pub fn ground_of(file: &GroundFile) -> Ground {
+    let cylinders = file.cylinder.iter().map(|section| Cylinder {
+        center_m: section.center_m,
+        radius_m: section.radius_m,
+        height_m: section.height_m,
+    });
+    let prisms = file.prism.iter().map(|section| Prism {
+        center_m: section.center_m,
+        size_m: section.size_m,
+        angle_rad: section.angle_deg.to_radians(),
+        height_m: section.height_m,
+        cavity: section.cavity.map(|cavity| Cavity {
+            from_m: cavity.from_m,
+            to_m: cavity.to_m,
+            depth_m: cavity.depth_m,
+        }),
+    });
+    Ground { ground_m: file.ground_m, cylinders: cylinders.collect(), prisms: prisms.collect() }
+}
+
+fn port_configs(box_file: &BoxFile, folder: &Path) -> Result<Vec<PortConfig>, ConfigError> {
+    let mut ports = Vec::new();
+    for port in &box_file.motor_io.ports {
+        let name = port
+            .path
+            .strip_prefix(DOMAIN)
+            .map(|rest| rest.trim_start_matches('/'))
+            .filter(|rest| !rest.is_empty() && !rest.contains(".."))
+            .ok_or_else(|| ConfigError::NotOurPort(port.path.clone()))?;
+        let units = port
+            .units
+            .iter()
+            .map(|unit| {
+                let on_motor = |motor: usize| unit.cables.get(motor).and_then(|cable| cable.checked_sub(1));
+                UnitConfig { address: unit.address, cables: [on_motor(0), on_motor(1)] }
+            })
+            .collect();
+        ports.push(PortConfig { link: folder.join(name), baud: port.baud, units });
+    }
+    Ok(ports)
+}

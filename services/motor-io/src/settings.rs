@@ -1,0 +1,276 @@
+//! What the core is built from, and the checks on it.
+
+use cable_robot::{Distribution, Robot};
+use config::ArbiterSection;
+use messages::{CABLES, UNITS};
+use thiserror::Error;
+
+/// One key of the configuration that cannot be used, in one sentence.
+#[derive(Debug, Clone, PartialEq, Error)]
+#[error("[motor_io] {key} {problem}; accepted: {accepted}")]
+pub struct ConfigError {
+    /// The key as the box file spells it.
+    pub key: &'static str,
+    /// What was given.
+    pub problem: String,
+    /// What is accepted.
+    pub accepted: &'static str,
+}
+
+fn refuse<T>(key: &'static str, problem: String, accepted: &'static str) -> Result<T, ConfigError> {
+    Err(ConfigError { key, problem, accepted })
+}
+
+/// Everything the core needs to know; made once, checked by [`CoreConfig::check`].
+///
+/// [`CoreConfig::new`] fills in the defaults of the box file, so that a simulation gives only what differs.
+#[derive(Debug, Clone)]
+pub struct CoreConfig {
+    /// The robot.
+    pub robot: Robot,
+    /// Control period, s.
+    pub period_s: f64,
+    /// Encoder counts per metre of line, one per cable; negative where the count falls as line pays out.
+    pub counts_per_m: [f64; CABLES],
+    /// The unit that drives each cable.
+    pub unit_of_cable: [usize; CABLES],
+    /// How many units there are.
+    pub unit_count: usize,
+    /// Largest cable velocity, m/s.
+    pub cable_speed_m_s: f64,
+    /// Largest change of a cable's velocity per time, m/s². Wider than the node's limit, because the controller's
+    /// corrections need room beside the planned motion.
+    pub cable_acceleration_m_s2: f64,
+    /// The node's speed is bounded by the robot's speed limit and this share of it.
+    pub node_speed_margin: f64,
+    /// Largest change of the node's velocity per time, m/s².
+    pub node_acceleration_m_s2: f64,
+    /// What a controller may add to the set point's own velocity, m/s: enough to bring the node back at half its speed limit.
+    pub correction_limit_m_s: f64,
+    /// A motion that begins farther from the node than this is not started, m. Uncorrected stretch is up to 35 mm on the examples.
+    pub start_bound_m: f64,
+    /// From this distance to the set point on, commands that lead away from it are a fault, m. Drives lag by up to 30 mm at full speed,
+    /// and controllers give no answer from 250 mm on.
+    pub divergence_m: f64,
+    /// For how long they may, s: at the speed limit a third of `divergence_m`.
+    pub divergence_s: f64,
+    /// Time in which pause, hold and resume ramp the plan clock between standstill and full rate, s.
+    pub ramp_s: f64,
+    /// The same for stop, s.
+    pub stop_s: f64,
+    /// Rest after a motion's end before it counts as finished, s.
+    pub settle_s: f64,
+    /// So many cycles in a row without a command, and the robot stops; until then the last one is used.
+    pub ttl_cycles: u32,
+    /// Cable velocity of jogging, m/s.
+    pub jog_speed_m_s: f64,
+    /// A tension below this is slack, N.
+    pub slack_n: f64,
+    /// Cycles before slack or over-tension is a fault.
+    pub slack_cycles: u32,
+    /// Drive output above which a cable that hardly moves is stalled or slipping, 0 to 1.
+    pub stall_duty: f64,
+    /// Cycles before stall, runaway or over-current is a fault.
+    pub stall_cycles: u32,
+    /// Lowest supply voltage, V.
+    pub supply_min_v: f64,
+    /// Largest continuous current of a motor, A.
+    pub current_limit_a: f64,
+    /// The drives stop their motors after this time without a packet, s.
+    pub watchdog_s: f64,
+    /// Time without a beat after which the supervisor or the planner counts as lost, s.
+    pub beat_s: f64,
+    /// Time for which a second controller or estimator has to answer well beside the one in charge to become its standby, s.
+    pub qualify_s: f64,
+    /// From the announcement of a swap to the cycle in which it takes effect, s.
+    pub announce_s: f64,
+    /// Time in which one command fades into another, s: longer than drives lag, shorter than a person notices.
+    pub fade_s: f64,
+    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, unless it had no processor, s.
+    pub probation_s: f64,
+    /// Time of good answers after which a standby's falls are forgiven, s.
+    pub forgive_s: f64,
+    /// Falls after which a standby is set aside.
+    pub quarantine_falls: u8,
+    /// How far a standby's command may be from that of the controller in charge, as a share of `cable_speed_m_s`. The two laws
+    /// differ most where the motion changes: by the acceleration times the time by which one looks further ahead.
+    pub command_bound: f64,
+    /// How far it may be from it on average, as a share of what is being commanded, and never less than `bias_bound_m_s`.
+    pub bias_share: f64,
+    /// See `bias_share`, m/s: what two good laws differ by while the node accelerates.
+    pub bias_bound_m_s: f64,
+    /// How far a standby's estimate may be from the one in charge, m: what the node may be off its path.
+    pub estimate_bound_m: f64,
+    /// How the tension of more cables than directions is chosen where `zero --at` turns a position into lengths.
+    pub distribution: Distribution,
+}
+
+/// Longest distance of one jog, m: further is a motion, and belongs to the planner.
+pub const JOG_LIMIT_M: f64 = 2.0;
+
+impl CoreConfig {
+    /// A configuration with the documented defaults; `counts_per_m` per cable, `units` lists the cables (from 0) of each unit.
+    ///
+    /// # Errors
+    /// Names the key that is missing or out of its range.
+    pub fn new(robot: Robot, period_s: f64, counts_per_m: &[f64], units: &[Vec<usize>]) -> Result<Self, ConfigError> {
+        let n = robot.cable_count();
+        if counts_per_m.len() != n {
+            let problem = format!("has {} values for a robot of {n} cables", counts_per_m.len());
+            return refuse("counts_per_m", problem, "one value per cable");
+        }
+        if units.is_empty() || units.len() > UNITS {
+            return refuse("ports", format!("name {} drive units", units.len()), "1 to 8 units in all");
+        }
+        let mut unit_of_cable = [usize::MAX; CABLES];
+        for (unit, cables) in units.iter().enumerate() {
+            for &cable in cables {
+                if cable >= n {
+                    let problem =
+                        format!("give cable {} to unit {}, and the robot has {n} cables", cable + 1, unit + 1);
+                    return refuse("ports", problem, "cables from 1 to the number of anchors");
+                }
+                if unit_of_cable[cable] != usize::MAX {
+                    let problem =
+                        format!("give cable {} to units {} and {}", cable + 1, unit_of_cable[cable] + 1, unit + 1);
+                    return refuse("ports", problem, "every cable on exactly one motor");
+                }
+                unit_of_cable[cable] = unit;
+            }
+        }
+        if let Some(cable) = unit_of_cable[..n].iter().position(|unit| *unit == usize::MAX) {
+            let problem = format!("give cable {} to no unit", cable + 1);
+            return refuse("ports", problem, "every cable on exactly one motor");
+        }
+        let mut counts = [1.0; CABLES];
+        counts[..n].copy_from_slice(counts_per_m);
+        let arbiter = ArbiterSection::default();
+        let config = Self {
+            period_s,
+            counts_per_m: counts,
+            unit_of_cable: unit_of_cable.map(|unit| if unit == usize::MAX { 0 } else { unit }),
+            unit_count: units.len(),
+            cable_speed_m_s: robot.cable_speed_limit_m_s(),
+            cable_acceleration_m_s2: 4.0 * robot.acceleration_limit_m_s2(),
+            node_speed_margin: 0.1,
+            node_acceleration_m_s2: 4.0 * robot.acceleration_limit_m_s2(),
+            correction_limit_m_s: 0.5 * robot.speed_limit_m_s(),
+            start_bound_m: 0.05,
+            divergence_m: 0.1,
+            divergence_s: 0.1,
+            ramp_s: 0.5,
+            stop_s: 0.25,
+            settle_s: 0.5,
+            ttl_cycles: 3,
+            jog_speed_m_s: 0.05,
+            slack_n: 0.5,
+            slack_cycles: 30,
+            stall_duty: 0.6,
+            stall_cycles: 20,
+            supply_min_v: 10.0,
+            current_limit_a: 5.0,
+            watchdog_s: 0.3,
+            beat_s: 2.0,
+            qualify_s: arbiter.qualify_s,
+            announce_s: arbiter.announce_s,
+            fade_s: arbiter.fade_s,
+            probation_s: arbiter.probation_s,
+            forgive_s: arbiter.forgive_s,
+            quarantine_falls: arbiter.quarantine_falls,
+            command_bound: arbiter.command_bound,
+            bias_share: arbiter.bias_share,
+            bias_bound_m_s: arbiter.bias_bound_m_s,
+            estimate_bound_m: arbiter.estimate_bound_m,
+            distribution: robot.default_distribution(),
+            robot,
+        };
+        config.check()?;
+        Ok(config)
+    }
+
+    /// Bound on the node's speed, m/s.
+    #[must_use]
+    pub fn node_speed_m_s(&self) -> f64 {
+        (1.0 + self.node_speed_margin) * self.robot.speed_limit_m_s()
+    }
+
+    /// How many cables.
+    #[must_use]
+    pub fn cable_count(&self) -> usize {
+        self.robot.cable_count()
+    }
+
+    /// A time as a whole number of cycles, at least 1.
+    #[must_use]
+    pub fn cycles(&self, seconds: f64) -> u32 {
+        (seconds / self.period_s + 0.5).clamp(1.0, 1e6) as u32
+    }
+
+    /// Checks every number.
+    ///
+    /// # Errors
+    /// Names the first key out of its range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let inside = |key, value: f64, low: f64, high: f64, accepted| {
+            if value.is_finite() && (low..=high).contains(&value) {
+                Ok(())
+            } else {
+                refuse(key, format!("is {value}"), accepted)
+            }
+        };
+        inside("period", self.period_s, 0.004, 0.1, "10 to 250 cycles per second (rate_hz)")?;
+        for (cable, counts) in self.counts_per_m[..self.cable_count()].iter().enumerate() {
+            if !(counts.is_finite() && (100.0..=1e7).contains(&counts.abs())) {
+                let problem = format!("is {counts} for cable {}", cable + 1);
+                return refuse(
+                    "counts_per_m",
+                    problem,
+                    "100 to 10000000 counts per metre, negative for a reversed encoder",
+                );
+            }
+        }
+        inside("cable_speed_limit_m_s", self.cable_speed_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
+        inside("cable_acceleration_m_s2", self.cable_acceleration_m_s2, 1e-3, 100.0, "0.001 to 100 m/s²")?;
+        inside("node_speed_margin", self.node_speed_margin, 0.0, 1.0, "0 to 1")?;
+        inside(
+            "node_acceleration_limit_m_s2",
+            self.node_acceleration_m_s2,
+            self.robot.acceleration_limit_m_s2(),
+            100.0,
+            "the robot's acceleration_limit_m_s2, by which motions are planned, to 100 m/s²",
+        )?;
+        inside("correction_limit_m_s", self.correction_limit_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
+        inside("start_bound_m", self.start_bound_m, 1e-3, 10.0, "0.001 to 10 metres")?;
+        inside("divergence_m", self.divergence_m, 1e-3, 10.0, "0.001 to 10 metres")?;
+        inside("divergence_s", self.divergence_s, 0.01, 10.0, "0.01 to 10 seconds")?;
+        inside("ramp_s", self.ramp_s, 0.05, 10.0, "0.05 to 10 seconds")?;
+        inside("stop_s", self.stop_s, 0.05, 10.0, "0.05 to 10 seconds")?;
+        inside("settle_s", self.settle_s, 0.0, 10.0, "0 to 10 seconds")?;
+        inside("ttl_cycles", f64::from(self.ttl_cycles), 0.0, 50.0, "0 to 50 cycles")?;
+        inside(
+            "jog_speed_m_s",
+            self.jog_speed_m_s,
+            1e-3,
+            self.cable_speed_m_s,
+            "0.001 m/s up to the cable speed limit",
+        )?;
+        inside("slack_n", self.slack_n, 0.0, 1e4, "0 to 10000 newtons")?;
+        inside("slack_cycles", f64::from(self.slack_cycles), 1.0, 1e4, "1 to 10000 cycles")?;
+        inside("stall_duty", self.stall_duty, 0.05, 1.0, "0.05 to 1")?;
+        inside("stall_cycles", f64::from(self.stall_cycles), 1.0, 1e4, "1 to 10000 cycles")?;
+        inside("supply_min_v", self.supply_min_v, 0.0, 100.0, "0 to 100 volts")?;
+        inside("current_limit_a", self.current_limit_a, 1e-3, 1e3, "0.001 to 1000 amperes")?;
+        inside("watchdog_s", self.watchdog_s, 0.1, 2.0, "0.1 to 2 seconds in steps of 0.1")?;
+        inside("beat_s", self.beat_s, 0.1, 60.0, "0.1 to 60 seconds")?;
+        inside("qualify_s", self.qualify_s, 0.1, 60.0, "0.1 to 60 seconds")?;
+        inside("announce_s", self.announce_s, 0.0, 10.0, "0 to 10 seconds")?;
+        inside("fade_s", self.fade_s, 0.0, 10.0, "0 to 10 seconds")?;
+        inside("probation_s", self.probation_s, 0.0, 60.0, "0 to 60 seconds")?;
+        inside("forgive_s", self.forgive_s, 0.1, 3600.0, "0.1 to 3600 seconds")?;
+        inside("quarantine_falls", self.quarantine_falls.into(), 1.0, 100.0, "1 to 100")?;
+        inside("command_bound", self.command_bound, 1e-3, 1.0, "0.001 to 1")?;
+        inside("bias_share", self.bias_share, 1e-3, 1.0, "0.001 to 1")?;
+        inside("bias_bound_m_s", self.bias_bound_m_s, 1e-3, 10.0, "0.001 to 10 metres per second")?;
+        inside("estimate_bound_m", self.estimate_bound_m, 1e-4, 1.0, "0.0001 to 1 metre")
+    }
+}

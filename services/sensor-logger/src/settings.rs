@@ -1,0 +1,88 @@
+//! What the logger is told, as it is used.
+
+use cable_robot::Robot;
+use config::{LoggedSensorSection, SensorLoggerSection};
+use survey::SurveyError;
+use survey::grid::{GridOptions, GridSpec};
+
+use crate::Plane;
+
+/// What holds for all sensors, and what for some.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoggerConfig {
+    /// The section of the box file.
+    pub section: SensorLoggerSection,
+    /// Where maps lie.
+    pub plane: Plane,
+    /// Two opposite corners of the maps, m.
+    pub area_m: [[f64; 2]; 2],
+}
+
+/// One sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SensorConfig {
+    /// Its entry in the box file; empty if it has none.
+    pub section: LoggedSensorSection,
+    /// How exactly the instant of a reading is known, s.
+    pub time_sigma_s: f64,
+}
+
+impl LoggerConfig {
+    /// For a robot.
+    #[must_use]
+    pub fn of(section: &SensorLoggerSection, robot: &Robot) -> Self {
+        let plane = if robot.is_planar() { Plane::Upright } else { Plane::Level };
+        let anchors = || robot.anchors().iter().map(|anchor| plane.of((*anchor).into()));
+        let corner = |from: f64, pick: fn(f64, f64) -> f64| {
+            std::array::from_fn(|k| anchors().map(|anchor| anchor[k]).fold(from, pick))
+        };
+        let mut area_m =
+            section.map_area_m.unwrap_or([corner(f64::INFINITY, f64::min), corner(f64::NEG_INFINITY, f64::max)]);
+        if plane == Plane::Upright && section.map_area_m.is_none() {
+            area_m[0][1] = area_m[0][1].min(robot.ground_m());
+        }
+        Self { section: section.clone(), plane, area_m }
+    }
+
+    /// What holds for the sensor of this name; `None` if it is to be left out.
+    #[must_use]
+    pub fn sensor(&self, name: &str) -> Option<SensorConfig> {
+        let excluded = self.section.exclude.iter().any(|pattern| match pattern.strip_suffix('*') {
+            Some(beginning) => name.starts_with(beginning),
+            None => name == pattern,
+        });
+        if excluded {
+            return None;
+        }
+        let own = self.section.sensor.iter().find(|sensor| sensor.name == name);
+        let section =
+            own.cloned().unwrap_or_else(|| LoggedSensorSection { name: name.to_owned(), ..Default::default() });
+        let time_sigma_s = section.time_sigma_s.unwrap_or(self.section.time_sigma_s);
+        Some(SensorConfig { section, time_sigma_s })
+    }
+
+    /// The grid of live maps: at most `side` cells along each side.
+    ///
+    /// # Errors
+    /// An area without a size.
+    pub fn grid(&self, side: usize) -> Result<GridSpec, SurveyError> {
+        let [a, b] = self.area_m;
+        let low: [f64; 2] = std::array::from_fn(|k| a[k].min(b[k]));
+        let high: [f64; 2] = std::array::from_fn(|k| a[k].max(b[k]));
+        let longest_m = (high[0] - low[0]).max(high[1] - low[1]);
+        let least_m = longest_m / side as f64;
+        let cell_m = self.section.map_cell_m.map_or(least_m, |cell_m| cell_m.max(least_m));
+        GridSpec::covering(low, high, cell_m)
+    }
+
+    /// How the map of a sensor is made on cells of this size.
+    #[must_use]
+    pub fn options(&self, sensor: &SensorConfig, cell_m: f64) -> GridOptions {
+        let options = GridOptions::for_cell(cell_m);
+        GridOptions {
+            footprint_m: sensor.section.footprint_m,
+            reach_m: self.section.map_reach_m.unwrap_or(options.reach_m),
+            ..options
+        }
+    }
+}

@@ -1,0 +1,357 @@
+//! The sensor file: which port, which protocol, which values.
+
+use std::path::Path;
+
+use config::ConfigError;
+use config::toml_file::{self, finite};
+use serde::Deserialize;
+
+use crate::VALUES;
+
+/// Bytes that a reading has for the names of its quantities, and for its units.
+const QUANTITY_BYTES: usize = 64;
+const UNIT_BYTES: usize = 32;
+/// Registers that one question can ask for (Modbus application protocol 1.1b3, 6.3).
+const REGISTERS: u32 = 125;
+
+/// A sensor file as written; it has exactly one of `[tfmini]`, `[line]` and `[modbus]`.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct SensorFile {
+    /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` stands for the robot's folder in shared memory, where the virtual box has its ports.
+    pub port: String,
+    /// Baud rate.
+    #[serde(default = "default_baud")]
+    pub baud: u32,
+    /// From the event to the arrival of what says it, s.
+    #[serde(default)]
+    pub latency_s: f64,
+    /// Where the sensor is on the node, seen from the node's position, in the site's axes, m.
+    #[serde(default)]
+    pub lever_m: [f64; 3],
+    /// Without a reading for so long the last one is repeated as stale, s.
+    #[serde(default = "default_stale")]
+    pub stale_s: f64,
+    /// A TFmini or TF-Luna.
+    pub tfmini: Option<TfminiSection>,
+    /// Lines of text.
+    pub line: Option<LineSection>,
+    /// Registers.
+    pub modbus: Option<ModbusSection>,
+    /// The values of `[line]` and `[modbus]`.
+    #[serde(default, rename = "value")]
+    pub values: Vec<ValueSection>,
+}
+
+/// The protocol of a file.
+#[derive(Debug, Clone, Copy)]
+pub enum Speech<'a> {
+    /// `[tfmini]`.
+    Tfmini(&'a TfminiSection),
+    /// `[line]`.
+    Line(&'a LineSection),
+    /// `[modbus]`.
+    Modbus(&'a ModbusSection),
+}
+
+/// `[tfmini]`.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct TfminiSection {
+    /// What it counts in, m: 0.01, or 0.001 for one that is set to millimetres.
+    pub resolution_m: f64,
+}
+
+impl Default for TfminiSection {
+    fn default() -> Self {
+        Self { resolution_m: 0.01 }
+    }
+}
+
+/// `[line]`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct LineSection {
+    /// How values stand in a line.
+    pub format: LineFormat,
+    /// `nmea`: name of the sentence, e.g. `MWV` from any talker or `WIMWV` from this one; others are passed over.
+    #[serde(default)]
+    pub sentence: String,
+    /// `csv`: what stands between the columns.
+    #[serde(default = "default_separator")]
+    pub separator: char,
+    /// `nmea` and `csv`: a field that says whether the values count.
+    pub valid: Option<ValidSection>,
+}
+
+/// `valid = { field = 5, is = "A" }`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ValidSection {
+    /// Which field, from 1.
+    pub field: usize,
+    /// What it says when the values count.
+    pub is: String,
+}
+
+/// How values stand in a line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LineFormat {
+    /// `$WIMWV,214.8,R,0.1,M,A*28`: NMEA 0183, the checksum is compared.
+    Nmea,
+    /// `21.5,40.2`.
+    Csv,
+    /// `T=21.5 RH=40.2`.
+    KeyValue,
+}
+
+/// `[modbus]`.
+#[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ModbusSection {
+    /// Address of the device, 1 to 247.
+    #[serde(default = "default_unit")]
+    pub unit_id: u8,
+    /// Which of its tables.
+    #[serde(default)]
+    pub table: RegisterTable,
+    /// How often it is asked, 1/s.
+    #[serde(default = "default_rate")]
+    pub rate_hz: f64,
+}
+
+/// A table of registers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum RegisterTable {
+    /// Function 3.
+    #[default]
+    Holding,
+    /// Function 4.
+    Input,
+}
+
+/// `[[value]]`: one value of a reading.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct ValueSection {
+    /// What it is, e.g. `wind speed`.
+    pub quantity: String,
+    /// In which unit, after `scale` and `offset`.
+    pub unit: String,
+    /// Factor from what the device says.
+    #[serde(default = "default_scale")]
+    pub scale: f64,
+    /// Added after that.
+    #[serde(default)]
+    pub offset: f64,
+    /// `nmea` and `csv`: which field, from 1; the name of a sentence does not count.
+    pub field: Option<usize>,
+    /// `key-value`: its name in the line.
+    pub key: Option<String>,
+    /// `modbus`: register, as it is sent (from 0).
+    pub register: Option<u16>,
+    /// `modbus`: what stands there.
+    #[serde(default)]
+    pub number: NumberKind,
+    /// `modbus`: a number of two registers has its low word first.
+    #[serde(default)]
+    pub swapped: bool,
+}
+
+/// A number in registers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[allow(missing_docs)] // the names say it
+pub enum NumberKind {
+    #[default]
+    U16,
+    I16,
+    U32,
+    I32,
+    F32,
+}
+
+impl NumberKind {
+    /// Registers that it takes.
+    #[must_use]
+    pub fn registers(self) -> u16 {
+        match self {
+            Self::U16 | Self::I16 => 1,
+            Self::U32 | Self::I32 | Self::F32 => 2,
+        }
+    }
+}
+
+impl SensorFile {
+    /// Reads and checks a sensor file.
+    ///
+    /// # Errors
+    /// One sentence that names the file, the key and what is accepted.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let file: Self = toml_file::load(path)?;
+        file.check().map_err(|problem| ConfigError::value(path, problem))?;
+        Ok(file)
+    }
+
+    /// The protocol.
+    #[must_use]
+    pub fn speech(&self) -> Speech<'_> {
+        match (&self.tfmini, &self.line, &self.modbus) {
+            (_, Some(line), _) => Speech::Line(line),
+            (_, _, Some(modbus)) => Speech::Modbus(modbus),
+            (Some(tfmini), ..) => Speech::Tfmini(tfmini),
+            (None, None, None) => Speech::Tfmini(&TfminiSection { resolution_m: 0.01 }),
+        }
+    }
+
+    /// Quantities and units of the values, in their order.
+    #[must_use]
+    pub fn words(&self) -> (Vec<&str>, Vec<&str>) {
+        match self.speech() {
+            Speech::Tfmini(_) => (vec!["distance", "strength"], vec!["m", "1"]),
+            _ => self.values.iter().map(|value| (value.quantity.as_str(), value.unit.as_str())).unzip(),
+        }
+    }
+
+    /// How often the device is asked, 1/s.
+    #[must_use]
+    pub fn rate_hz(&self) -> f64 {
+        self.modbus.map_or(1.0, |section| section.rate_hz)
+    }
+
+    fn check(&self) -> Result<(), String> {
+        let protocols = [self.tfmini.is_some(), self.line.is_some(), self.modbus.is_some()];
+        if protocols.iter().filter(|there| **there).count() != 1 {
+            return Err(
+                "the file has none, or more than one, of [tfmini], [line] and [modbus]; accepted: one".to_owned()
+            );
+        }
+        if self.port.is_empty() {
+            return Err("`port` is empty; accepted: a serial device".to_owned());
+        }
+        if !(1200..=3_000_000).contains(&self.baud) {
+            return Err(format!("`baud` is {}; accepted: 1200 to 3000000", self.baud));
+        }
+        within("latency_s", self.latency_s, "0 to 60 s", (0.0..=60.0).contains(&self.latency_s))?;
+        within("stale_s", self.stale_s, "0.01 to 3600 s", (0.01..=3600.0).contains(&self.stale_s))?;
+        for lever in self.lever_m {
+            within("lever_m", lever, "three lengths within 100 m", lever.abs() <= 100.0)?;
+        }
+        if let Some(tfmini) = self.tfmini {
+            let resolution_m = tfmini.resolution_m;
+            within("resolution_m", resolution_m, "0.01 or 0.001 m", resolution_m == 0.01 || resolution_m == 0.001)?;
+            if !self.values.is_empty() {
+                return Err(
+                    "`value` is not for [tfmini], which has a distance and a strength; accepted: none".to_owned()
+                );
+            }
+            return Ok(());
+        }
+        self.check_values()?;
+        match (&self.line, &self.modbus) {
+            (Some(line), _) => self.check_line(line),
+            (_, Some(modbus)) => self.check_modbus(modbus),
+            _ => Ok(()),
+        }
+    }
+
+    fn check_values(&self) -> Result<(), String> {
+        if !(1..=VALUES).contains(&self.values.len()) {
+            return Err(format!("there are {} tables [[value]]; accepted: 1 to {VALUES}", self.values.len()));
+        }
+        for value in &self.values {
+            finite("scale", value.scale)?;
+            finite("offset", value.offset)?;
+            for (key, text) in [("quantity", &value.quantity), ("unit", &value.unit)] {
+                if text.is_empty() || text.contains([',', '\0']) {
+                    return Err(format!("`{key}` is \"{text}\"; accepted: a word without commas"));
+                }
+            }
+        }
+        let (quantities, units) = self.words();
+        for (key, words, room) in [("quantity", quantities, QUANTITY_BYTES), ("unit", units, UNIT_BYTES)] {
+            let bytes = words.join(",").len();
+            if bytes > room {
+                return Err(format!(
+                    "`{key}` of all values together has {bytes} bytes; accepted: {room}; use shorter words"
+                ));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_line(&self, line: &LineSection) -> Result<(), String> {
+        if line.format == LineFormat::Nmea && line.sentence.is_empty() {
+            return Err("`sentence` is empty; accepted: the name of an NMEA sentence, e.g. \"MWV\"".to_owned());
+        }
+        if line.valid.as_ref().is_some_and(|valid| valid.field == 0) {
+            return Err("`valid` names field 0; accepted: fields count from 1".to_owned());
+        }
+        for value in &self.values {
+            let named = match line.format {
+                LineFormat::KeyValue => value.key.as_deref().is_some_and(|key| !key.is_empty()),
+                LineFormat::Nmea | LineFormat::Csv => value.field.is_some_and(|field| field > 0),
+            };
+            if !named {
+                let key = if line.format == LineFormat::KeyValue { "`key`" } else { "`field`, from 1" };
+                return Err(format!("the value \"{}\" does not say where it stands; accepted: {key}", value.quantity));
+            }
+        }
+        Ok(())
+    }
+
+    fn check_modbus(&self, modbus: &ModbusSection) -> Result<(), String> {
+        if !(1..=247).contains(&modbus.unit_id) {
+            return Err(format!("`unit_id` is {}; accepted: 1 to 247", modbus.unit_id));
+        }
+        within(
+            "rate_hz",
+            modbus.rate_hz,
+            "0.001 to 100 questions per second",
+            (1e-3..=100.0).contains(&modbus.rate_hz),
+        )?;
+        let mut range = (u32::MAX, 0);
+        for value in &self.values {
+            let Some(register) = value.register.map(u32::from) else {
+                return Err(format!(
+                    "the value \"{}\" does not say where it stands; accepted: `register`",
+                    value.quantity
+                ));
+            };
+            range = (range.0.min(register), range.1.max(register + u32::from(value.number.registers())));
+        }
+        if range.1 > 0x1_0000 || range.1 - range.0 > REGISTERS {
+            return Err(format!(
+                "`register` of the values lie from {} to {}; accepted: within {REGISTERS} of each other, for they are asked for at once",
+                range.0,
+                range.1 - 1
+            ));
+        }
+        Ok(())
+    }
+}
+
+fn within(key: &str, value: f64, accepted: &str, ok: bool) -> Result<(), String> {
+    if ok { Ok(()) } else { Err(format!("`{key}` is {value}; accepted: {accepted}")) }
+}
+
+fn default_baud() -> u32 {
+    115_200
+}
+fn default_stale() -> f64 {
+    1.0
+}
+fn default_separator() -> char {
+    ','
+}
+fn default_unit() -> u8 {
+    1
+}
+fn default_rate() -> f64 {
+    1.0
+}
+fn default_scale() -> f64 {
+    1.0
+}

@@ -1,0 +1,143 @@
+//! Visualization as a process: listens to what there is, and publishes what is drawn.
+
+use std::collections::BTreeMap;
+
+use bus::clock::{SECOND_NS, WallClock, now_ns};
+use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Publisher, Tap};
+use messages::ros::{Log, MarkerArray, Path, PointCloud2, PoseStamped, TfMessage};
+use runtime::Chassis;
+
+use crate::{Drawing, Kind, Visualization};
+
+/// Frames come 25 times a second: smooth to the eye, a quarter of the control cycle.
+const FRAME_NS: u64 = 40_000_000;
+/// What changes slowly comes twice a second.
+const SLOW_NS: u64 = SECOND_NS / 2;
+
+/// A publisher of one kind.
+enum Port {
+    Tf(Publisher<TfMessage>),
+    Pose(Publisher<PoseStamped>),
+    Path(Publisher<Path>),
+    Markers(Publisher<MarkerArray>),
+    Cloud(Publisher<PointCloud2>),
+    Log(Publisher<Log>),
+}
+
+impl Port {
+    fn open(bus: &Bus, channel: &str, kind: Kind) -> Result<Self, BusError> {
+        Ok(match kind {
+            Kind::Tf => Self::Tf(bus.publisher(channel)?),
+            Kind::Pose => Self::Pose(bus.publisher(channel)?),
+            Kind::Path => Self::Path(bus.publisher(channel)?),
+            Kind::Markers => Self::Markers(bus.publisher(channel)?),
+            Kind::Cloud => Self::Cloud(bus.publisher(channel)?),
+            Kind::Log => Self::Log(bus.publisher(channel)?),
+        })
+    }
+
+    /// A body of another length is not sent; that none is, is tested.
+    fn send(&mut self, body: &[u8]) -> Result<(), BusError> {
+        macro_rules! send {
+            ($port:expr, $kind:ty) => {
+                match <$kind>::of(body) {
+                    Some(mut sample) => $port.send(&mut sample).map(|_| ()),
+                    None => Ok(()),
+                }
+            };
+        }
+        match self {
+            Self::Tf(port) => send!(port, TfMessage),
+            Self::Pose(port) => send!(port, PoseStamped),
+            Self::Path(port) => send!(port, Path),
+            Self::Markers(port) => send!(port, MarkerArray),
+            Self::Cloud(port) => send!(port, PointCloud2),
+            Self::Log(port) => send!(port, Log),
+        }
+    }
+}
+
+/// Everything that is published.
+#[derive(Default)]
+struct Ports {
+    open: BTreeMap<String, Port>,
+    /// That there is no room for one has been said.
+    complained: bool,
+}
+
+impl Ports {
+    fn send(&mut self, bus: &Bus, drawing: &Drawing) -> Result<(), BusError> {
+        if !self.open.contains_key(&drawing.channel) {
+            match Port::open(bus, &drawing.channel, drawing.kind) {
+                Ok(port) => {
+                    self.open.insert(drawing.channel.clone(), port);
+                }
+                // tried again with the next frame
+                Err(error @ BusError::NoMemory { .. }) => {
+                    if !std::mem::replace(&mut self.complained, true) {
+                        tracing::warn!("{error}");
+                    }
+                    return Ok(());
+                }
+                Err(error) => return Err(error),
+            }
+        }
+        self.open.get_mut(&drawing.channel).map_or(Ok(()), |port| port.send(&drawing.body))
+    }
+}
+
+/// Runs until it is told to stop.
+///
+/// # Errors
+/// A box file that cannot be used, or a domain that cannot.
+pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
+    let robot = chassis.box_file()?.robot_file()?.robot()?;
+    let clock = chassis.bus().domain().wall_clock().unwrap_or_else(WallClock::now);
+    let mut visualization = Visualization::new(&robot, clock.offset_ns());
+    let (mut watch, mut taps, mut ports) = (ChannelWatch::new(), Vec::<Tap>::new(), Ports::default());
+    let mut waiter = chassis.waiter(&[CHANNELS_EVENT])?;
+    let (mut frame_ns, mut slow_ns, mut search_ns) = (0, 0, 0);
+    chassis.ready()?;
+    while chassis.running() {
+        let wake = chassis.wait(&mut waiter, Some(frame_ns))?;
+        chassis.pass_begin();
+        let now = now_ns();
+        if wake.channel(0) || now >= search_ns {
+            search_ns = now + SECOND_NS;
+            for info in watch.new_channels(chassis.bus())?.into_iter().filter(|info| Visualization::wants(&info.name)) {
+                match chassis.bus().tap(&info.name) {
+                    Ok(tap) => {
+                        // one that was made again, with another type perhaps, takes the place of the old one
+                        taps.retain(|old| old.info().name != info.name);
+                        taps.push(tap);
+                    }
+                    Err(BusError::NoChannel { .. }) => {}
+                    Err(error) => tracing::warn!("channel {} is not drawn: {error}", info.name),
+                }
+            }
+        }
+        for tap in &mut taps {
+            let (name, type_name) = (tap.info().name.clone(), tap.info().type_name.clone());
+            while let Some(drawn) = tap.receive(|raw| visualization.note(&name, &type_name, raw.bytes))? {
+                if let Some(drawing) = drawn {
+                    ports.send(chassis.bus(), &drawing)?;
+                }
+            }
+        }
+        if now >= frame_ns {
+            frame_ns = now + FRAME_NS;
+            for drawing in visualization.frame() {
+                ports.send(chassis.bus(), &drawing)?;
+            }
+        }
+        if now >= slow_ns {
+            slow_ns = now + SLOW_NS;
+            for drawing in visualization.slow_frame() {
+                ports.send(chassis.bus(), &drawing)?;
+            }
+        }
+        chassis.pass_end();
+        chassis.report_lost(taps.iter().map(Tap::lost).sum());
+    }
+    Ok(())
+}

@@ -1,0 +1,36 @@
+//! The configuration files: the robot (what it is) and the box (which processes, drives and parameters run it).
+//!
+//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys are errors.
+
+#![forbid(unsafe_code)]
+
+mod box_file;
+mod check;
+mod devices;
+pub mod file;
+mod load;
+mod logger;
+mod measured;
+mod point;
+mod robot_file;
+mod slot;
+pub mod toml_file;
+mod tuning;
+mod viewer;
+
+pub use box_file::{
+    ArbiterSection, BoxFile, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection,
+    PortSection, ProcessSection, RealtimeSection, RecorderSection, Role, UnitSection,
+};
+pub use check::Given;
+pub use devices::{
+    CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
+};
+pub use logger::{LoggedSensorSection, SensorLoggerSection};
+pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
+pub use point::{Point, Points};
+pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
+pub use slot::Slot;
+pub use toml_file::ConfigError;
+pub use tuning::{TUNABLE, Tunable, Tuned};
+pub use viewer::ViewerSection;

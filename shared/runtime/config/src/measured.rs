@@ -1,0 +1,241 @@
+//! Files that a robot file names because they are measured, not written: a calibration and a motor table.
+
+use crate::toml_file::{self, ConfigError};
+use cable_robot::energy::CurrentTable;
+use serde::Deserialize;
+use std::path::{Path, PathBuf};
+
+/// The box of a run with every key, in the folder of the run: every process of the run reads it.
+pub const RESOLVED: &str = "resolved.toml";
+
+/// A calibration as `nims calibrate --out` writes it; what else is in the file (measurements, residuals) is for people.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct CalibrationFile {
+    /// `survey`, `joint` or `gps`.
+    pub method: String,
+    /// When it was made, UTC.
+    pub date: String,
+    /// Good, usable or poor, and why.
+    pub verdict: String,
+    /// Where the lines leave their pulleys, m.
+    pub anchors_m: Vec<[f64; 3]>,
+    /// Covariance of x1, y1, z1, x2, .., m².
+    pub covariance_m2: Vec<Vec<f64>>,
+    /// How many times the true lengths the measured ones read.
+    #[serde(default = "one")]
+    pub scale: f64,
+    /// Its standard deviation; 0 where it was not sought.
+    #[serde(default)]
+    pub scale_std: f64,
+    /// The encoder counts per metre that the lengths were reckoned with, if they are the robot's own; those of a tape say nothing of
+    /// the encoders.
+    pub counts_per_m: Option<Vec<f64>>,
+}
+
+/// A box file's `counts_per_m` is that of the encoders of a calibration up to this share; beyond it is about others.
+const SAME_ENCODERS: f64 = 0.1;
+
+fn one() -> f64 {
+    1.0
+}
+
+impl CalibrationFile {
+    /// Reads a calibration. That its numbers make sense is for [`cable_robot::Robot::new`] to say.
+    ///
+    /// # Errors
+    /// One sentence that names the file.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        toml_file::load(path)
+    }
+
+    /// Encoder counts per true metre of each line, if the calibration was made with the robot's own lengths: it counted that many for what
+    /// it took for `scale` metres.
+    #[must_use]
+    pub fn true_counts_per_m(&self) -> Option<Vec<f64>> {
+        self.counts_per_m.as_ref().map(|counts| counts.iter().map(|counts| counts * self.scale).collect())
+    }
+
+    /// What takes the place of a box file's `counts_per_m`; none where the calibration says nothing of the encoders.
+    ///
+    /// # Errors
+    /// It is about other encoders.
+    pub(super) fn encoders(&self, said: &[f64]) -> Result<Option<Vec<f64>>, String> {
+        let Some(counts) = self.true_counts_per_m() else { return Ok(None) };
+        let same = |(counts, said): (&f64, &f64)| (counts / said - 1.0).abs() <= SAME_ENCODERS;
+        if counts.len() != said.len() || !counts.iter().zip(said).all(same) {
+            return Err(format!(
+                "`motor_io.counts_per_m` is {said:?}, and the calibration of {} found {counts:.1?}: these are other encoders; calibrate again",
+                self.date
+            ));
+        }
+        Ok(Some(counts))
+    }
+
+    /// The least certain coordinate: anchor from 1, axis, standard deviation in m.
+    #[must_use]
+    pub fn worst(&self) -> (usize, char, f64) {
+        let variances = self.covariance_m2.iter().enumerate().map(|(i, row)| (i, row.get(i).copied().unwrap_or(0.0)));
+        let (at, variance) = variances.fold((0, 0.0), |worst, one| if one.1 > worst.1 { one } else { worst });
+        (at / 3 + 1, ['x', 'y', 'z'][at % 3], variance.sqrt())
+    }
+}
+
+/// A motor table as `nims motor-table --out` writes it.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct MotorTableFile {
+    /// Reel-in speeds, m/s, rising; negative pays out.
+    pub speeds_m_s: Vec<f64>,
+    /// Line tensions, N, rising.
+    pub tensions_n: Vec<f64>,
+    /// Armature current, A: a row per speed, a value per tension.
+    pub currents_a: Vec<Vec<f64>>,
+}
+
+impl MotorTableFile {
+    /// Reads a table.
+    ///
+    /// # Errors
+    /// One sentence that names the file.
+    pub fn load(path: &Path) -> Result<Self, ConfigError> {
+        let file: Self = toml_file::load(path)?;
+        file.table(0.0).map_err(|error| ConfigError::value(path, error.to_string()))?;
+        Ok(file)
+    }
+
+    /// The table for the mathematics, of motors with this armature resistance, ohm.
+    ///
+    /// # Errors
+    /// Numbers that make no table.
+    pub fn table(&self, resistance_ohm: f64) -> Result<CurrentTable, cable_robot::energy::TableError> {
+        CurrentTable::new(self.speeds_m_s.clone(), self.tensions_n.clone(), &self.currents_a, resistance_ohm)
+    }
+}
+
+/// Where a file is that another one in `folder` names: as written from there, or, if it is not there, beside it by its bare
+/// name, which is how the folder of a run keeps it.
+pub(super) fn found(folder: &Path, named: &Path) -> PathBuf {
+    let written = super::load::beside(folder, named);
+    let bare = named.file_name().map(|name| folder.join(name));
+    // The folder of a run holds copies of its own, wherever the originals stand.
+    let is_run = folder.join(RESOLVED).is_file();
+    match bare {
+        Some(bare) if (is_run || !written.is_file()) && bare.is_file() => bare,
+        _ => written,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::toml_file::ConfigError;
+    use crate::{CalibrationFile, RobotFile};
+    use std::path::Path;
+
+    const ROBOT: &str = "name = \"r\"\n[robot]\nnode_mass_kg = 1.2\ncalibration = \"../sites/pond.toml\"\n\
+        tension_limits_n = [2.0, 60.0]\nspeed_limit_m_s = 0.4\nacceleration_limit_m_s2 = 0.5\n\
+        [motor]\nresistance_ohm = 2.0\ntable = \"winch.toml\"\n";
+    const TABLE: &str = "date = \"2026-01-01\"\nspeeds_m_s = [-0.5, 0.5]\ntensions_n = [0.0, 80.0]\n\
+        currents_a = [[0.0, 0.0], [1.0, 5.0]]\n";
+
+    fn calibration(variance: &str) -> String {
+        let rows: Vec<String> = (0..9)
+            .map(|i| {
+                let row = (0..9).map(|j| if i == j { variance } else { "0.0" }).collect::<Vec<_>>().join(", ");
+                format!("[{row}]")
+            })
+            .collect();
+        format!(
+            "date = \"2026-01-01T00:00:00Z\"\nmethod = \"survey\"\nverdict = \"good: all\"\n\
+             anchors_m = [[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]]\ncovariance_m2 = [{}]\n\
+             [measurements]\nsigma_length_m = 0.01\n",
+            rows.join(", ")
+        )
+    }
+
+    /// Writes `robots/robot.toml` with what it names around it, and loads it.
+    fn load(folder: &Path, robot: &str) -> Result<RobotFile, ConfigError> {
+        for inner in ["robots", "sites"] {
+            std::fs::create_dir_all(folder.join(inner)).unwrap();
+        }
+        std::fs::write(folder.join("robots/robot.toml"), robot).unwrap();
+        RobotFile::load(&folder.join("robots/robot.toml"))
+    }
+
+    #[test]
+    fn a_robot_file_takes_anchors_and_currents_from_the_files_that_it_names() {
+        let folder = tempfile::tempdir().unwrap();
+        load(folder.path(), ROBOT).unwrap_err();
+        std::fs::write(folder.path().join("sites/pond.toml"), calibration("4e-4")).unwrap();
+        std::fs::write(folder.path().join("robots/winch.toml"), TABLE).unwrap();
+        let file = load(folder.path(), ROBOT).unwrap();
+        let robot = file.robot().unwrap();
+        assert_eq!(robot.anchors()[2].y, 8.0);
+        assert_eq!(robot.anchor_covariance_m2(1, 1).unwrap()[(2, 2)], 4e-4);
+        assert_eq!(robot.current().current_a(40.0, 0.5), Ok(3.0));
+        assert_eq!(robot.current().resistance_ohm(), 2.0);
+        assert_eq!(file.calibration.as_ref().unwrap().worst(), (1, 'x', 0.02));
+        // The folder of a run keeps both beside the robot file, by their bare names.
+        let run = tempfile::tempdir().unwrap();
+        let named = file.named_files(&folder.path().join("robots"));
+        assert_eq!(named.len(), 2);
+        for original in named {
+            std::fs::copy(&original, run.path().join(original.file_name().unwrap())).unwrap();
+        }
+        std::fs::write(run.path().join("robot.toml"), ROBOT).unwrap();
+        assert_eq!(RobotFile::load(&run.path().join("robot.toml")).unwrap().robot().unwrap(), robot);
+    }
+
+    #[test]
+    fn a_calibration_by_the_robots_own_lengths_corrects_its_encoders_once() {
+        let with = |more: &str| {
+            let text = calibration("1e-4").replace("[measurements]", &format!("{more}\n[measurements]"));
+            toml::from_str::<CalibrationFile>(&text).unwrap()
+        };
+        let own = with("scale = 1.01\nscale_std = 0.001\ncounts_per_m = [10000.0, -10000.0, 5000.0]");
+        // It read 1 % too much, so there are 1 % more counts in a true metre.
+        let counts = own.encoders(&[10000.0, -10000.0, 5000.0]).unwrap().unwrap();
+        assert!(counts.iter().zip([10100.0, -10100.0, 5050.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{counts:?}");
+        // whatever the box file says meanwhile
+        assert_eq!(own.encoders(&counts).unwrap().unwrap(), counts);
+        for other in [&[10000.0, 10000.0, 5000.0][..], &[10000.0, -10000.0], &[20000.0, -20000.0, 10000.0]] {
+            assert!(own.encoders(other).unwrap_err().contains("other encoders"));
+        }
+        // A tape's error says nothing of the encoders.
+        assert_eq!(with("scale = 1.01\nscale_std = 0.001").encoders(&[1.0]), Ok(None));
+        assert_eq!(with("").scale, 1.0);
+    }
+
+    #[test]
+    fn what_does_not_fit_together_is_said_in_one_sentence() {
+        let folder = tempfile::tempdir().unwrap();
+        let sites = folder.path().join("sites/pond.toml");
+        std::fs::create_dir_all(sites.parent().unwrap()).unwrap();
+        let anchors = "anchors_m = [[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]]\n";
+        let line = "calibration = \"../sites/pond.toml\"\n";
+        std::fs::create_dir_all(folder.path().join("robots")).unwrap();
+        for (robot, site, table, says) in [
+            (
+                ROBOT.replace(line, &format!("{line}{anchors}")),
+                calibration("1e-4"),
+                TABLE,
+                &["anchors_m", "calibration"][..],
+            ),
+            (ROBOT.replace(line, ""), calibration("1e-4"), TABLE, &["anchors_m", "calibration"]),
+            (ROBOT.replace("pond", "lake"), calibration("1e-4"), TABLE, &["lake.toml", "no such file"]),
+            (ROBOT.into(), calibration("-1e-4"), TABLE, &["covariance_m2", "accepted"]),
+            (ROBOT.into(), calibration("nan"), TABLE, &["covariance_m2", "accepted"]),
+            (ROBOT.into(), "method = \"survey\"\n".into(), TABLE, &["pond.toml", "date"]),
+            (ROBOT.into(), calibration("1e-4"), "speeds_m_s = [0.0]\n", &["winch.toml", "tensions_n"]),
+            (
+                ROBOT.into(),
+                calibration("1e-4"),
+                &TABLE.replace("[-0.5, 0.5]", "[0.5, -0.5]"),
+                &["winch.toml", "rising"],
+            ),
+        ] {
+            std::fs::write(&sites, site).unwrap();
+            std::fs::write(folder.path().join("robots/winch.toml"), table).unwrap();
+            let sentence = load(folder.path(), &robot).unwrap_err().to_string();
+            assert!(says.iter().all(|word| sentence.contains(word)) && !sentence.contains('\n'), "{sentence}");
+        }
+    }
+}

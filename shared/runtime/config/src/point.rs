@@ -1,0 +1,145 @@
+//! Points as people write them: `[x, y, z]` in space, `[x, z]` for a planar robot.
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+use std::ops::Deref;
+
+/// A point in a file or on the command line, m.
+///
+/// ```
+/// use config::Point;
+/// assert_eq!(Point::from_numbers(&[1.0, 2.0])?.on(true)?, [1.0, 0.0, 2.0]);
+/// assert!(Point::from_numbers(&[1.0, 2.0])?.on(false).is_err());
+/// # Ok::<(), String>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// As [x, y, z], with y = 0 where it was written as [x, z].
+    pub position_m: [f64; 3],
+    /// Whether it was written as [x, z].
+    pub planar: bool,
+}
+
+impl Point {
+    /// Two numbers are [x, z], three are [x, y, z].
+    ///
+    /// # Errors
+    /// Neither; says what is accepted.
+    pub fn from_numbers(numbers: &[f64]) -> Result<Self, String> {
+        match *numbers {
+            [x, z] => Ok(Self { position_m: [x, 0.0, z], planar: true }),
+            [x, y, z] => Ok([x, y, z].into()),
+            _ => Err(format!("it has {} numbers; give x, y and z, or x and z for a planar robot", numbers.len())),
+        }
+    }
+
+    /// The position [x, y, z] on a planar robot or on one in space. A planar one takes [x, 0, z] too.
+    ///
+    /// # Errors
+    /// The point is of the other kind: one clause that says so.
+    pub fn on(&self, planar: bool) -> Result<[f64; 3], String> {
+        match (self.position_m, self.planar, planar) {
+            ([x, _, z], true, false) => {
+                Err(format!("[{x}, {z}] is in a plane, and this robot moves in space; give x, y and z"))
+            }
+            ([x, y, z], _, true) if y != 0.0 => {
+                Err(format!("[{x}, {y}, {z}] is beside the plane y = 0 that this robot moves in; give x and z"))
+            }
+            (position_m, ..) => Ok(position_m),
+        }
+    }
+}
+
+impl From<[f64; 3]> for Point {
+    fn from(position_m: [f64; 3]) -> Self {
+        Self { position_m, planar: false }
+    }
+}
+
+impl<'de> Deserialize<'de> for Point {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let numbers = Vec::<f64>::deserialize(deserializer)?;
+        Self::from_numbers(&numbers).map_err(serde::de::Error::custom)
+    }
+}
+
+impl Serialize for Point {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let [x, y, z] = self.position_m;
+        if self.planar { [x, z].serialize(serializer) } else { [x, y, z].serialize(serializer) }
+    }
+}
+
+/// Points of one kind: all `[x, y, z]`, or all `[x, z]`, which makes a robot with such anchors a planar one.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Points {
+    positions_m: Vec<[f64; 3]>,
+    planar: bool,
+}
+
+impl Points {
+    /// Whether they were written as [x, z].
+    #[must_use]
+    pub fn is_planar(&self) -> bool {
+        self.planar
+    }
+}
+
+impl From<Vec<[f64; 3]>> for Points {
+    fn from(positions_m: Vec<[f64; 3]>) -> Self {
+        Self { positions_m, planar: false }
+    }
+}
+
+/// As [x, y, z], with y = 0 where they were written as [x, z].
+impl Deref for Points {
+    type Target = [[f64; 3]];
+    fn deref(&self) -> &[[f64; 3]] {
+        &self.positions_m
+    }
+}
+
+impl<'de> Deserialize<'de> for Points {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        let points = Vec::<Point>::deserialize(deserializer)?;
+        let planar = points.first().is_some_and(|point| point.planar);
+        if let Some(other) = points.iter().position(|point| point.planar != planar) {
+            let problem = format!("number {} has not as many numbers as number 1", other + 1);
+            return Err(serde::de::Error::custom(format!("{problem}; give all as [x, y, z], or all as [x, z]")));
+        }
+        Ok(Self { positions_m: points.iter().map(|point| point.position_m).collect(), planar })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Deserialize)]
+    struct File {
+        anchors_m: Points,
+    }
+
+    #[test]
+    fn two_numbers_make_a_plane_and_a_mixture_is_refused() {
+        let read = |text: &str| toml::from_str::<File>(text).map(|file| file.anchors_m);
+        let planar = read("anchors_m = [[0, 4], [6.0, 4.0]]").unwrap();
+        assert!(planar.is_planar());
+        assert_eq!(planar[..], [[0.0, 0.0, 4.0], [6.0, 0.0, 4.0]]);
+        let space = read("anchors_m = [[0, 1, 4]]").unwrap();
+        assert!(!space.is_planar());
+        for (text, says) in [("[[0, 1], [1, 2, 3]]", "number 2"), ("[[0, 1, 2, 3]]", "4 numbers"), ("[[0]]", "x and z")]
+        {
+            let sentence = read(&format!("anchors_m = {text}")).unwrap_err().to_string();
+            assert!(sentence.contains(says), "{sentence}");
+        }
+    }
+
+    #[test]
+    fn a_point_of_the_other_kind_is_refused_in_words() {
+        let (flat, space) = (Point::from_numbers(&[1.0, 2.0]).unwrap(), Point::from([1.0, 0.0, 2.0]));
+        assert_eq!((flat.on(true), space.on(true)), (Ok([1.0, 0.0, 2.0]), Ok([1.0, 0.0, 2.0])));
+        assert_eq!(space.on(false), Ok([1.0, 0.0, 2.0]));
+        assert!(flat.on(false).unwrap_err().contains("moves in space"));
+        assert!(Point::from([1.0, 0.5, 2.0]).on(true).unwrap_err().contains("beside the plane"));
+    }
+}

@@ -1,0 +1,442 @@
+//! What carries every process: its place on the bus, its life sign, its log, its end.
+
+use std::fmt::Debug;
+use std::os::fd::OwnedFd;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+use bus::clock::now_ns;
+use bus::{Bus, BusError, Domain, Party, Publisher, Waiter, Wake};
+use messages::{Heartbeat, Message, put_text};
+use signal_hook::consts::{SIGINT, SIGTERM};
+use tracing::{error, info, warn};
+
+use crate::args::CommonArgs;
+use crate::build;
+use crate::declared::{Declared, Since};
+use crate::lease;
+use crate::logging::{self, Log};
+use crate::output::{Output, Spoiler};
+use crate::realtime;
+use crate::timing::Timing;
+use crate::tuning::{TUNED_CHANNEL, Tuning};
+use config::ConfigError;
+use config::Slot;
+use config::file;
+use config::{BoxFile, RealtimeSection, RobotFile};
+
+/// Five beats a second: the supervisor notices a silent process within half a second.
+const BEAT_NS: u64 = 200_000_000;
+
+/// The supervisor tells whatever it starts, also a program without these arguments, in which domain it is and what it is called.
+pub const DOMAIN_VARIABLE: &str = "NIMS_DOMAIN";
+/// The same: its name.
+pub const NAME_VARIABLE: &str = "NIMS_NAME";
+/// The same: that another process of its name runs until this one has said something, so that what belongs to the name is free only then.
+pub const SUCCESSOR_VARIABLE: &str = "NIMS_SUCCESSOR";
+
+/// The same: how many changes of `nims set` are in the box file that it gets.
+pub const CHANGES_VARIABLE: &str = "NIMS_CHANGES";
+
+fn from_the_supervisor(variable: &str) -> Option<String> {
+    std::env::var(variable).ok().filter(|value| !value.is_empty())
+}
+
+/// Something the caller gave cannot be used; the program exits with 2.
+#[derive(Debug, thiserror::Error)]
+#[error("{0}")]
+pub struct BadInput(pub String);
+
+/// Where a process is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Life {
+    /// Not yet able to do its work.
+    Starting,
+    /// Working.
+    Ready,
+    /// Ending in order.
+    Stopping,
+}
+
+/// The chassis of a process.
+pub struct Chassis {
+    bus: Bus,
+    box_file: Option<BoxFile>,
+    slot: Slot,
+    stop: Arc<AtomicBool>,
+    stop_pipe: OwnedFd,
+    log: Log,
+    declared: Declared,
+    /// `None` while a predecessor of the same name has it.
+    heartbeat: Option<Publisher<Heartbeat>>,
+    beat: Heartbeat,
+    next_beat_ns: u64,
+    timing: Timing,
+    spoiler: Option<Spoiler>,
+    life: Life,
+}
+
+impl Chassis {
+    /// Reads the box file (if one is given), joins its domain (`--domain`, [`DOMAIN_VARIABLE`], or the name of the box), sets up signals, log, heartbeat and real-time scheduling.
+    ///
+    /// # Errors
+    /// [`ConfigError`] for the box file, [`BadInput`] without a domain or if a process of that name already runs there, [`BusError`] otherwise.
+    pub fn start(role: &str, args: &CommonArgs) -> anyhow::Result<Self> {
+        Self::start_as(role, args, Party::Member)
+    }
+
+    /// [`Chassis::start`] as one that leaves places to others.
+    ///
+    /// # Errors
+    /// As [`Chassis::start`].
+    pub fn start_as(role: &str, args: &CommonArgs, party: Party) -> anyhow::Result<Self> {
+        let box_file = args.load_box()?;
+        let named = args.domain.clone().or_else(|| from_the_supervisor(DOMAIN_VARIABLE));
+        let domain = match (&named, &box_file) {
+            (Some(domain), _) => domain,
+            (None, Some(box_file)) => &box_file.name,
+            (None, None) => {
+                return Err(BadInput(
+                    "no domain: give a box file with --box FILE, or a domain with --domain NAME".to_owned(),
+                )
+                .into());
+            }
+        };
+        let given = args.name.is_none().then(|| from_the_supervisor(NAME_VARIABLE)).flatten();
+        let name = given.unwrap_or_else(|| args.name_for(role));
+        if name.is_empty()
+            || !name.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-')
+            || name.len() > 31
+        {
+            return Err(BadInput(format!(
+                "the name `{name}` cannot be used: give 1 to 31 of a-z, 0-9 and `-` with --name"
+            ))
+            .into());
+        }
+        let domain = Domain::parse(domain)?;
+        // first, so that a signal during start-up is an orderly stop too
+        let (stop, stop_pipe) = stop_on_signals()?;
+        let bus = Bus::join_as(&domain, &name, party)?;
+        let beat = first_beat(&name);
+        let ports = from_the_supervisor(SUCCESSOR_VARIABLE).is_none().then(|| lease::take(&bus)).transpose()?;
+        let (heartbeat, port) = ports.unzip();
+        let file = args.box_file.as_deref().zip(box_file.as_ref());
+        let declared = Declared::new(port, &name, beat.incarnation, role, file);
+        let log = logging::start(&bus, args.verbose)?;
+        let nothing = RealtimeSection::default();
+        let (reached, warning) = realtime::apply(box_file.as_ref().map_or(&nothing, |file| &file.realtime), role);
+        if let Some(warning) = warning {
+            warn!("{warning}");
+        }
+        let beat = Heartbeat {
+            realtime: u8::from(reached.fifo),
+            locked: u8::from(reached.locked),
+            pinned: u8::from(reached.pinned),
+            ..beat
+        };
+        let mut chassis = Self {
+            beat,
+            declared,
+            bus,
+            box_file,
+            slot: args.slot,
+            stop,
+            stop_pipe,
+            log,
+            heartbeat,
+            next_beat_ns: 0,
+            timing: Timing::new(),
+            spoiler: None,
+            life: Life::Starting,
+        };
+        chassis.idle()?;
+        Ok(chassis)
+    }
+
+    /// The bus.
+    #[must_use]
+    pub fn bus(&self) -> &Bus {
+        &self.bus
+    }
+
+    /// The name of this process.
+    #[must_use]
+    pub fn name(&self) -> &str {
+        self.bus.process()
+    }
+
+    /// The slot of its role.
+    #[must_use]
+    pub fn slot(&self) -> Slot {
+        self.slot
+    }
+
+    /// The box file.
+    ///
+    /// # Errors
+    /// [`BadInput`] if none was given.
+    pub fn box_file(&self) -> Result<&BoxFile, BadInput> {
+        self.box_file.as_ref().ok_or_else(|| BadInput("no box file: give one with --box FILE".to_owned()))
+    }
+
+    /// Non-zero random number of this process's life.
+    #[must_use]
+    pub fn incarnation(&self) -> u32 {
+        self.beat.incarnation
+    }
+
+    /// The process can do its work from now on; published at once.
+    ///
+    /// # Errors
+    /// Those of publishing.
+    pub fn ready(&mut self) -> Result<(), BusError> {
+        self.declared.ready(now_ns())?;
+        self.life = Life::Ready;
+        self.send_beat(now_ns())
+    }
+
+    /// What this process works with, in place of what the box file says for its role: its law, and its parameters as TOML. It goes to
+    /// `system/config/NAME` when the process is ready.
+    pub fn uses(&mut self, law: &str, parameters: &str) {
+        self.declared.uses(law, parameters);
+    }
+
+    /// The same from an answer of the control chain on: said at once if the process is ready.
+    ///
+    /// # Errors
+    /// Those of publishing.
+    pub fn uses_since(&mut self, law: &str, parameters: &str, since: Since) -> Result<(), BusError> {
+        self.declared.uses(law, parameters);
+        self.declared.since(since, now_ns())
+    }
+
+    /// The process goes by a file of its own, of which its parameters are the keys: one that it has read, and found sound, before.
+    pub fn reads(&mut self, file: &Path) {
+        self.declared.read(file, &[PathBuf::from(file)]);
+        let keys = file::read_text(file).ok().and_then(|text| text.parse::<toml::Table>().ok());
+        self.declared.uses("", &keys.and_then(|keys| toml::to_string(&keys).ok()).unwrap_or_default());
+    }
+
+    /// What is set while the robot runs, for a process that can take it up: `make` turns the changed box into what the process needs.
+    ///
+    /// # Errors
+    /// [`BadInput`] without a box file; those of opening a channel.
+    pub fn tuning<T>(
+        &self,
+        make: impl FnMut(&BoxFile, &RobotFile) -> anyhow::Result<T> + 'static,
+    ) -> anyhow::Result<Tuning<T>> {
+        let file = self.box_file()?.clone();
+        let robot = file.robot_file()?;
+        Ok(Tuning::new(self.bus.subscriber(TUNED_CHANNEL)?, file, robot, Box::new(make), self.changes()))
+    }
+
+    /// Changes of `nims set` that are in the box file.
+    #[must_use]
+    pub fn changes(&self) -> u32 {
+        from_the_supervisor(CHANGES_VARIABLE).and_then(|number| number.parse().ok()).unwrap_or(0)
+    }
+
+    /// False once a signal, or [`Chassis::stop`], asked the process to end.
+    #[must_use]
+    pub fn running(&self) -> bool {
+        !self.stop.load(Ordering::Relaxed)
+    }
+
+    /// Asks the process to end, as SIGTERM does.
+    pub fn stop(&self) {
+        self.stop.store(true, Ordering::Relaxed);
+    }
+
+    /// A waiter for these channels that a signal wakes too, also one that came before the wait.
+    ///
+    /// # Errors
+    /// Those of [`Bus::waiter`].
+    pub fn waiter(&self, channels: &[&str]) -> Result<Waiter, BusError> {
+        let mut waiter = self.bus.waiter(channels)?;
+        let copy = self.stop_pipe.try_clone().map_err(|error| BusError::Failed {
+            channel: "signals".to_owned(),
+            what: "be waited for",
+            why: error.to_string(),
+        })?;
+        waiter.attach(copy)?;
+        Ok(waiter)
+    }
+
+    /// Does the housekeeping ([`Chassis::idle`]), then sleeps until something comes, `deadline_ns` is reached, or the next heartbeat is due;
+    /// so it may return with nothing. Call it in a loop while [`Chassis::running`].
+    ///
+    /// # Errors
+    /// Those of [`Waiter::wait_until`] and of publishing.
+    pub fn wait(&mut self, waiter: &mut Waiter, deadline_ns: Option<u64>) -> Result<Wake, BusError> {
+        let more_to_log = !self.idle()?;
+        let due = if more_to_log { 0 } else { self.next_beat_ns };
+        waiter.wait_until(Some(deadline_ns.map_or(due, |deadline| deadline.min(due))))
+    }
+
+    /// Publishes what has been logged and, if it is due, the heartbeat: a few microseconds. For loops that pace themselves: call it once
+    /// per pass, in the slack. Returns true if nothing is left to be logged.
+    ///
+    /// # Errors
+    /// Those of publishing.
+    pub fn idle(&mut self) -> Result<bool, BusError> {
+        let now = now_ns();
+        if now >= self.next_beat_ns {
+            self.send_beat(now)?;
+        }
+        if let Some(spoiler) = &mut self.spoiler {
+            spoiler.look()?;
+        }
+        self.log.publish()
+    }
+
+    /// A pass of the loop begins.
+    pub fn pass_begin(&mut self) {
+        self.timing.begin(now_ns());
+    }
+
+    /// It ends; its duration goes into the heartbeat.
+    pub fn pass_end(&mut self) {
+        self.timing.end(now_ns());
+    }
+
+    /// A publisher of what the control chain goes by: the answer of a controller or an estimator. On a box with virtual drives it can be
+    /// spoilt on request (`nims fault slow`, `nan`, `frozen`); the requests are taken in [`Chassis::idle`].
+    ///
+    /// # Errors
+    /// Those of opening a channel.
+    pub fn output<T: Message>(&mut self, channel: &str) -> Result<Output<T>, BusError> {
+        let can_be_spoilt = self.box_file.as_ref().is_some_and(|file| file.motor_box.is_some());
+        if can_be_spoilt && self.spoiler.is_none() {
+            self.spoiler = Some(Spoiler::new(&self.bus)?);
+        }
+        Ok(Output::new(self.bus.publisher(channel)?, self.spoiler.as_ref()))
+    }
+
+    /// How long the passes took.
+    #[must_use]
+    pub fn timing(&self) -> &Timing {
+        &self.timing
+    }
+
+    /// Samples lost on the way to this process, over all its inputs, for the heartbeat.
+    pub fn report_lost(&mut self, lost: u64) {
+        self.beat.lost = lost;
+    }
+
+    fn send_beat(&mut self, now: u64) -> Result<(), BusError> {
+        if self.heartbeat.is_none()
+            && let Some((heartbeat, port)) = lease::take_over(&self.bus)?
+        {
+            self.heartbeat = Some(heartbeat);
+            self.declared.take(port, now)?;
+        }
+        self.log.serve_late_listeners();
+        self.declared.keep_up(now)?;
+        let beat = &mut self.beat;
+        (beat.header.stamp_ns, beat.header.oldest_input_ns) = (now, now);
+        beat.beat += 1;
+        beat.passes = self.timing.passes();
+        beat.busy_p50_ns = self.timing.quantile_ns(0.5);
+        beat.busy_p99_ns = self.timing.quantile_ns(0.99);
+        beat.busy_max_ns = self.timing.max_ns();
+        beat.state = match self.life {
+            Life::Starting => Heartbeat::STATE_STARTING,
+            Life::Ready => Heartbeat::STATE_READY,
+            Life::Stopping => Heartbeat::STATE_STOPPING,
+        };
+        self.next_beat_ns = now + BEAT_NS;
+        self.heartbeat.as_mut().map_or(Ok(()), |port| port.send(beat).map(|_| ()))
+    }
+}
+
+impl Drop for Chassis {
+    /// Publishes the rest of the log and the last heartbeat.
+    fn drop(&mut self) {
+        self.life = Life::Stopping;
+        while matches!(self.log.publish(), Ok(false)) {}
+        let _ = self.send_beat(now_ns());
+        logging::flush();
+    }
+}
+
+impl Debug for Chassis {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter.debug_struct("Chassis").field("bus", &self.bus).field("life", &self.life).finish_non_exhaustive()
+    }
+}
+
+/// A whole process: parses its arguments, starts the chassis, runs `body`, and says in one sentence why it failed, if it did.
+///
+/// Exit code 0; 2 if an argument or a file cannot be used; 1 if it could not be done now.
+pub fn main<A>(role: &str, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result<()>) -> ExitCode
+where
+    A: clap::Parser + AsRef<CommonArgs>,
+{
+    main_as(role, Party::Member, body)
+}
+
+/// [`main`] for a process that leaves places to others.
+pub fn main_as<A>(role: &str, party: Party, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result<()>) -> ExitCode
+where
+    A: clap::Parser + AsRef<CommonArgs>,
+{
+    let args = A::parse();
+    bus::make_private();
+    let mut chassis = match Chassis::start_as(role, args.as_ref(), party) {
+        Ok(chassis) => chassis,
+        Err(error) => {
+            let _ = std::io::Write::write_all(&mut std::io::stderr(), format!("{role}: {error:#}\n").as_bytes());
+            return exit_code(&error);
+        }
+    };
+    let version = <A as clap::CommandFactory>::command().get_version().unwrap_or(build::VERSION).to_owned();
+    let version = build::described(&version);
+    put_text(&mut chassis.beat.version, &version);
+    chassis.declared.version(&version);
+    match body(&args, &mut chassis) {
+        Ok(()) => {
+            info!("ended in order");
+            ExitCode::SUCCESS
+        }
+        Err(error) => {
+            error!("{error:#}");
+            exit_code(&error)
+        }
+    }
+}
+
+/// 2 if the error's cause is something that the caller gave, otherwise 1.
+#[must_use]
+pub fn exit_code(error: &anyhow::Error) -> ExitCode {
+    let given = error.chain().any(|cause| {
+        cause.is::<BadInput>()
+            || cause.is::<ConfigError>()
+            || cause.downcast_ref::<BusError>().is_some_and(BusError::is_bad_input)
+    });
+    ExitCode::from(if given { 2 } else { 1 })
+}
+
+fn first_beat(name: &str) -> Heartbeat {
+    let mut beat = Heartbeat { pid: std::process::id(), incarnation: incarnation(), ..Heartbeat::default() };
+    put_text(&mut beat.name, name);
+    beat
+}
+
+/// Random, never 0: the standard library's hash keys come from the system's entropy.
+fn incarnation() -> u32 {
+    use std::hash::{BuildHasher, RandomState};
+    (RandomState::new().hash_one((std::process::id(), now_ns())) as u32).max(1)
+}
+
+/// SIGINT and SIGTERM set the flag and make the descriptor readable for good.
+fn stop_on_signals() -> anyhow::Result<(Arc<AtomicBool>, OwnedFd)> {
+    let stop = Arc::new(AtomicBool::new(false));
+    let (read, write) = rustix::pipe::pipe_with(rustix::pipe::PipeFlags::CLOEXEC)?;
+    for signal in [SIGINT, SIGTERM] {
+        signal_hook::flag::register(signal, stop.clone())?; // before the pipe: whoever wakes sees the flag
+        signal_hook::low_level::pipe::register(signal, write.try_clone()?)?;
+    }
+    Ok((stop, read))
+}

@@ -1,0 +1,66 @@
+//! The chassis of a process: arguments, configuration, log, signals, real-time set-up, loop timing, heartbeat.
+//!
+//! A service is a library with a pure `step` over messages, and a `main.rs` that wires it to the bus. The whole of one:
+//!
+//! ```no_run
+//! use messages::{MotorState, NodeEstimate};
+//! use runtime::{Args, Chassis};
+//!
+//! # #[derive(Default)] struct Estimator;
+//! # impl Estimator { fn step(&mut self, _: &MotorState) -> NodeEstimate { NodeEstimate::default() } }
+//! fn main() -> std::process::ExitCode {
+//!     runtime::main("estimator", run)
+//! }
+//!
+//! fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+//!     let mut estimator = Estimator::default(); // from chassis.box_file()?
+//!     let mut states = chassis.bus().subscriber::<MotorState>("motor/state")?;
+//!     let mut estimates = chassis.bus().publisher::<NodeEstimate>(&format!("node/estimate/{}", chassis.slot().name()))?;
+//!     let mut waiter = chassis.waiter(&["motor/state"])?;
+//!     chassis.ready()?;
+//!     while chassis.running() {
+//!         chassis.wait(&mut waiter, None)?;
+//!         while let Some(state) = states.receive()? {
+//!             chassis.pass_begin();
+//!             estimates.send(&mut estimator.step(&state))?;
+//!             chassis.pass_end();
+//!         }
+//!         chassis.report_lost(states.lost());
+//!     }
+//!     Ok(())
+//! }
+//! ```
+//!
+//! Invariants:
+//! * Nothing here blocks the loop: the terminal is written by a thread of its own, the log and the heartbeat are published in the loop's slack.
+//! * SIGINT and SIGTERM only ask: the loop ends itself, and whoever sleeps in [`Chassis::wait`] wakes at once.
+//! * What the system does not permit is left out with one warning that names the cure.
+//! * A program says in one sentence why it failed, and exits with 2 (something given cannot be used) or 1 (it could not be done now).
+
+#![forbid(unsafe_code)]
+
+mod args;
+pub mod build;
+mod chassis;
+mod declared;
+mod hash;
+mod lease;
+mod logging;
+mod output;
+pub mod realtime;
+mod rhythm;
+mod timing;
+mod tuning;
+
+pub use args::{Args, CommonArgs, LawArgs};
+pub use bus::clock::now_ns;
+pub use chassis::{
+    BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
+    main_as,
+};
+pub use declared::{Since, parts_of};
+pub use hash::{ProgramHash, hash_of};
+pub use output::{OUTPUT_FAULTS, Output};
+pub use rhythm::Rhythm;
+pub use timing::Timing;
+pub use tuning::{Change, TUNED_CHANNEL, Tuning};
