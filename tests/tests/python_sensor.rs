@@ -64,7 +64,7 @@ fn a_new_sensor_in_rust_is_the_tested_template_under_its_name_and_nothing_is_ove
         std::fs::read_to_string(folder.path().join("soil-probe/Cargo.toml")).unwrap().parse().unwrap();
     assert_eq!(manifest["package"]["name"].as_str(), Some("soil-probe"));
     assert!(manifest.contains_key("workspace"), "it is not taken for a part of another workspace");
-    for library in ["messages", "service"] {
+    for library in ["messages", "runtime"] {
         let path = manifest["dependencies"][library]["path"].as_str().unwrap();
         assert!(Path::new(path).is_absolute() && Path::new(path).join("Cargo.toml").is_file(), "{path}");
     }

@@ -85,7 +85,7 @@ fn shared_of(nims: Option<&Path>) -> Answer<PathBuf> {
     let built_from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let root = nims.unwrap_or(&built_from);
     let shared = root.join("shared");
-    if !shared.join("messages/Cargo.toml").is_file() {
+    if !shared.join("runtime/messages/Cargo.toml").is_file() {
         return Err(Failure::BadInput(format!(
             "the sources of nims are not in {}: say where they are with --nims FOLDER, or write it in Python with --python",
             root.display()
