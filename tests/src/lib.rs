@@ -10,5 +10,5 @@ pub mod scenarios;
 pub mod takeover;
 pub mod walk;
 
-pub use nims::lockstep;
+pub use lockstep;
 pub use python::python;

@@ -238,7 +238,7 @@ fn a_box_that_dies_is_a_fault_and_its_return_moves_nothing() {
     box_process.kill();
     let (_, authority) = eyes.until("the fault", |_, authority| authority.mode == MotorAuthority::MODE_FAULTED);
     // A hiccup of this machine at that moment is named too.
-    assert_eq!(authority.faults & motor_io::faults::HARD, MotorAuthority::FAULT_LOST_UNIT);
+    assert_eq!(authority.faults & messages::faults::HARD, MotorAuthority::FAULT_LOST_UNIT);
     // The refusal names the port, and what comes from it.
     let (accepted, sentence) = eyes.ask(R::VERB_RESET, &[]);
     assert!(!accepted && sentence.contains("/drive0: "), "{sentence}");

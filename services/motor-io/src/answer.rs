@@ -61,6 +61,22 @@ pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
 
 #[cfg(test)]
 mod tests {
+    use messages::faults::Faults;
+    use robot_state::sentences::{FAULTS, FaultList};
+
+    #[test]
+    fn an_answer_holds_the_cures_of_whatever_has_failed() {
+        let all = FAULTS.iter().fold(0, |all, (bit, _, _)| all | bit);
+        let faults = Faults { bits: all, cables: [true; 8], units: [true; 8], ..Faults::default() };
+        let answer = super::sentence(format_args!("Not armed: {}.", FaultList(&faults)));
+        assert!(!answer.contains(messages::MORE) && answer.ends_with("names with their cures."), "{answer}");
+        for (bit, what, cure) in FAULTS {
+            let faults = Faults { bits: bit, cables: [true; 8], units: [true; 8], ..Faults::default() };
+            let answer = super::sentence(format_args!("Not armed: {}.", FaultList(&faults)));
+            assert!(answer.contains(what) && answer.contains(cure) && !answer.contains(messages::MORE), "{answer}");
+        }
+    }
+
     #[test]
     fn a_long_sentence_ends_at_a_word_or_at_least_a_character() {
         let words = super::sentence(format_args!("{} end.", "word ".repeat(200)));

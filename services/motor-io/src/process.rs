@@ -6,16 +6,15 @@ use crate::inbox::Inbox;
 use crate::kernel::Evidence;
 use crate::position::{Keeper, PositionFile};
 use crate::safety::Mode;
-use crate::sentences::{fault_sentences, faults_of, mode_sentence};
 use crate::settings::CoreConfig;
 use bus::clock::{Pacer, SECOND_NS, now_ns};
-use bus::estop;
-use bus::{Bus, BusError, Call, Publisher, Server, Subscriber};
+use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, estop};
 use config::{BoxFile, RobotFile};
 use messages::{
     Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
     PlanMotion, SLOT_NAMES,
 };
+use robot_state::sentences::{fault_sentences, faults_of, mode_sentence};
 use runtime::{BadInput, Chassis};
 use std::path::Path;
 use tracing::{info, warn};

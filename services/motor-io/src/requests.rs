@@ -4,13 +4,13 @@
 use crate::answer::{Answer, Sentence, sentence};
 use crate::arbiter::role::Refusal;
 use crate::core::{Core, Jog};
-use crate::faults::{Faults, STOPS};
 use crate::plan_clock::SLOWEST;
 use crate::safety::Mode;
-use crate::sentences::{FaultList, ROLE_NAMES, WhyNot};
 use crate::settings::{CoreConfig, JOG_LIMIT_M};
 use cable_robot::{Vector3, elastic, kinematics, tension};
+use messages::faults::{Faults, STOPS};
 use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, OperatorRequest, ROLES, SLOT_NAMES, SLOTS};
+use robot_state::sentences::{FaultList, ROLE_NAMES, WhyNot};
 
 /// A number as it was given; huge ones in powers of ten, so that they leave room for the rest of the sentence.
 struct Given(f64);
@@ -446,7 +446,7 @@ impl Core {
         let seat = self.arbiter.slot(role, slot);
         WhyNot {
             role,
-            phase: seat.phase(),
+            phase: seat.phase() as u8,
             cause: seat.cause(),
             verdict: self.arbiter.verdict()[slot],
             well_s: f64::from(seat.well()) * self.config.period_s,

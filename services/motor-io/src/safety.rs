@@ -14,7 +14,7 @@
 //! fault; only a cable whose encoder does not tell the truth is let go. Lost commands, estimates or supervisors are no faults of the
 //! robot: it stops on the path and holds, the motion is kept, and `resume` goes on with it once the cause is gone.
 
-use crate::faults::{Faults, HARD, LASTING, STOPS};
+use messages::faults::{Faults, HARD, LASTING, STOPS};
 use messages::{CABLES, MotorAuthority};
 
 /// See the module's picture.

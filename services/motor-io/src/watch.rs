@@ -10,9 +10,9 @@
 //! Each condition has to persist for a number of cycles, because one reading is noise. Time is counted in cycles: a machine that
 //! stands still for a moment must not look like a fault of the robot.
 
-use crate::faults::Faults;
 use crate::settings::CoreConfig;
 use cable_robot::motor::Motor;
+use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState, UNITS};
 use roboclaw::Status;
 

@@ -1,11 +1,52 @@
 //! `nims channel`: any channel, of a known type or not.
 
-use crate::answers;
-use crate::failure::{Answer, Failure};
-use bus::{Bus, Tap, clock};
+use bus::{Bus, Party, Tap, clock};
+use command::values::seconds;
+use command::{Answer, Failure, Output};
 use messages::schema::{Number, Schema, Value as FieldValue};
 use serde_json::{Map, Value, json};
 use std::time::Duration;
+
+/// `nims channel`.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Every channel with its type.
+    List,
+    /// How often samples arrive, and how many are lost on the way.
+    Hz {
+        /// Channel; default: all.
+        name: Option<String>,
+        /// For how long to count, s.
+        #[arg(long = "for", value_name = "SECONDS", default_value = "3", value_parser = seconds, allow_negative_numbers = true)]
+        seconds: f64,
+    },
+    /// Print samples of any type as they come, one JSON object per line.
+    Echo {
+        /// Channel.
+        name: String,
+        /// Stop after this many samples.
+        #[arg(long, short = 'n', value_name = "N")]
+        count: Option<u64>,
+        /// Stop after this many seconds.
+        #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+        seconds: Option<f64>,
+    },
+}
+
+impl Command {
+    /// Carries the command out.
+    ///
+    /// # Errors
+    /// Shared memory cannot be read, or there is no such channel.
+    pub fn run(&self, domain: Option<&str>) -> Answer<Option<Output>> {
+        let bus = client::join_as(domain, Party::Guest)?;
+        match self {
+            Self::List => list(&bus).map(Some),
+            Self::Hz { name, seconds } => rates(&bus, name.as_deref(), *seconds).map(Some),
+            Self::Echo { name, count, seconds } => echo(&bus, name, *count, *seconds).map(|()| None),
+        }
+    }
+}
 
 /// Longest time between two looks at the channels that are counted: less than any channel's buffer holds.
 const LOOK: Duration = Duration::from_millis(20);
@@ -14,7 +55,7 @@ const LOOK: Duration = Duration::from_millis(20);
 ///
 /// # Errors
 /// Shared memory cannot be read.
-pub fn list(bus: &Bus) -> Answer<(Value, String)> {
+fn list(bus: &Bus) -> Answer<Output> {
     let channels = bus.channels()?;
     let width = channels.iter().map(|channel| channel.name.len()).max().unwrap_or(0);
     let mut lines = Vec::new();
@@ -28,14 +69,14 @@ pub fn list(bus: &Bus) -> Answer<(Value, String)> {
             "history": channel.history, "has_schema": channel.schema.is_some(), "processes": holders,
         }));
     }
-    Ok((json!({ "channels": rows }), lines.join("\n")))
+    Ok(Output::new(json!({ "channels": rows }), lines.join("\n")))
 }
 
 /// `nims channel hz`: JSON and words, after counting for some seconds.
 ///
 /// # Errors
 /// No such channel, or a time that makes no sense.
-pub fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<(Value, String)> {
+fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<Output> {
     let time = duration(seconds)?;
     let names = match name {
         Some(name) => vec![name.to_owned()],
@@ -70,14 +111,14 @@ pub fn rates(bus: &Bus, name: Option<&str>, seconds: f64) -> Answer<(Value, Stri
         lines.push(format!("{name:width$}  {hz:7.1} Hz  {words} lost"));
         rows.push(json!({ "name": name, "hz": hz, "received": received, "lost": lost }));
     }
-    Ok((json!({ "seconds": elapsed, "channels": rows }), lines.join("\n")))
+    Ok(Output::new(json!({ "seconds": elapsed, "channels": rows }), lines.join("\n")))
 }
 
 /// `nims channel echo`: prints samples until enough have come, the time is over, nobody reads, or Ctrl-C.
 ///
 /// # Errors
 /// No such channel.
-pub fn echo(bus: &Bus, name: &str, count: Option<u64>, seconds: Option<f64>) -> Answer {
+fn echo(bus: &Bus, name: &str, count: Option<u64>, seconds: Option<f64>) -> Answer {
     let end = match seconds {
         Some(seconds) => Some(clock::now_ns() + duration(seconds)?.as_nanos() as u64),
         None => None,
@@ -96,7 +137,7 @@ pub fn echo(bus: &Bus, name: &str, count: Option<u64>, seconds: Option<f64>) -> 
             && let Some(value) = tap.receive(|raw| sample(schema.as_ref(), raw.bytes))?
         {
             left -= 1;
-            if !answers::stream(&value.to_string()) {
+            if !command::print_line(&value.to_string()) {
                 return Ok(());
             }
         }

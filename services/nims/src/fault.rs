@@ -3,13 +3,12 @@
 //! [`ROWS`] is the one place that says how each fault is found out, how soon, and what the robot does: `nims fault list` prints it,
 //! `docs/faults.md` is that list, and the tests break things and hold the robot to it.
 
-use crate::failure::{Answer, Failure};
-use crate::{live, operate};
 use bus::Bus;
+use command::{Answer, Failure, Output};
 use config::Role;
 use messages::{MotorAuthority, OperatorRequest, put_text};
 use motor_box::{FaultRequest, KINDS};
-use motor_io::sentences::{fault_sentences, mode_name};
+use robot_state::sentences::{fault_sentences, mode_name};
 use runtime::OUTPUT_FAULTS;
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::{Value, json};
@@ -307,10 +306,10 @@ fn list() -> Value {
 ///
 /// # Errors
 /// No such fault, real drives, no such process; refused; not answered.
-pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> Answer<(Value, String)> {
+pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> Answer<Output> {
     let first = words.first().map(String::as_str).unwrap_or_default();
     if first == "list" && words.len() == 1 && seconds.is_none() {
-        return Ok((list(), page().trim_end().to_owned()));
+        return Ok(Output::new(list(), page().trim_end()));
     }
     let signal = SIGNALS.iter().find(|(word, ..)| *word == first);
     let sentence = match signal {
@@ -333,15 +332,15 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
             if !of_output {
                 text.parse::<FaultRequest>().map_err(Failure::bad)?;
             }
-            let mut request = operate::plain(OperatorRequest::VERB_FAULT);
+            let mut request = client::plain(OperatorRequest::VERB_FAULT);
             if text.len() > request.text.len() {
                 return Err(Failure::BadInput("these are too many words for a fault".to_owned()));
             }
             put_text(&mut request.text, &text);
-            operate::send(&virtual_only(domain)?, &process, &request)?
+            client::send(&virtual_only(domain)?, &process, &request)?
         }
     };
-    Ok((operate::accepted(&sentence), sentence))
+    Ok(Output::accepted(sentence))
 }
 
 /// Whose output is spoilt, and how.
@@ -361,8 +360,8 @@ fn to_output(words: &[String]) -> Answer<(String, String)> {
 
 /// The robot that is meant, if its drives are virtual.
 fn virtual_only(domain: Option<&str>) -> Answer<Bus> {
-    let bus = live::join(domain)?;
-    if operate::box_of(&bus)?.motor_box.is_none() {
+    let bus = client::join(domain)?;
+    if client::box_of(&bus)?.motor_box.is_none() {
         return Err(Failure::NotNow(
             "this robot has real drives, so nothing was done: faults on request are for the virtual motor box"
                 .to_owned(),

@@ -1,7 +1,8 @@
 //! The operator's command; what it does stands in the library.
 
+use nims::cli::Cli;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    nims::main(std::env::args_os())
+    command::main(std::env::args_os(), |cli: &Cli| cli.json, Cli::run)
 }

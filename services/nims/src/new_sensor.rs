@@ -1,11 +1,23 @@
 //! `nims new-sensor`: a sensor that runs as it is, in a folder of its own (Rust) or in one file (Python).
 
-use crate::cli::NewSensor;
-use crate::failure::{Answer, Failure};
-use serde_json::{Value, json};
+use command::{Answer, Failure, Output};
+use serde_json::json;
 use std::fs::{self, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
+
+/// `nims new-sensor`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// What it is called, and its channel sensor/NAME: 1 to 16 of a-z, 0-9, dash.
+    pub name: String,
+    /// One file in Python in place of a folder in Rust.
+    #[arg(long)]
+    pub python: bool,
+    /// The sources of nims, for a sensor in Rust. Default: where this program was built from.
+    #[arg(long, value_name = "FOLDER", conflicts_with = "python")]
+    pub nims: Option<PathBuf>,
+}
 
 /// The templates, which are also compiled and tested as they stand.
 const MANIFEST: &str = include_str!("../../../scripts/templates/sensor/Cargo.toml");
@@ -23,7 +35,7 @@ const NAME_MAX: usize = 16;
 ///
 /// # Errors
 /// The name cannot be used, something of that name is there already, or the sources are not.
-pub fn new_sensor(asked: &NewSensor) -> Answer<(Value, String)> {
+pub fn new_sensor(asked: &Args) -> Answer<Output> {
     let name = asked.name.as_str();
     let usable = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
     if !name.starts_with(|c: char| c.is_ascii_lowercase()) || name.len() > NAME_MAX || !name.bytes().all(usable) {
@@ -34,7 +46,7 @@ pub fn new_sensor(asked: &NewSensor) -> Answer<(Value, String)> {
     let (written, next) = if asked.python { python(name)? } else { rust(name, asked.nims.as_deref())? };
     let files: Vec<String> = written.iter().map(|path| path.display().to_string()).collect();
     let words = format!("wrote {}\nnext, while the robot runs:\n  {}", files.join(", "), next.join("\n  "));
-    Ok((json!({ "written": files, "next": next }), words))
+    Ok(Output::new(json!({ "written": files, "next": next }), words))
 }
 
 fn python(name: &str) -> Answer<(Vec<PathBuf>, Vec<String>)> {

@@ -1,64 +1,148 @@
 //! Requests to the running robot: each is answered by one sentence.
 
-use crate::cli::{Goto, PathKind, Run, Zero};
-use crate::failure::{Answer, Failure};
-use crate::live::{self, Running};
-use crate::points;
-use bus::Bus;
+use bus::{Bus, Party};
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
-use config::{BoxFile, RESOLVED};
-use messages::{OperatorRequest, put_text};
-use serde_json::{Value, json};
+use client::{MOTOR_IO, PLANNER, box_of, plain, robot_of, run_request, send, with_args};
+use command::values::{Numbers, finite, numbers, point};
+use command::{Answer, Failure, Output, points};
+use commissioning::plan::PathKind;
+use config::{BoxFile, Point};
+use messages::OperatorRequest;
+use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Who answers which request.
-pub const MOTOR_IO: &str = "motor-io";
-/// Missions and single moves.
-pub const PLANNER: &str = "planner";
-
-/// A request without arguments.
-#[must_use]
-pub fn plain(verb: u8) -> OperatorRequest {
-    OperatorRequest { verb, origin: OperatorRequest::ORIGIN_COMMAND, ..OperatorRequest::default() }
+/// What moves the robot, and what brings it to rest.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Take the robot from Disarmed to Holding.
+    Arm,
+    /// Release the motors of a robot at rest: the node sinks.
+    Disarm,
+    /// Slow down on the path and hold, keeping the motion.
+    Hold,
+    /// Slow down on the path and hold, dropping the motion.
+    Stop,
+    /// Stop the motors at once; `reset` afterwards.
+    Estop,
+    /// Leave a fault or an emergency stop, once its cause is gone.
+    Reset,
+    /// Say where the node is now.
+    Zero(ZeroArgs),
+    /// After a restart: the position from before is still right.
+    ConfirmPosition,
+    /// Pay out one line slowly (negative: reel in).
+    #[command(allow_negative_numbers = true)]
+    Jog {
+        /// Which line, from 1.
+        #[arg(value_parser = clap::value_parser!(u8).range(1..=8))]
+        cable: u8,
+        /// How far, m; positive pays out.
+        #[arg(value_parser = finite, allow_negative_numbers = true)]
+        metres: f64,
+    },
+    /// Move the node to a point.
+    Goto(GotoArgs),
+    /// Fly a mission.
+    Run(RunArgs),
+    /// Slow down on the path, keeping the mission.
+    Pause,
+    /// Go on after pause or hold.
+    Resume,
+    /// Slow a mission down, or back to full speed.
+    Speed {
+        /// Percent of the planned speed, 5 to 100.
+        #[arg(value_parser = finite, allow_negative_numbers = true)]
+        percent: f64,
+    },
 }
 
-/// A request with numbers.
-///
-/// # Errors
-/// More numbers than a request holds.
-pub fn with_args(verb: u8, numbers: &[f64]) -> Answer<OperatorRequest> {
-    let mut request = plain(verb);
-    let Some(args) = request.args.get_mut(..numbers.len()) else {
-        return Err(Failure::BadInput(format!(
-            "{} numbers are too many; a robot has at most {} cables",
-            numbers.len(),
-            request.args.len()
-        )));
-    };
-    args.copy_from_slice(numbers);
-    Ok(request)
+impl Command {
+    /// Asks motor-io or the planner.
+    ///
+    /// # Errors
+    /// Bad input; refused, with the reason; not answered.
+    pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
+        let join = || client::join(domain);
+        // What brings the robot to rest may take the places that other commands leave.
+        let ask = |verb: u8, party: Party| client::send(&client::join_as(domain, party)?, MOTOR_IO, &plain(verb));
+        let sentence = match self {
+            Self::Arm => ask(OperatorRequest::VERB_ARM, Party::Command),
+            Self::Disarm => ask(OperatorRequest::VERB_DISARM, Party::Member),
+            Self::Hold => ask(OperatorRequest::VERB_HOLD, Party::Member),
+            Self::Stop => ask(OperatorRequest::VERB_STOP, Party::Member),
+            Self::Estop => client::emergency_stop(domain),
+            Self::Reset => ask(OperatorRequest::VERB_RESET, Party::Command),
+            Self::Zero(args) => zero(&join()?, args),
+            Self::ConfirmPosition => ask(OperatorRequest::VERB_CONFIRM_POSITION, Party::Command),
+            Self::Jog { cable, metres } => jog(&join()?, *cable, *metres),
+            Self::Goto(args) => goto(&join()?, args),
+            Self::Run(args) if args.dry_run => return dry_run(domain, args),
+            Self::Run(args) => run_checked(&join()?, args),
+            Self::Pause => ask(OperatorRequest::VERB_PAUSE, Party::Member),
+            Self::Resume => ask(OperatorRequest::VERB_RESUME, Party::Command),
+            Self::Speed { percent } => speed(&join()?, *percent),
+        };
+        sentence.map(Output::accepted)
+    }
 }
 
-/// Sends a request and turns a refusal into a failure.
-///
-/// # Errors
-/// Refused, with the reason, or not answered.
-pub fn send(bus: &Bus, process: &str, request: &OperatorRequest) -> Answer<String> {
-    Failure::of(&live::ask(bus, process, request)?)
+/// `nims zero`: one of the two.
+#[derive(Debug, clap::Args)]
+#[group(required = true, multiple = false)]
+pub struct ZeroArgs {
+    /// The node is here, m.
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
+    pub at: Option<Point>,
+    /// These lengths of line are paid out, m.
+    #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
+    pub lengths: Option<Numbers>,
 }
 
-/// The answer of an accepted request as JSON.
-#[must_use]
-pub fn accepted(sentence: &str) -> Value {
-    json!({ "accepted": true, "answer": sentence })
+/// `nims goto`.
+#[derive(Debug, clap::Args)]
+pub struct GotoArgs {
+    /// Where to, m.
+    #[arg(value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
+    pub to: Point,
+    /// Along which path.
+    #[arg(long, value_enum, default_value = "line")]
+    pub path: PathKind,
+    /// How much a parabola sags, 1/m, above 0; default: what loses least in the motors.
+    #[arg(long, value_name = "PER_M", value_parser = finite, allow_negative_numbers = true)]
+    pub mu: Option<f64>,
+    /// Cruise speed, m/s; default: the planner's.
+    #[arg(long, value_name = "M_S", value_parser = finite, allow_negative_numbers = true)]
+    pub speed: Option<f64>,
+}
+
+/// `nims run`.
+#[derive(Debug, clap::Args)]
+pub struct RunArgs {
+    /// Mission file, or the name of one in the box's missions folder.
+    pub mission: PathBuf,
+    /// Check the whole mission and say how long it takes, without moving.
+    #[arg(long)]
+    pub dry_run: bool,
+    /// Fly what is left of it after it was broken off, by whatever.
+    #[arg(long = "continue", conflicts_with = "dry_run")]
+    pub go_on: bool,
+    /// Fly it although nothing is being recorded.
+    #[arg(long, conflicts_with = "dry_run")]
+    pub unrecorded: bool,
+    /// For a dry run without a running robot: its robot or box file.
+    #[arg(long, requires = "dry_run")]
+    pub config: Option<PathBuf>,
+    /// For a dry run: where the mission begins, m; default: where the node is.
+    #[arg(long, requires = "dry_run", value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
+    pub from: Option<Point>,
 }
 
 /// `nims zero`.
 ///
 /// # Errors
 /// The position or the lengths make no sense for this robot; refused; not answered.
-pub fn zero(bus: &Bus, asked: &Zero) -> Answer<String> {
+fn zero(bus: &Bus, asked: &ZeroArgs) -> Answer<String> {
     let robot = robot_of(bus)?;
     let request = match (&asked.at, &asked.lengths) {
         (Some(at), _) => {
@@ -79,7 +163,7 @@ pub fn zero(bus: &Bus, asked: &Zero) -> Answer<String> {
 ///
 /// # Errors
 /// No such cable; refused; not answered.
-pub fn jog(bus: &Bus, cable: u8, metres: f64) -> Answer<String> {
+fn jog(bus: &Bus, cable: u8, metres: f64) -> Answer<String> {
     let cables = robot_of(bus)?.cable_count();
     if usize::from(cable) > cables {
         return Err(Failure::BadInput(format!("there is no cable {cable}; this robot has cables 1 to {cables}")));
@@ -91,7 +175,7 @@ pub fn jog(bus: &Bus, cable: u8, metres: f64) -> Answer<String> {
 ///
 /// # Errors
 /// Out of range; refused; not answered.
-pub fn speed(bus: &Bus, percent: f64) -> Answer<String> {
+fn speed(bus: &Bus, percent: f64) -> Answer<String> {
     if !(5.0..=100.0).contains(&percent) {
         return Err(Failure::BadInput(format!(
             "the speed is {percent} percent; accepted: 5 to 100 percent of the planned speed"
@@ -106,7 +190,7 @@ pub fn speed(bus: &Bus, percent: f64) -> Answer<String> {
 /// A point where the robot cannot be, a speed it does not have; refused; not answered.
 ///
 /// A single move is not refused where nothing is being recorded: it may be the way home. It is said.
-pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
+fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<String> {
     path_of(asked)?;
     let robot = robot_of(bus)?;
     let to = points::position(&robot, &asked.to)?;
@@ -122,7 +206,7 @@ pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
     let [x, y, z] = to;
     let answer = send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path, mu])?)?;
     // The node moves already: whatever goes wrong here, the planner has accepted.
-    match live::unrecorded(bus) {
+    match client::unrecorded(bus) {
         Ok(None) => {}
         Ok(Some(why)) => eprintln!("nims: warning: nothing is being recorded ({why})"),
         Err(failure) => eprintln!("nims: warning: it is not known whether this is being recorded ({failure})"),
@@ -131,7 +215,7 @@ pub fn goto(bus: &Bus, asked: &Goto) -> Answer<String> {
 }
 
 /// The path of a move as the planner has it: its number, and how much it sags, 1/m.
-fn path_of(asked: &Goto) -> Answer<(f64, f64)> {
+fn path_of(asked: &GotoArgs) -> Answer<(f64, f64)> {
     match (asked.path, asked.mu) {
         (PathKind::Line, None) => Ok((0.0, 0.0)),
         (PathKind::Parabola, Some(mu)) if mu > 0.0 && mu <= 10.0 => Ok((1.0, mu)),
@@ -147,35 +231,15 @@ fn path_of(asked: &Goto) -> Answer<(f64, f64)> {
     }
 }
 
-/// The request to fly a mission that has been read and found sound.
-///
-/// # Errors
-/// A path that is too long for a request.
-pub fn run_request(mission: &Path, go_on: bool) -> Answer<OperatorRequest> {
-    let text = mission.to_string_lossy();
-    let mut request = plain(OperatorRequest::VERB_RUN);
-    if go_on {
-        request.args[0] = OperatorRequest::RUN_CONTINUE;
-    }
-    if text.len() > request.text.len() {
-        return Err(Failure::BadInput(format!(
-            "the path of the mission file is longer than {} bytes",
-            request.text.len()
-        )));
-    }
-    put_text(&mut request.text, &text);
-    Ok(request)
-}
-
 /// `nims run`: reads the mission, tries it against the robot from where the node is, and only then asks for it.
 ///
 /// # Errors
 /// A mission that cannot be read or flown; refused; not answered.
-pub fn run_checked(bus: &Bus, asked: &Run) -> Answer<String> {
+fn run_checked(bus: &Bus, asked: &RunArgs) -> Answer<String> {
     let file = box_of(bus)?;
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
-    if let Some(why) = live::unrecorded(bus)?.filter(|_| !asked.unrecorded) {
+    if let Some(why) = client::unrecorded(bus)?.filter(|_| !asked.unrecorded) {
         return Err(Failure::NotNow(format!(
             "the mission is not started, because nothing is being recorded ({why}): put that right, or fly it with --unrecorded"
         )));
@@ -185,7 +249,7 @@ pub fn run_checked(bus: &Bus, asked: &Run) -> Answer<String> {
     if !asked.go_on
         && let Some(from) = present(bus)?
     {
-        crate::findings::fly(&mission, &file, &from)?;
+        commissioning::check::fly(&mission, &file, &from)?;
     }
     send(bus, PLANNER, &run_request(&path, asked.go_on)?)
 }
@@ -194,11 +258,11 @@ pub fn run_checked(bus: &Bus, asked: &Run) -> Answer<String> {
 ///
 /// # Errors
 /// A configuration or mission that cannot be read, or no starting point.
-pub fn dry_run(domain: Option<&str>, asked: &Run) -> Answer<(Value, String)> {
+fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
     let (file, here) = match &asked.config {
         Some(config) => (BoxFile::load(config).map_err(Failure::bad)?, None),
         None => {
-            let bus = live::join(domain)?;
+            let bus = client::join(domain)?;
             (box_of(&bus)?, present(&bus)?)
         }
     };
@@ -215,14 +279,14 @@ pub fn dry_run(domain: Option<&str>, asked: &Run) -> Answer<(Value, String)> {
     };
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
     let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
-    Ok(match crate::findings::fly(&mission, &file, &from) {
+    Ok(match commissioning::check::fly(&mission, &file, &from) {
         Ok(flight) => {
             let sentence = format!("mission \"{}\" can be flown: {}", mission.name, flight.words());
             let value = json!({ "feasible": true, "segments": flight.segments, "length_m": flight.length_m,
                 "duration_s": flight.duration_s, "energy_j": flight.energy_j });
-            (value, sentence)
+            Output::new(value, sentence)
         }
-        Err(why) => (
+        Err(why) => Output::new(
             json!({ "feasible": false, "why": why.to_string() }),
             format!("mission \"{}\" cannot be flown: {why}", mission.name),
         ),
@@ -247,30 +311,9 @@ pub fn mission_path(asked: &Path, missions: Option<&Path>) -> Answer<PathBuf> {
     std::path::absolute(found).map_err(Failure::bad)
 }
 
-/// The box that the supervisor of this domain runs.
-///
-/// # Errors
-/// It left no word, or its file cannot be read any more.
-pub fn box_of(bus: &Bus) -> Answer<BoxFile> {
-    let Some(running) = Running::of(bus.domain()) else {
-        return Err(Failure::NotNow(format!(
-            "the robot in the domain `{}` was not started by `nims up`",
-            bus.domain().name()
-        )));
-    };
-    let copy = running.run.join(RESOLVED);
-    // Who deleted the folder of the run shall still be able to land the robot.
-    let path = if copy.is_file() { &copy } else { &running.box_file };
-    BoxFile::load(path).map_err(Failure::not_now)
-}
-
-fn robot_of(bus: &Bus) -> Answer<Robot> {
-    box_of(bus)?.robot_file().map_err(Failure::not_now)?.robot().map_err(Failure::not_now)
-}
-
 /// Where the node is, if it is known.
 fn present(bus: &Bus) -> Answer<Option<[f64; 3]>> {
-    let estimate = live::estimate(bus, Duration::from_millis(500))?;
+    let estimate = client::estimate(bus, Duration::from_millis(500))?;
     Ok(estimate.filter(|estimate| estimate.valid == 1).map(|estimate| estimate.position_m))
 }
 
@@ -290,7 +333,7 @@ mod tests {
 
     #[test]
     fn a_parabola_is_asked_for_with_its_sag() {
-        let goto = |path, mu| path_of(&Goto { to: [1.0, 2.0, 3.0].into(), speed: None, path, mu });
+        let goto = |path, mu| path_of(&GotoArgs { to: [1.0, 2.0, 3.0].into(), speed: None, path, mu });
         assert_eq!(goto(PathKind::Line, None), Ok((0.0, 0.0)));
         assert_eq!(goto(PathKind::Parabola, Some(0.1)), Ok((1.0, 0.1)));
         // Without a sag the planner takes the one that loses least; it is told so by 0.

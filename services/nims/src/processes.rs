@@ -1,42 +1,92 @@
 //! `nims start`, `stop-process`, `restart`, `plug`, `unplug`: asks the supervisor, and follows the process table until it has come about.
 
-use crate::cli::{Plug, Start};
-use crate::failure::{Answer, Failure};
-use crate::live;
-use crate::supervisor::{self, Asked};
-use bus::{Bus, clock};
+use command::{Answer, Failure, Output};
+
+use bus::Bus;
+use client::{Asked, follow, state_name};
 use messages::{ProcessState, text_of};
-use serde_json::{Value, json};
+use serde_json::json;
 
-/// How long a process may take to become ready, or to end, and for the supervisor to say so, ns: longer than the supervisor's own patience.
-const PATIENCE_NS: u64 = 25_000_000_000;
-/// A program without heartbeats that still runs after this time has started, ns: a wrong argument ends it sooner.
-const SETTLED_NS: u64 = 300_000_000;
-
-/// `nims start`.
-///
-/// # Errors
-/// Refused, or it does not become ready: why.
-pub fn start(bus: &Bus, asked: &Start) -> Answer<(Value, String)> {
-    let slot = asked.slot;
-    tell(bus, &Asked::Start { name: asked.process.clone(), slot, law: asked.law.clone() })
+/// Processes that come and go while the robot runs.
+#[derive(Debug, clap::Subcommand)]
+pub enum Command {
+    /// Start a process: a role such as controller, or a [[process]] of the system file.
+    Start(StartArgs),
+    /// End a process in good order.
+    StopProcess {
+        /// Its name in the process table.
+        process: String,
+    },
+    /// End a process in good order and start it again.
+    Restart {
+        /// Its name in the process table.
+        process: String,
+    },
+    /// Start a program that the system file does not know, e.g. a sensor, as one of the robot's processes.
+    Plug(PlugArgs),
+    /// End a process that was plugged in, and forget it.
+    Unplug {
+        /// Its name in the process table.
+        process: String,
+    },
 }
 
-/// `nims plug`: a program with a slash is looked for from the present folder, where it will run too.
-///
-/// # Errors
-/// Refused, or it ends at once: why.
-pub fn plug(bus: &Bus, asked: &Plug) -> Answer<(Value, String)> {
-    let folder = std::env::current_dir().map_err(Failure::not_now)?;
-    let (name, command) = (asked.name.clone(), asked.command.clone());
-    tell(bus, &Asked::Plug { name, folder, command, replace: asked.replace })
+impl Command {
+    /// Asks the supervisor and follows the process table until the process is where it was asked to be.
+    ///
+    /// # Errors
+    /// No supervisor, refused, or it does not come about: why.
+    pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
+        let asked = match self {
+            Self::Start(StartArgs { process, slot, law }) => {
+                Asked::Start { name: process.clone(), slot: *slot, law: law.clone() }
+            }
+            Self::StopProcess { process } => Asked::Stop { name: process.clone() },
+            Self::Restart { process } => Asked::Restart { name: process.clone() },
+            // A program with a slash is looked for from the present folder, where it runs too.
+            Self::Plug(PlugArgs { name, replace, command }) => Asked::Plug {
+                name: name.clone(),
+                folder: std::env::current_dir().map_err(Failure::not_now)?,
+                command: command.clone(),
+                replace: *replace,
+            },
+            Self::Unplug { process } => Asked::Unplug { name: process.clone() },
+        };
+        tell(&client::join(domain)?, &asked)
+    }
+}
+
+/// `nims start`.
+#[derive(Debug, clap::Args)]
+pub struct StartArgs {
+    /// A role, the name of a process in the process table, or a [[process]] of the box file.
+    pub process: String,
+    /// For a controller or an estimator: which slot; default: the first free one.
+    #[arg(long, value_enum)]
+    pub slot: Option<config::Slot>,
+    /// For a controller or an estimator: which law, or which [[process]]; default: as configured.
+    #[arg(long)]
+    pub law: Option<String>,
+}
+
+/// `nims plug`.
+#[derive(Debug, clap::Args)]
+pub struct PlugArgs {
+    /// What it shall be called: 1 to 16 of a-z, 0-9, dash.
+    pub name: String,
+    /// If a process of that name runs: start this one beside it, and end the other when this one has said its first valid sample.
+    #[arg(long)]
+    pub replace: bool,
+    /// Program and arguments, behind `--`; {name}, {domain}, {box} and {run} stand for its name, the robot's domain, the box file, the run folder.
+    #[arg(last = true, required = true)]
+    pub command: Vec<String>,
 }
 
 /// Asks, follows, and says in one sentence what came of it.
 ///
 /// # Errors
 /// As [`follow`].
-pub fn tell(bus: &Bus, asked: &Asked) -> Answer<(Value, String)> {
+pub(crate) fn tell(bus: &Bus, asked: &Asked) -> Answer<Output> {
     let row = follow(bus, asked, |_| ())?;
     let name = text_of(&row.name);
     let sentence = match row.state {
@@ -47,146 +97,5 @@ pub fn tell(bus: &Bus, asked: &Asked) -> Answer<(Value, String)> {
     };
     let value =
         json!({ "accepted": true, "answer": sentence, "name": name, "pid": row.pid, "state": state_name(row.state) });
-    Ok((value, sentence))
-}
-
-/// Asks the supervisor and follows the table until the process is where it was asked to be; `seen` is given every row of it on the way.
-///
-/// # Errors
-/// No supervisor, refused, or it does not come about: why.
-pub fn follow(bus: &Bus, asked: &Asked, mut seen: impl FnMut(&ProcessState)) -> Answer<ProcessState> {
-    let request = asked.to_request()?;
-    let mut table = bus.subscriber::<ProcessState>("system/process")?;
-    let mut waiter = bus.waiter(&["system/process"])?;
-    let asked_ns = clock::now_ns();
-    let answer = live::ask(bus, supervisor::NAME, &request)?;
-    let sentence = Failure::of(&answer)?;
-    let give_up = clock::now_ns() + PATIENCE_NS;
-    loop {
-        while let Some(row) = table.receive()? {
-            if !is_meant(&row, asked) || row.header.stamp_ns < asked_ns {
-                continue;
-            }
-            seen(&row);
-            match outcome(&row, asked, asked_ns) {
-                Some(true) => return Ok(row),
-                Some(false) => {
-                    return Err(Failure::NotNow(format!("{}: {}", text_of(&row.name), text_of(&row.reason))));
-                }
-                None => {}
-            }
-        }
-        if clock::now_ns() >= give_up {
-            return Err(Failure::NotNow(format!("{sentence}, but it does not come about; see `nims status`")));
-        }
-        waiter.wait_until(Some(give_up))?;
-    }
-}
-
-/// Whether the row is of the process that was asked for, by whichever of its names.
-fn is_meant(row: &ProcessState, asked: &Asked) -> bool {
-    let name = asked.name();
-    let named = text_of(&row.name) == name || text_of(&row.law) == name;
-    match asked {
-        Asked::Start { slot, .. } => {
-            let role = text_of(&row.role) == name;
-            (named || role) && slot.is_none_or(|slot| usize::from(row.slot) == slot.index() + 1)
-        }
-        _ => named,
-    }
-}
-
-/// Whether it has come about; `None`: not yet.
-fn outcome(row: &ProcessState, asked: &Asked, asked_ns: u64) -> Option<bool> {
-    match asked {
-        Asked::Stop { .. } => match row.state {
-            ProcessState::STATE_STOPPED | ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP => Some(true),
-            _ => None,
-        },
-        Asked::Unplug { .. } => (row.state == ProcessState::STATE_GONE).then_some(true),
-        // No process comes or goes.
-        Asked::Set { .. } => Some(true),
-        Asked::Start { .. } | Asked::Restart { .. } | Asked::Plug { .. } => {
-            // An earlier life is not meant, nor is another process of the same role.
-            if row.started_ns < asked_ns {
-                return None;
-            }
-            match row.state {
-                ProcessState::STATE_READY => Some(true),
-                ProcessState::STATE_RUNNING => {
-                    (row.header.stamp_ns.saturating_sub(row.started_ns) >= SETTLED_NS).then_some(true)
-                }
-                ProcessState::STATE_STOPPED | ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP => Some(false),
-                _ => None,
-            }
-        }
-    }
-}
-
-/// A state of the process table in a word.
-#[must_use]
-pub fn state_name(state: u8) -> &'static str {
-    match state {
-        ProcessState::STATE_STOPPED => "stopped",
-        ProcessState::STATE_STARTING => "starting",
-        ProcessState::STATE_READY => "ready",
-        ProcessState::STATE_STOPPING => "stopping",
-        ProcessState::STATE_DIED => "DIED",
-        ProcessState::STATE_SILENT => "SILENT",
-        ProcessState::STATE_GAVE_UP => "DIED for good",
-        ProcessState::STATE_RUNNING => "running",
-        ProcessState::STATE_GONE => "gone",
-        _ => "unknown",
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use config::Slot;
-    use messages::put_text;
-
-    fn row(name: &str, role: &str, slot: u8, state: u8, started_ns: u64) -> ProcessState {
-        let mut row = ProcessState { state, slot, started_ns, ..Default::default() };
-        row.header.stamp_ns = started_ns;
-        put_text(&mut row.name, name);
-        put_text(&mut row.role, role);
-        row
-    }
-
-    #[test]
-    fn the_process_is_found_under_each_of_its_names() {
-        let start = |name: &str, slot| Asked::Start { name: name.to_owned(), slot, law: None };
-        let mut second = row("controller-b", "controller", 2, ProcessState::STATE_READY, 10);
-        put_text(&mut second.law, "mine");
-        for name in ["controller", "controller-b", "mine"] {
-            assert!(is_meant(&second, &start(name, None)), "{name}");
-            assert!(is_meant(&second, &start(name, Some(Slot::B))), "{name}");
-            assert!(!is_meant(&second, &start(name, Some(Slot::A))), "{name}");
-        }
-        // Whoever ends `controller` does not mean the one in slot b.
-        assert!(!is_meant(&second, &Asked::Stop { name: "controller".to_owned() }));
-        assert!(is_meant(&second, &Asked::Stop { name: "mine".to_owned() }));
-    }
-
-    #[test]
-    fn an_earlier_life_is_not_taken_for_the_new_one() {
-        let asked = Asked::Restart { name: "planner".to_owned() };
-        let of = |state, started| outcome(&row("planner", "planner", 0, state, started), &asked, 100);
-        assert_eq!(of(ProcessState::STATE_READY, 99), None);
-        assert_eq!(of(ProcessState::STATE_DIED, 99), None);
-        assert_eq!(of(ProcessState::STATE_STARTING, 101), None);
-        assert_eq!(of(ProcessState::STATE_READY, 101), Some(true));
-        assert_eq!(of(ProcessState::STATE_DIED, 101), Some(false));
-    }
-
-    #[test]
-    fn a_program_without_heartbeats_has_to_run_for_a_moment() {
-        let (name, command) = ("wind".to_owned(), vec!["wind".to_owned()]);
-        let asked = Asked::Plug { name, folder: "/".into(), command, replace: false };
-        let mut fresh = row("wind", "other", 0, ProcessState::STATE_RUNNING, 100);
-        assert_eq!(outcome(&fresh, &asked, 100), None);
-        fresh.header.stamp_ns += SETTLED_NS;
-        assert_eq!(outcome(&fresh, &asked, 100), Some(true));
-    }
+    Ok(Output::new(value, sentence))
 }

@@ -1,20 +1,32 @@
 //! `nims set`: another value of a parameter while the robot runs.
 
-use crate::cli::Set;
-use crate::failure::{Answer, Failure};
-use crate::live;
-use crate::operate;
-use crate::supervisor::{self, Asked};
+use command::{Answer, Failure, Output};
+
 use bus::{Bus, Subscriber, clock};
-use config::Slot;
-use config::{BoxFile, RobotFile, Role, TUNABLE, Tuned};
-use messages::{SystemConfig, text_of};
+use client::Asked;
+use commissioning::check;
+use config::{BoxFile, EstimatorSection, RobotFile, Role, Slot, TUNABLE, Tuned};
+use controller::ControllerConfig;
+use estimator::EstimatorConfig;
+use messages::{ProcessState, SystemConfig, text_of};
 use runtime::TUNED_CHANNEL;
-use serde_json::{Value, json};
+use serde_json::json;
 use std::time::Duration;
+
+/// `nims set`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Which parameter, as in the box file, e.g. controller.length_gain_per_s; default: all, to be shown.
+    pub key: Option<String>,
+    /// Its new value, written as in the box file.
+    #[arg(allow_hyphen_values = true)]
+    pub value: Option<String>,
+}
 
 /// How long a process may take to say that it has taken a change up, ns: it is announced a tenth of a second ahead.
 const TAKEN_NS: u64 = 5_000_000_000;
+/// The parameter of which `nims check` warns where it does not fit the drives.
+const HORIZON: &str = "controller.horizon_cycles";
 /// How long the supervisor may take to say what is set.
 const SAID: Duration = Duration::from_secs(1);
 
@@ -35,18 +47,74 @@ pub fn help() -> String {
 ///
 /// # Errors
 /// Refused, with the reason, or a process does not take it up.
-pub fn set(domain: Option<&str>, asked: &Set) -> Answer<(Value, String)> {
-    let bus = live::join(domain)?;
+pub fn set(domain: Option<&str>, asked: &Args) -> Answer<Output> {
+    let bus = client::join(domain)?;
     let Some(key) = &asked.key else { return show(&bus, None) };
     let Some(value) = &asked.value else { return show(&bus, Some(key)) };
     let mut followers = followers(&bus, key)?;
+    let (before, after, robot) = changed(&bus, key, value)?;
     let request = Asked::Set { key: key.clone(), value: value.clone() }.to_request()?;
-    let sentence = operate::send(&bus, supervisor::NAME, &request)?;
-    let said = live::newest::<SystemConfig>(&bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
+    let sentence = client::send(&bus, client::SUPERVISOR, &request)?;
+    let said = client::newest::<SystemConfig>(&bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
     follow(&bus, &mut followers, said.changes)?;
+    let sentence = format!("{sentence}{}", remarks(&bus, key, &before, &after, &robot)?);
     let value = json!({ "accepted": true, "answer": sentence, "key": key, "changes": said.changes,
         "from_cycle": said.from_cycle, "taken_up_by": followers.iter().map(|one| &one.name).collect::<Vec<_>>() });
-    Ok((value, format!("{sentence}.")))
+    Ok(Output::new(value, format!("{sentence}.")))
+}
+
+/// The system as it is and with the change; refused where a law or a method cannot work with it.
+fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(BoxFile, BoxFile, RobotFile)> {
+    let begun = client::box_of(bus)?;
+    let robot = begun.robot_file().map_err(Failure::not_now)?;
+    let said = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
+    let tuned = Tuned::parse(&text_of(&said.parameters)).map_err(Failure::NotNow)?;
+    let before = begun.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
+    let after = tuned.with(key, value).and_then(|tuned| begun.tuned(&robot, &tuned)).map_err(Failure::BadInput)?;
+    check::chain_can_be_built(&after, &robot)?;
+    Ok((before, after, robot))
+}
+
+/// What else there is to know about a change: laws that do not use it, and a horizon that does not fit the drives.
+fn remarks(bus: &Bus, key: &str, before: &BoxFile, after: &BoxFile, robot: &RobotFile) -> Answer<String> {
+    let mut idle: Vec<String> = Vec::new();
+    let mut rows = bus.subscriber::<ProcessState>("system/process")?;
+    while let Some(row) = rows.receive()? {
+        let (role, law) = (text_of(&row.role), text_of(&row.law));
+        if row.pid != 0 && key.split('.').next() == Some(role.as_str()) {
+            let law = unchanged(&role, &law, before, after, robot);
+            idle.extend(law.filter(|law| !idle.contains(law)).as_slice().iter().cloned());
+        }
+    }
+    let idle = if idle.is_empty() { String::new() } else { format!("; {} does not use it", idle.join(" or ")) };
+    let warning = check::horizon(after).filter(|_| key == HORIZON);
+    let warning = warning.map_or(String::new(), |found| format!("; warning: {}; {}", found.finding, found.cure));
+    Ok(idle + &warning)
+}
+
+/// The law or method of a process, where it is the same with the change as without it. What a program of one's own uses is not known.
+fn unchanged(role: &str, law: &str, before: &BoxFile, after: &BoxFile, robot: &RobotFile) -> Option<String> {
+    let law_or = |configured: &String| if law.is_empty() { configured.clone() } else { law.to_owned() };
+    match role {
+        "controller" => {
+            let law = law_or(&before.controller.law);
+            let config = |file: &BoxFile| {
+                let mut file = file.clone();
+                file.controller.law.clone_from(&law);
+                ControllerConfig::of(&file, robot, 1).ok()
+            };
+            (config(before).is_some() && config(before) == config(after)).then_some(law)
+        }
+        "estimator" => {
+            let law = law_or(&before.estimator.method);
+            let config = |file: &BoxFile| {
+                let section = EstimatorSection { method: law.clone(), ..file.estimator.clone() };
+                EstimatorConfig::of(&section, robot.robot().ok()?, 1).ok()
+            };
+            (config(before).is_some() && config(before) == config(after)).then_some(law)
+        }
+        _ => None,
+    }
 }
 
 /// A process that has to take the change up.
@@ -100,10 +168,10 @@ fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
 }
 
 /// What the parameters are now.
-fn show(bus: &Bus, key: Option<&str>) -> Answer<(Value, String)> {
-    let begun = operate::box_of(bus)?;
+fn show(bus: &Bus, key: Option<&str>) -> Answer<Output> {
+    let begun = client::box_of(bus)?;
     let robot: RobotFile = begun.robot_file().map_err(Failure::not_now)?;
-    let said = live::newest::<SystemConfig>(bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
+    let said = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
     let tuned = Tuned::parse(&text_of(&said.parameters)).map_err(Failure::NotNow)?;
     let file: BoxFile = begun.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
     if let Some(key) = key {
@@ -118,5 +186,5 @@ fn show(bus: &Bus, key: Option<&str>) -> Answer<(Value, String)> {
         lines.push(format!("{:<36} {:<12} {}{set}", one.key, shown(&is), one.what));
         value[one.key] = json!({ "value": is, "file": was, "accepted": one.accepted });
     }
-    Ok((value, lines.join("\n")))
+    Ok(Output::new(value, lines.join("\n")))
 }

@@ -1,21 +1,18 @@
 //! `nims status`: the robot and its processes at one glance.
 
-use crate::counters::Periods;
-use crate::failure::Answer;
-use crate::live::{self, Running};
-use crate::operate;
-use crate::processes::state_name;
 use bus::{Bus, Memory, Subscriber, clock};
+use client::{Running, state_name};
+use command::{Answer, Output};
 use messages::{
     ControlStatus, LogEvent, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState,
     RecorderStatus, Rule, SLOT_NAMES, SLOTS, SystemConfig, blended_estimate, text_of,
 };
-use motor_io::sentences;
+use robot_state::{Periods, sentences};
 use runtime::TUNED_CHANNEL;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-pub use motor_io::sentences::mode_name;
+pub use robot_state::sentences::mode_name;
 
 /// The slowest rows come once a second; a stall of the machine may come between.
 const PATIENCE_NS: u64 = 1_500_000_000;
@@ -58,7 +55,7 @@ impl<T: Message> Newest<T> {
 ///
 /// # Errors
 /// Shared memory cannot be read.
-pub fn status(bus: &Bus) -> Answer<(Value, String)> {
+pub fn status(bus: &Bus) -> Answer<Output> {
     let mut authority = Newest::<MotorAuthority>::of(bus, "motor/authority")?;
     let mut state = Newest::<MotorState>::of(bus, "motor/state")?;
     let [a, b] = SLOT_NAMES;
@@ -176,7 +173,7 @@ pub fn status(bus: &Bus) -> Answer<(Value, String)> {
     let listed: Vec<String> = processes.iter().map(|(name, row)| format!("{name} {}", state_name(row.state))).collect();
     lines
         .push(format!("processes  {}", if listed.is_empty() { "no supervisor".to_owned() } else { listed.join(", ") }));
-    Ok((value, lines.join("\n")))
+    Ok(Output::new(value, lines.join("\n")))
 }
 
 /// Shared memory, on one line; with a warning while there is still room for what the warning asks for.
@@ -221,7 +218,7 @@ fn motors(authority: &MotorAuthority, row: Option<&ProcessState>, value: &mut Va
 
 /// What motor-io said last of one of its serial ports: which, and what comes from there.
 fn of_ports(bus: &Bus) -> Answer<Option<String>> {
-    let Ok(file) = operate::box_of(bus) else { return Ok(None) };
+    let Ok(file) = client::box_of(bus) else { return Ok(None) };
     let root = bus.domain().root().to_string_lossy().into_owned();
     let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.replace("{domain}", &root)).collect();
     let mut log = bus.subscriber::<LogEvent>("system/log/motor-io")?;
@@ -363,7 +360,7 @@ fn steered_words(plan: &PlanStatus, steered: Result<&MotorAuthority, String>) ->
 /// What the recorder does, in a word or two; why, where it does not record.
 pub(crate) fn recording_words(row: &RecorderStatus, now_ns: u64) -> String {
     let age_s = now_ns.saturating_sub(row.header.stamp_ns) as f64 * 1e-9;
-    match live::unrecorded_of(row) {
+    match client::unrecorded_of(row) {
         _ if age_s > OLD_S => format!("NOT RECORDING: the recorder has said nothing for {age_s:.0} s"),
         Some(why) => format!("NOT RECORDING: {why}"),
         None => "recording".to_owned(),

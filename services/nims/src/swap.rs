@@ -3,18 +3,63 @@
 //! The new one is started in the slot that is not in charge, qualifies beside the one in charge, and takes over in a cycle that motor-io
 //! announces; the old one stays for a second, in case the new one fails, and is then ended, unless the box keeps a standby.
 
-use crate::cli::{SlottedRole, Swap};
-use crate::failure::{Answer, Failure};
-use crate::operate::{self, MOTOR_IO};
 use crate::processes;
-use crate::supervisor::{Asked, law_of};
 use bus::{Bus, Subscriber, Waiter, clock};
-use config::Role;
-use config::Slot;
+use client::{Asked, MOTOR_IO};
+use command::{Answer, Failure, Output};
+use config::{Role, Slot};
 use messages::{MotorSlots, OperatorRequest, ProcessState, SLOTS, text_of};
-use motor_io::sentences;
-use serde_json::{Value, json};
+use robot_state::sentences;
+use serde_json::json;
 use std::collections::BTreeMap;
+
+/// Roles that have two slots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub enum SlottedRole {
+    /// Position and motion to velocities.
+    Controller,
+    /// Lengths to position.
+    Estimator,
+}
+
+impl SlottedRole {
+    /// Index in the arrays of samples.
+    #[must_use]
+    pub fn index(self) -> usize {
+        match self {
+            Self::Controller => messages::CONTROLLERS,
+            Self::Estimator => messages::ESTIMATORS,
+        }
+    }
+}
+
+/// `nims swap`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Whose.
+    #[arg(value_enum)]
+    pub role: SlottedRole,
+    /// Law or method, or the name of a `[[process]]` of that role; it is started in the free slot. Default: the standby that runs there.
+    pub name: Option<String>,
+    /// Slot of the new one. Default: the one that is not in charge.
+    #[arg(long, value_enum)]
+    pub slot: Option<config::Slot>,
+    /// Keep the old one running, as a standby.
+    #[arg(long)]
+    pub keep: bool,
+    /// Only admit again a slot that was set aside because it came and went.
+    #[arg(long, conflicts_with_all = ["name", "keep"])]
+    pub admit: bool,
+}
+
+/// Lets another controller or estimator take over.
+///
+/// # Errors
+/// Refused, with the reason, or it does not come about.
+pub fn run(domain: Option<&str>, args: &Args) -> Answer<Output> {
+    let bus = client::join(domain)?;
+    if args.admit { admit(&bus, args) } else { swap(&bus, args) }
+}
 
 /// As configured, instead of a law.
 const DEFAULT: &str = "default";
@@ -29,7 +74,7 @@ const SWAP_S: f64 = 10.0;
 ///
 /// # Errors
 /// It could not be started, did not qualify, was refused, or failed just after it had taken over; each with the reason.
-pub fn swap(bus: &Bus, asked: &Swap) -> Answer<(Value, String)> {
+fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
     let mut robot = Robot::of(bus, asked)?;
     let lead = robot.lead()?;
     let slot = asked.slot.map_or(1 - lead, Slot::index);
@@ -43,7 +88,7 @@ pub fn swap(bus: &Bus, asked: &Swap) -> Answer<(Value, String)> {
     let (new, old) = (robot.role.process_name(name_of(slot)), robot.role.process_name(name_of(lead)));
     if let Some(law) = asked.name.as_deref().filter(|law| *law != DEFAULT) {
         // Before anything is ended to make room for it.
-        law_of(&operate::box_of(bus)?, robot.role, law)?;
+        client::box_of(bus)?.process_for(robot.role, law).map_err(Failure::BadInput)?;
     }
     if let Some(law) = &asked.name {
         robot.end(&new)?;
@@ -53,8 +98,7 @@ pub fn swap(bus: &Bus, asked: &Swap) -> Answer<(Value, String)> {
             slot: Some(name_of(slot)),
             law: (law != DEFAULT).then(|| law.clone()),
         };
-        let (_, words) = processes::tell(bus, &start)?;
-        robot.tell(&words);
+        robot.tell(&processes::tell(bus, &start)?.words);
     }
     let outcome = robot.qualify(slot, &new).and_then(|()| robot.take_over(slot));
     if let Err(failure) = outcome {
@@ -70,7 +114,10 @@ pub fn swap(bus: &Bus, asked: &Swap) -> Answer<(Value, String)> {
     }
     let rest = if keep { format!("{old} stands by") } else { format!("{old} has ended") };
     let sentence = format!("{new} is in charge; {rest}.");
-    Ok((json!({ "accepted": true, "answer": sentence, "slot": name_of(slot).name(), "standby": keep }), sentence))
+    Ok(Output::new(
+        json!({ "accepted": true, "answer": sentence, "slot": name_of(slot).name(), "standby": keep }),
+        sentence,
+    ))
 }
 
 fn name_of(slot: usize) -> Slot {
@@ -92,7 +139,7 @@ struct Robot<'a> {
 }
 
 impl<'a> Robot<'a> {
-    fn of(bus: &'a Bus, asked: &Swap) -> Answer<Self> {
+    fn of(bus: &'a Bus, asked: &Args) -> Answer<Self> {
         let role = match asked.role {
             SlottedRole::Controller => Role::Controller,
             SlottedRole::Estimator => Role::Estimator,
@@ -174,18 +221,17 @@ impl<'a> Robot<'a> {
         if !self.runs(process) {
             return Ok(());
         }
-        let (_, words) = processes::tell(self.bus, &Asked::Stop { name })?;
-        self.tell(&words);
+        self.tell(&processes::tell(self.bus, &Asked::Stop { name })?.words);
         Ok(())
     }
 
     fn seat_request(&self, verb: u8, slot: usize) -> Answer<OperatorRequest> {
-        operate::with_args(verb, &[self.index as f64, slot as f64])
+        client::with_args(verb, &[self.index as f64, slot as f64])
     }
 
     /// The operator wants this slot tried, whatever it did before.
     fn admit(&mut self, slot: usize) -> Answer {
-        operate::send(self.bus, MOTOR_IO, &self.seat_request(OperatorRequest::VERB_ADMIT, slot)?).map(|_| ())
+        client::send(self.bus, MOTOR_IO, &self.seat_request(OperatorRequest::VERB_ADMIT, slot)?).map(|_| ())
     }
 
     /// Waits until the slot holds a standby.
@@ -219,7 +265,7 @@ impl<'a> Robot<'a> {
     /// Swaps, and sees it through the probation.
     fn take_over(&mut self, slot: usize) -> Answer {
         let (role, seat) = (self.index, SLOTS * self.index + slot);
-        let answer = operate::send(self.bus, MOTOR_IO, &self.seat_request(OperatorRequest::VERB_SWAP, slot)?)?;
+        let answer = client::send(self.bus, MOTOR_IO, &self.seat_request(OperatorRequest::VERB_SWAP, slot)?)?;
         self.tell(&answer);
         // What was said before the request does not count.
         let asked_in = self.newest.map_or(0, |slots| slots.header.cycle) + 2;
@@ -246,7 +292,7 @@ impl<'a> Robot<'a> {
 
     /// Whether the box wants a standby for this role.
     fn keeps_standby(&self) -> Answer<bool> {
-        let file = operate::box_of(self.bus)?;
+        let file = client::box_of(self.bus)?;
         Ok(file.process.iter().any(|section| section.role == self.role && section.standby))
     }
 }
@@ -273,15 +319,15 @@ pub(crate) fn progress(role: usize, seat: usize, slots: &MotorSlots) -> String {
 ///
 /// # Errors
 /// motor-io does not answer.
-pub fn admit(bus: &Bus, asked: &Swap) -> Answer<(Value, String)> {
+fn admit(bus: &Bus, asked: &Args) -> Answer<Output> {
     let mut robot = Robot::of(bus, asked)?;
     let slot = match asked.slot {
         Some(slot) => slot.index(),
         None => 1 - robot.lead()?,
     };
     let request = robot.seat_request(OperatorRequest::VERB_ADMIT, slot)?;
-    let sentence = operate::send(bus, MOTOR_IO, &request)?;
-    Ok((operate::accepted(&sentence), sentence))
+    let sentence = client::send(bus, MOTOR_IO, &request)?;
+    Ok(Output::accepted(sentence))
 }
 
 #[cfg(test)]

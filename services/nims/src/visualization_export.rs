@@ -1,10 +1,10 @@
 //! `nims export RUN --visualization OUT`: an old run as tools draw it in three dimensions, by the same core that draws a living one.
 
-use crate::failure::{Answer, Failure};
-use crate::report::robot_of;
+use analysis::report::robot_of;
+use command::{Answer, Failure, Output};
 use messages::MotorAuthority;
 use runlog::{ChannelId, ChannelSpec, RunClock, RunReader, RunWriter};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 use visualization::{Drawing, Visualization};
@@ -21,13 +21,13 @@ const SHOW_BYTES: u64 = 1 << 20;
 ///
 /// # Errors
 /// There is no run, no robot file in it, or the file cannot be written.
-pub fn export_visualization(run: &Path, out: &Path) -> Answer<(Value, String)> {
-    crate::runs::there(run)?;
+pub fn export_visualization(run: &Path, out: &Path) -> Answer<Output> {
+    analysis::runs::there(run)?;
     if out.exists() {
         return Err(Failure::BadInput(format!("{} exists already: give another name, or remove it", out.display())));
     }
     let mut reader = RunReader::open(run)?;
-    let (mut film, mut show): (Option<Film>, _) = (None, crate::runs::progress("drawing"));
+    let (mut film, mut show): (Option<Film>, _) = (None, analysis::runs::progress("drawing"));
     let mut shown = 0;
     loop {
         if reader.position() - shown >= SHOW_BYTES {
@@ -54,7 +54,7 @@ pub fn export_visualization(run: &Path, out: &Path) -> Answer<(Value, String)> {
     let path = film.writer.finish(&BTreeMap::from([("reason".to_owned(), "drawn to its end".to_owned())]));
     let path = path.map_err(Failure::not_now)?;
     let words = format!("{frames} frames, {messages} messages in {}", path.display());
-    Ok((json!({ "file": path, "frames": frames, "messages": messages }), words))
+    Ok(Output::new(json!({ "file": path, "frames": frames, "messages": messages }), words))
 }
 
 /// A visualization that is being drawn into a file.

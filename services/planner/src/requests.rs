@@ -1,6 +1,6 @@
 //! The operator's requests to the planner.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use messages::{OperatorRequest, text_of};
 
@@ -38,7 +38,7 @@ pub fn answer(
             };
             planner.goto([x, y, z], speed_m_s, shape, mu_per_m, seen).map_err(refused)
         }
-        OperatorRequest::VERB_RUN => Mission::read(&mission_file(&text_of(&request.text), missions))
+        OperatorRequest::VERB_RUN => Mission::read(&config::mission_file(&text_of(&request.text), missions))
             .map_err(|error| bad(error.to_string()))
             .and_then(|mission| {
                 let goes_on = request.args[0] == OperatorRequest::RUN_CONTINUE;
@@ -56,15 +56,4 @@ pub fn answer(
         Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
         Err(refusal) => refusal,
     }
-}
-
-/// The file that `given` means: a path, or the name of one of the missions.
-#[must_use]
-pub fn mission_file(given: &str, missions: &Path) -> PathBuf {
-    let path = PathBuf::from(given);
-    if path.is_file() || path.components().count() > 1 {
-        return path;
-    }
-    let named = missions.join(given);
-    if named.is_file() { named } else { missions.join(format!("{given}.toml")) }
 }

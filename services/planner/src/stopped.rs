@@ -1,6 +1,8 @@
 //! Why motor-io ended a motion, in words that hold for ever: a recorded run has no `nims status` that could name the faults.
 
+use messages::faults::{OF_CABLES, OF_UNITS};
 use messages::{MotorAuthority, PlanStatus};
+use robot_state::sentences::named;
 
 /// Bits of motor-io's faults, and what is the case. What helps against each is said by motor-io itself.
 const FAULTS: [(u32, &str); 21] = [
@@ -29,20 +31,6 @@ const FAULTS: [(u32, &str); 21] = [
     (MotorAuthority::FAULT_COMPUTER, "the computer was busy with other things"),
     (MotorAuthority::FAULT_OFF_START, "the motion does not begin where the node is"),
 ];
-
-/// Faults of which motor-io names the units, and those of which it names the cables.
-const OF_UNITS: u32 = MotorAuthority::FAULT_LOST_UNIT
-    | MotorAuthority::FAULT_UNIT_REBOOT
-    | MotorAuthority::FAULT_SUPPLY
-    | MotorAuthority::FAULT_EMERGENCY_INPUT
-    | MotorAuthority::FAULT_DRIVE_ERROR;
-const OF_CABLES: u32 = MotorAuthority::FAULT_STALL
-    | MotorAuthority::FAULT_SLACK
-    | MotorAuthority::FAULT_OVER_TENSION
-    | MotorAuthority::FAULT_OVER_CURRENT
-    | MotorAuthority::FAULT_RUNAWAY
-    | MotorAuthority::FAULT_ENCODER_JUMP
-    | MotorAuthority::FAULT_LENGTH_LIMIT;
 
 /// What may stand behind a list that is too long.
 const AND_MORE: &str = ", and 20 more";
@@ -83,17 +71,6 @@ fn with_faults(what: &str, authority: &MotorAuthority, which: u32) -> String {
         sentence += &format!(", and {left_out} more");
     }
     sentence
-}
-
-/// Those that are marked, in parentheses, counted from 1; empty without any.
-fn named(marks: &[u8], what: &str) -> String {
-    let numbers: Vec<String> =
-        marks.iter().enumerate().filter(|(_, mark)| **mark == 1).map(|(i, _)| (i + 1).to_string()).collect();
-    match numbers.as_slice() {
-        [] => String::new(),
-        [one] => format!(" ({what} {one})"),
-        several => format!(" ({what}s {})", several.join(", ")),
-    }
 }
 
 #[cfg(test)]

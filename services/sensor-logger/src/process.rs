@@ -5,8 +5,7 @@ use bus::{BusError, CHANNELS_EVENT, ChannelInfo, ChannelWatch, Publisher, Subscr
 use messages::{FieldMap, MotorAuthority, NodeEstimate, Sample};
 use runtime::Chassis;
 
-use crate::words::complaint;
-use crate::{Counts, Decoder, Logger, LoggerConfig, SensorMap};
+use georeference::{Counts, Decoder, Logger, LoggerConfig, SensorMap, complaint};
 
 /// Between two looks at the channels: soon for whoever watches, and far less than what a channel holds. Nothing is woken per reading.
 const PASS_NS: u64 = 20_000_000;

@@ -5,8 +5,8 @@ use super::cures::{Cure, cures, is_settled};
 use anyhow::{Result, bail, ensure};
 use cable_robot::Vector3;
 use messages::{CONTROLLERS, ESTIMATORS, OperatorRequest as R, PlanStatus, SLOTS, text_of};
-use motor_io::sentences::faults_of;
 use planner::mission::PathShape;
+use robot_state::sentences::faults_of;
 
 /// Where the node is brought back to, m.
 const HOME_M: [f64; 3] = [4.8, 3.0, 0.6];

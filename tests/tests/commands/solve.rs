@@ -73,7 +73,7 @@ fn constant_speed_is_what_solve_says() {
     let ends = ["--from", "3.0,2.0,1.5", "--to", "6.0,3.0,1.2"];
     let found = plan(LAB3, &[&ends[..], &["--mu", "0.1", "--constant-speed", "--speed", "0.2"]].concat());
     let request = r#"{"op":"move_energy","anchors_m":[[0,0,3.05],[9.8,0,3.1],[4.7,8.6,2.98]],"from_m":[3,2,1.5],"to_m":[6,3,1.2],"mu_per_m":0.1,"node_mass_kg":1.2,"speed_m_s":0.2,"motor":{},"method":"unique","limits_n":[2,60],"intervals":64}"#;
-    let expected = nims::solve::answer(request);
+    let expected = solve::answer(request);
     for key in ["energy_j", "duration_s"] {
         let (a, b) = (found[key].as_f64().unwrap(), expected["result"][key].as_f64().unwrap());
         assert!((a / b - 1.0).abs() < 1e-9, "{found} {expected}");

@@ -2,9 +2,10 @@
 //! come to the same numbers over two lives of motor-io.
 
 use crate::robot::{Robot, root, steadily};
+use analysis::counters::Count;
 use messages::{MotorAuthority, OperatorRequest};
-use nims::counters::{Count, Periods};
 use nims_tests::python;
+use robot_state::Periods;
 use rustix::process::Signal;
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use serde_json::Value;

@@ -146,7 +146,7 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
             robot.last.lost_on_ports() - lost,
             robot.last.faults
         );
-        assert_eq!(robot.last.faults & motor_io::faults::HARD, 0, "it goes on");
+        assert_eq!(robot.last.faults & messages::faults::HARD, 0, "it goes on");
         assert!(robot.last.lost_on_ports() > lost, "the noise has spoilt nothing");
 
         for (kind, repair) in

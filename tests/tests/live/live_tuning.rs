@@ -2,7 +2,7 @@
 
 use crate::robot::{Robot, THREE_LINES, steadily};
 use messages::{MotorAuthority, OperatorRequest, SystemConfig, text_of};
-use nims::replay::{Changes, run};
+use replay::{Changes, run};
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
 

@@ -76,7 +76,7 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
         for name in ["box.toml", "robot.toml", "resolved.toml"] {
             assert!(reader.attachments().iter().any(|file| file.name == name), "{name} is not in the run file");
         }
-        let (_, words) = nims::report::report(&[robot.run()], None).unwrap();
+        let command::Output { words, .. } = analysis::report::report(&[robot.run()], None).unwrap();
         assert!(words.contains("of the first") && !words.contains("complete"), "{words}");
     });
 }
@@ -98,7 +98,7 @@ fn a_recorder_that_hangs_is_replaced() {
         let report = runlog::info(&robot.run()).unwrap();
         assert!(report.files.iter().all(|file| file.finished) && report.files[0].recovered, "{report}");
         assert!(!report.healthy && !report.verdict.iter().any(|part| part.contains("complete")), "{report}");
-        let (value, words) = nims::report::report(&[robot.run()], None).unwrap();
+        let command::Output { value, words, .. } = analysis::report::report(&[robot.run()], None).unwrap();
         assert!(words.contains("was recovered") && !words.contains("complete"), "{words}");
         assert_eq!(value["runs"][0]["recording"]["healthy"], false);
     });
@@ -142,8 +142,8 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
             assert!(bus::clock::now_ns() < give_up && demo.try_wait().unwrap().is_none(), "it does not fly");
             std::thread::sleep(std::time::Duration::from_millis(100));
         }
-        let (value, words) =
-            nims::report::report(std::slice::from_ref(&run), Some(&folder.path().join("live.html"))).unwrap();
+        let command::Output { value, words, .. } =
+            analysis::report::report(std::slice::from_ref(&run), Some(&folder.path().join("live.html"))).unwrap();
         assert!(words.contains("being flown") && words.contains("being recorded"), "{words}");
         assert!(value["runs"][0]["flown_m"].as_f64().unwrap() > 0.0 && !words.contains("-0.0"), "{words}");
         rustix::process::kill_process(rustix::process::Pid::from_child(&demo), Signal::INT).unwrap();
@@ -157,7 +157,7 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         assert!(
             run.join("report.html").is_file() && run.join("report.svg").is_file() && run.join("report.json").is_file()
         );
-        let (value, words) = nims::report::report(std::slice::from_ref(&run), None).unwrap();
+        let command::Output { value, words, .. } = analysis::report::report(std::slice::from_ref(&run), None).unwrap();
         assert!(words.contains("was broken off at") && !words.contains("-0.0"), "{words}");
         let legs = value["runs"][0]["legs"].as_array().unwrap();
         let (flown, sum) = (

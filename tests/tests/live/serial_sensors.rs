@@ -161,6 +161,6 @@ fn they_say_the_truth_and_survive_what_happens_to_ports() {
             assert!(again.header.oldest_input_ns > stale.header.oldest_input_ns);
         }
         robot.look();
-        assert_eq!(robot.last.faults & motor_io::faults::HARD, 0, "{:#x}", robot.last.faults);
+        assert_eq!(robot.last.faults & messages::faults::HARD, 0, "{:#x}", robot.last.faults);
     });
 }

@@ -9,7 +9,7 @@ use messages::{
     CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorCommand, MotorSlots, NodeEstimate, SLOT_NAMES, SLOTS,
     TruthNode,
 };
-use nims::counters::Periods;
+use robot_state::Periods;
 use rustix::process::Signal;
 use std::collections::HashMap;
 use std::path::Path;
@@ -112,7 +112,7 @@ fn leader(robot: &Robot, role: usize) -> String {
 /// sample without the one that says what it was made from.
 fn end_and_replay(robot: &mut Robot, kills: u64) {
     robot.down(Signal::INT);
-    let replayed = nims::replay::run(&robot.run(), &nims::replay::Changes::default(), &mut |_| {}).unwrap();
+    let replayed = replay::run(&robot.run(), &replay::Changes::default(), &mut |_| {}).unwrap();
     println!("{} samples computed again", replayed.equal());
     assert_eq!(replayed.different(), 0, "{:#?}", replayed.channels);
     for tally in &replayed.channels {

@@ -41,7 +41,7 @@ fn a_run_is_drawn_and_read_field_by_field() {
     let folder = tempfile::tempdir().unwrap();
     let run = run(folder.path());
     let out = folder.path().join("visualization.mcap");
-    let (value, words) = export_visualization(&run, &out).unwrap();
+    let command::Output { value, words, .. } = export_visualization(&run, &out).unwrap();
     assert!(value["frames"].as_u64().unwrap() > 100, "{words}");
     let again = export_visualization(&run, &out).unwrap_err();
     assert!(again.to_string().contains("exists already") && again.exit_code() == 2, "{again}");

@@ -1,11 +1,11 @@
 //! Where a reading was taken: the real estimator's estimates, a sensor that is late, and the truth of the plant.
 
 use config::SensorLoggerSection;
+use georeference::{Decoder, Logger, LoggerConfig, complaint};
 use messages::{Header, Message, Reading, Sample};
 use nims_tests::lockstep::Lockstep;
 use nims_tests::scenarios::Case;
 use planner::Mission;
-use sensor_logger::{Decoder, Logger, LoggerConfig, complaint};
 
 const LATENCY_NS: u64 = 100_000_000;
 /// No multiple of the control period.

@@ -1,17 +1,17 @@
 //! From a flight over known ground to its map: nearer to the truth than the map says it may be off, whether the sensor logger ran in flight or
 //! not, and readable by software of others.
 
+use analysis::map::{Args, run as map};
+use command::Output;
 use config::{GroundFile, SensorLoggerSection};
+use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{Header, Message, Reading, put_text};
-use nims::cli;
-use nims::map::map;
 use nims_tests::lockstep::Lockstep;
 use nims_tests::python;
 use nims_tests::record::Tape;
 use nims_tests::scenarios::Case;
 use planner::Mission;
 use plant::ground::Ground;
-use sensor_logger::{Decoder, Logger, LoggerConfig};
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -110,8 +110,8 @@ fn fly(path: &Path, logged: bool) {
     panic!("the scan does not end");
 }
 
-fn asked(run: &Path, out: &Path) -> cli::Map {
-    cli::Map {
+fn asked(run: &Path, out: &Path) -> Args {
+    Args {
         run: run.to_owned(),
         out: Some(out.to_owned()),
         sensor: vec!["range".into()],
@@ -143,7 +143,7 @@ fn ground_that_was_flown_over_is_on_the_map() {
     let site = "\n[site]\nlatitude_deg = 34.0722\nlongitude_deg = -118.4441\nazimuth_deg = 30.0\n";
     let robot = std::fs::read_to_string(configs("robots/lab3.toml")).unwrap() + site;
     std::fs::write(run.join("robot.toml"), robot).unwrap();
-    let (value, words) = map(&asked(&run, &out)).unwrap();
+    let Output { value, words, .. } = map(&asked(&run, &out)).unwrap();
     println!("{words}");
     let told = &value["maps"][0];
     assert_eq!((told["samples_are"].as_str(), told["quantity"].as_str()), (Some("computed"), Some("height")));
@@ -203,7 +203,7 @@ fn the_report_of_the_flight_shows_the_map() {
     fly(&run, false);
     let out = std::env::var_os("NIMS_KEEP").map_or_else(|| folder.path().to_owned(), PathBuf::from);
     let page = out.join("page.html");
-    nims::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
+    analysis::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
     let text = std::fs::read_to_string(&page).unwrap();
     assert!(
         text.contains("range as a map: distance from 0.") && text.contains("soil as a map: moisture_percent from ")
@@ -216,10 +216,10 @@ fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
     let run = folder.path().join("run.mcap");
     fly(&run, true);
     let (recorded, computed) = (folder.path().join("recorded"), folder.path().join("computed"));
-    let (value, _) = map(&asked(&run, &recorded)).unwrap();
+    let Output { value, .. } = map(&asked(&run, &recorded)).unwrap();
     let origin = |value: &Value| value["maps"][0]["samples_are"].as_str().unwrap().to_owned();
     assert_eq!(origin(&value), "recorded");
-    let (value, _) = map(&cli::Map { recompute: true, ..asked(&run, &computed) }).unwrap();
+    let Output { value, .. } = map(&Args { recompute: true, ..asked(&run, &computed) }).unwrap();
     assert_eq!(origin(&value), "computed");
     let (a, b) = (cells(&recorded, "range"), cells(&computed, "range"));
     assert!(a.len() == b.len() && a.len() > 1500);
@@ -228,8 +228,8 @@ fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
     assert!(near * 100 >= a.len() * 99, "{near} of {}", a.len());
 
     // all sensors, of whatever type, if none is named
-    let all = cli::Map { sensor: Vec::new(), looks_down: false, out: None, ..asked(&run, &recorded) };
-    let (value, _) = map(&all).unwrap();
+    let all = Args { sensor: Vec::new(), looks_down: false, out: None, ..asked(&run, &recorded) };
+    let Output { value, .. } = map(&all).unwrap();
     let names: Vec<&str> = value["maps"].as_array().unwrap().iter().filter_map(|map| map["sensor"].as_str()).collect();
     assert_eq!(names, ["range", "soil"]);
     for [x, y, percent, sigma] in cells(&folder.path().join("map"), "soil") {
@@ -249,6 +249,6 @@ fn what_is_not_there_is_said_in_one_sentence() {
     tape.finish().unwrap();
     let other = map(&asked(&run, folder.path())).unwrap_err();
     assert!(other.exit_code() == 2 && other.to_string().contains("there are height"), "{other}");
-    let empty = map(&cli::Map { sensor: Vec::new(), ..asked(&run, folder.path()) }).unwrap_err();
+    let empty = map(&Args { sensor: Vec::new(), ..asked(&run, folder.path()) }).unwrap_err();
     assert!(empty.exit_code() == 1 && empty.to_string().contains("no reading"), "{empty}");
 }

@@ -1,10 +1,11 @@
 //! `nims motor-table` from runs of raising and lowering known loads against the plant, held against the plant's own motors.
 
+use analysis::motor_table::Args;
 use cable_robot::motor::Motor;
 use cable_robot::{Robot, RobotParts, Vector3};
+use command::values::Numbers;
 use config::{MotorTableFile, RobotFile};
 use messages::{Message, MotorAuthority, MotorState, NodeEstimate, PlanStatus};
-use nims::cli::{MotorTable, Numbers};
 use nims_tests::lockstep::Lockstep;
 use nims_tests::scenarios::{self, Case};
 use planner::Mission;
@@ -92,8 +93,8 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     });
     let runs = runs.map(|(_, run)| run).to_vec();
     let out = folder.path().join("winch.toml");
-    let asked = MotorTable { runs: runs.clone(), out: out.clone(), speeds: None, tensions: None };
-    let (value, words) = nims::motor_table::motor_table(&asked).unwrap();
+    let asked = Args { runs: runs.clone(), out: out.clone(), speeds: None, tensions: None };
+    let command::Output { value, words, .. } = analysis::motor_table::run(&asked).unwrap();
     println!("{words}");
 
     // As a robot file reads it.
@@ -133,10 +134,9 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     assert_eq!(fast(&robot).unwrap_err().kind(), "out_of_range");
 
     // Never over a file that is there; and what is not covered is said.
-    assert_eq!(nims::motor_table::motor_table(&asked).unwrap_err().exit_code(), 2);
-    let far =
-        MotorTable { out: folder.path().join("far.toml"), tensions: Some(Numbers(vec![5.0, 20.0, 110.0])), ..asked };
-    let failure = nims::motor_table::motor_table(&far).unwrap_err();
+    assert_eq!(analysis::motor_table::run(&asked).unwrap_err().exit_code(), 2);
+    let far = Args { out: folder.path().join("far.toml"), tensions: Some(Numbers(vec![5.0, 20.0, 110.0])), ..asked };
+    let failure = analysis::motor_table::run(&far).unwrap_err();
     assert!(failure.exit_code() == 2 && failure.to_string().contains("are needed there"), "{failure}");
     assert!(!far.out.exists());
     assert!(MotorTableFile::load(&out).is_ok());
@@ -149,8 +149,8 @@ fn a_run_that_only_hangs_or_only_lowers_is_refused_in_one_sentence() {
     let mission = Mission::parse("name = \"short\"\n[[leg]]\nline = { to_m = [4.8, 3.0, 0.8] }\n").unwrap();
     record(1.2, &mission, &run);
     let out = folder.path().join("winch.toml");
-    let asked = MotorTable { runs: vec![run], out: out.clone(), speeds: None, tensions: None };
-    let failure = nims::motor_table::motor_table(&asked).unwrap_err();
+    let asked = Args { runs: vec![run], out: out.clone(), speeds: None, tensions: None };
+    let failure = analysis::motor_table::run(&asked).unwrap_err();
     let sentence = failure.to_string();
     assert!(failure.exit_code() == 2 && sentence.contains("raise and lower") && !sentence.contains('\n'), "{sentence}");
     assert!(!out.exists());

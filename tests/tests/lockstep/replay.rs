@@ -2,11 +2,11 @@
 
 use config::BoxFile;
 use messages::OperatorRequest;
-use nims::replay::{Changes, Replayed, Tally, run};
 use nims_tests::golden;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep, Said};
 use nims_tests::record::{self, Tape};
 use nims_tests::scenarios::Case;
+use replay::{Changes, Replayed, Tally, run};
 use std::path::{Path, PathBuf};
 
 const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };

@@ -1,7 +1,7 @@
 //! `nims report` of runs that are made here, so that what it has to say is known.
 
-use nims::demo::analysis::analyse;
-use nims::report::report;
+use analysis::accuracy::analyse;
+use analysis::report::report;
 use nims_tests::recorded::record;
 use nims_tests::scenarios::Case;
 use std::path::{Path, PathBuf};
@@ -38,7 +38,7 @@ fn one_run_several_and_a_torn_one() {
     let three = run(folder.path(), "three", "lab3", "demo3", true);
     let four = run(folder.path(), "four", "lab4", "demo4", false);
 
-    let (value, words) = report(std::slice::from_ref(&three), None).unwrap();
+    let command::Output { value, words, .. } = report(std::slice::from_ref(&three), None).unwrap();
     let page = std::fs::read_to_string(three.join("report.html")).unwrap();
     sound(&page);
     assert!(page.len() < 2_000_000, "{} bytes", page.len());
@@ -76,7 +76,8 @@ fn one_run_several_and_a_torn_one() {
     // Without truth, and cut off in the middle.
     let bytes = std::fs::read(four.join("run.mcap")).unwrap();
     std::fs::write(four.join("run.mcap"), &bytes[..bytes.len() * 2 / 3]).unwrap();
-    let (value, words) = report(&[three.clone(), four.clone()], Some(&folder.path().join("both.html"))).unwrap();
+    let command::Output { value, words, .. } =
+        report(&[three.clone(), four.clone()], Some(&folder.path().join("both.html"))).unwrap();
     let page = std::fs::read_to_string(folder.path().join("both.html")).unwrap();
     sound(&page);
     assert_eq!(value["runs"][1]["recording"]["healthy"], false);

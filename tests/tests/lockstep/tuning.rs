@@ -4,10 +4,10 @@ use config::{BoxFile, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
 use messages::{CABLES, OperatorRequest, SystemConfig, put_text};
-use nims::replay::{Changes, run};
 use nims_tests::lockstep::{Chain, Lockstep};
 use nims_tests::record::{self, Tape};
 use nims_tests::scenarios::Case;
+use replay::{Changes, run};
 use std::path::Path;
 
 /// The cycle of the change, in the middle of a motion.

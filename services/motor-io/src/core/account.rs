@@ -5,8 +5,8 @@
 //! `motor/authority`: `docs/counters.md` has the rules one by one, and what is here follows their order.
 
 use super::starved::Evidence;
-use crate::faults::STOPS;
 use crate::safety::Mode;
+use messages::faults::STOPS;
 use messages::{MotorAuthority, MotorInput, UNITS};
 
 /// Stops because another program was not there.

@@ -56,7 +56,7 @@ impl Core {
 
     /// From Holding to Following, for the first time or again.
     pub(crate) fn follow(&mut self) {
-        self.safety.clear_stops(crate::faults::STOPS);
+        self.safety.clear_stops(messages::faults::STOPS);
         self.motion.resume();
         self.pausing = false;
         self.missing = 0;

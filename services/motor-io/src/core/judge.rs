@@ -3,10 +3,10 @@
 //! All of it goes by motor-io's own lengths and by the set point in its input; without a known position only the cables' limits apply.
 
 use super::Core;
-use crate::faults::Faults;
 use crate::limits::NodeLimit;
 use crate::safety::Mode;
 use cable_robot::Vector3;
+use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput};
 
 /// A distance that grows more slowly than this does not grow: encoders have steps, m/s.

@@ -1,10 +1,10 @@
 //! The second half of a cycle: what the drives replied, and what the cycle came to.
 
 use super::{Core, Observation, account};
-use crate::faults::Faults;
 use crate::odometry::Reading;
 use crate::safety::Mode;
 use crate::watch::Situation;
+use messages::faults::Faults;
 use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState};
 
 /// A tick that came more than this many periods after the last one leaves a gap in the motion worth looking at.

@@ -1,8 +1,8 @@
 //! Jogging, the length limits, and how a stop, a jog or a motion comes to its end.
 
 use super::{Core, Jog};
-use crate::faults::Faults;
 use crate::safety::Mode;
+use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorState};
 
 /// Longest wait for the last millimetres of a controlled stop, s.

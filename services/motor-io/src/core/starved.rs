@@ -3,7 +3,7 @@
 //! What coincides with that is not held against a drive, an estimator or a line: see [`Core::starves`] and `follow`.
 
 use super::{Core, LONGEST_GAP_S};
-use crate::faults::Faults;
+use messages::faults::Faults;
 use messages::{MotorAuthority, MotorInput, SEATS, SLOTS};
 
 /// A cycle that begins later than this share of a period after it could have is late: patience for an answer never lasts so long. It could

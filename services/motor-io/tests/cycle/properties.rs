@@ -3,9 +3,9 @@
 use crate::rig;
 
 use bytemuck::bytes_of;
+use messages::faults::HARD;
 use messages::{MotorAuthority as A, MotorInput, OperatorRequest as R};
 use motor_io::Core;
-use motor_io::faults::HARD;
 use proptest::prelude::*;
 use rig::{Rig, Step};
 

@@ -1,11 +1,11 @@
 //! The flight of the demonstration: armed, zeroed, flown to its end, also where the machine pauses.
 
-use crate::failure::{Answer, Failure};
-use crate::supervisor::{self, Supervisor};
-use crate::{operate, status};
+use super::robot::Robot;
 use bus::clock;
+use command::{Answer, Failure};
 use indicatif::{ProgressBar, ProgressStyle};
 use messages::{MotorAuthority, NodeEstimate, OperatorRequest, PlanStatus, text_of};
+use robot_state::sentences::mode_name;
 use std::io::IsTerminal;
 use std::path::Path;
 use std::time::Duration;
@@ -29,15 +29,15 @@ const BY_ITSELF: u32 = MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_PLANNER_LOST;
 
 /// Arms, says where the node is, flies the mission and waits for its end.
-pub fn fly(supervisor: &mut Supervisor, mission: &Path, start: &[f64; 3], planned_s: f64) -> Answer {
-    insist(supervisor, operate::MOTOR_IO, &operate::plain(OperatorRequest::VERB_ARM))?;
-    insist(supervisor, operate::MOTOR_IO, &operate::with_args(OperatorRequest::VERB_ZERO_AT, start)?)?;
-    let mut estimates = supervisor.bus().subscriber::<NodeEstimate>("node/estimate/a")?;
-    wait(supervisor, SETTLE, "the estimator gives no position", |_| {
+pub fn fly(robot: &mut Robot, mission: &Path, start: &[f64; 3], planned_s: f64) -> Answer {
+    insist(robot, client::MOTOR_IO, &client::plain(OperatorRequest::VERB_ARM))?;
+    insist(robot, client::MOTOR_IO, &client::with_args(OperatorRequest::VERB_ZERO_AT, start)?)?;
+    let mut estimates = robot.bus().subscriber::<NodeEstimate>("node/estimate/a")?;
+    wait(robot, SETTLE, "the estimator gives no position", |_| {
         Ok(estimates.latest()?.is_some_and(|estimate| estimate.valid == 1))
     })?;
-    let mut plans = supervisor.bus().subscriber::<PlanStatus>("plan/status")?;
-    insist(supervisor, operate::PLANNER, &operate::run_request(mission, false)?)?;
+    let mut plans = robot.bus().subscriber::<PlanStatus>("plan/status")?;
+    insist(robot, client::PLANNER, &client::run_request(mission, false)?)?;
 
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     let style = ProgressStyle::with_template("{msg:40} {wide_bar} {percent:>3} %")
@@ -46,16 +46,16 @@ pub fn fly(supervisor: &mut Supervisor, mission: &Path, start: &[f64; 3], planne
     let mut patience = Patience::new(planned_s, clock::now_ns());
     let (mut running, mut resumes) = (false, Resumes::default());
     loop {
-        supervisor.watch(LOOK)?;
-        going_on(supervisor)?;
+        robot.look(LOOK)?;
+        going_on(robot)?;
         if let Some(plan) = plans.latest()? {
             match plan.state {
                 PlanStatus::STATE_RUNNING => running = true,
                 PlanStatus::STATE_DONE if running => break,
                 PlanStatus::STATE_ABORTED | PlanStatus::STATE_REFUSED => {
-                    return Err(Failure::NotNow(broken_off(supervisor, &plan)));
+                    return Err(Failure::NotNow(broken_off(robot, &plan)));
                 }
-                PlanStatus::STATE_PAUSED => resumes.look(supervisor),
+                PlanStatus::STATE_PAUSED => resumes.look(robot),
                 _ => {}
             }
             patience.note(plan.progress, clock::now_ns());
@@ -74,15 +74,15 @@ pub fn fly(supervisor: &mut Supervisor, mission: &Path, start: &[f64; 3], planne
         }
     }
     bar.finish_and_clear();
-    resumes.tell_all(supervisor);
-    wait(supervisor, REST, "the robot does not come to rest", |supervisor| {
-        Ok(supervisor.authority().is_some_and(|authority| authority.mode == MotorAuthority::MODE_HOLDING))
+    resumes.tell_all();
+    wait(robot, REST, "the robot does not come to rest", |robot| {
+        Ok(robot.authority().is_some_and(|authority| authority.mode == MotorAuthority::MODE_HOLDING))
     })
 }
 
 /// Why a mission was broken off or refused: the faults say more than the planner, which only knows that there is one.
-fn broken_off(supervisor: &Supervisor, plan: &PlanStatus) -> String {
-    let faults = supervisor.authority().map(motor_io::sentences::faults_of).unwrap_or_default();
+fn broken_off(robot: &Robot, plan: &PlanStatus) -> String {
+    let faults = robot.authority().map(robot_state::sentences::faults_of).unwrap_or_default();
     match faults.is_empty() {
         true => text_of(&plan.reason),
         false => faults.join(" "),
@@ -102,14 +102,13 @@ struct Resumes {
 }
 
 impl Resumes {
-    fn look(&mut self, supervisor: &mut Supervisor) {
-        let Some(faults) =
-            supervisor.authority().map(|authority| authority.faults & BY_ITSELF).filter(|bits| *bits != 0)
+    fn look(&mut self, robot: &mut Robot) {
+        let Some(faults) = robot.authority().map(|authority| authority.faults & BY_ITSELF).filter(|bits| *bits != 0)
         else {
             return;
         };
-        let resume = operate::plain(OperatorRequest::VERB_RESUME);
-        if let Err(refusal) = operate::send(supervisor.bus(), operate::MOTOR_IO, &resume) {
+        let resume = client::plain(OperatorRequest::VERB_RESUME);
+        if let Err(refusal) = client::send(robot.bus(), client::MOTOR_IO, &resume) {
             self.refused = Some(refusal.to_string());
             return;
         }
@@ -117,22 +116,20 @@ impl Resumes {
         let now_ns = clock::now_ns();
         if self.told_ns.is_none_or(|told_ns| now_ns >= told_ns + TELL_NS) {
             self.told_ns = Some(now_ns);
-            let sentence = motor_io::sentences::fault_sentences(faults).next().unwrap_or_default();
+            let sentence = robot_state::sentences::fault_sentences(faults).next().unwrap_or_default();
             let what = sentence.split(": ").next().unwrap_or_default();
             let times = match self.count {
                 1 => String::new(),
                 count => format!(", for the {count}th time"),
             };
-            supervisor.warn(&format!("{what}; all processes are there, so the demonstration goes on by itself{times}"));
+            eprintln!("nims: {what}; all processes are there, so the demonstration goes on by itself{times}");
         }
     }
 
-    fn tell_all(&self, supervisor: &mut Supervisor) {
+    fn tell_all(&self) {
         if self.count > 1 {
             let count = self.count;
-            supervisor.warn(&format!(
-                "the robot held {count} times for want of time, and the demonstration went on by itself"
-            ));
+            eprintln!("nims: the robot held {count} times for want of time, and the demonstration went on by itself");
         }
     }
 }
@@ -175,51 +172,46 @@ impl Patience {
 }
 
 /// Asks until it is accepted: just after the start a process may not be ready for it yet.
-fn insist(supervisor: &mut Supervisor, process: &str, request: &OperatorRequest) -> Answer {
+fn insist(robot: &mut Robot, process: &str, request: &OperatorRequest) -> Answer {
     let give_up = clock::now_ns() + SETTLE.as_nanos() as u64;
     loop {
-        match operate::send(supervisor.bus(), process, request) {
+        match client::send(robot.bus(), process, request) {
             Ok(_) => return Ok(()),
             Err(failure) if clock::now_ns() >= give_up => return Err(failure),
             Err(_) => {
-                supervisor.watch(LOOK)?;
-                going_on(supervisor)?;
+                robot.look(LOOK)?;
+                going_on(robot)?;
             }
         }
     }
 }
 
-fn wait(
-    supervisor: &mut Supervisor,
-    patience: Duration,
-    what: &str,
-    mut done: impl FnMut(&Supervisor) -> Answer<bool>,
-) -> Answer {
+fn wait(robot: &mut Robot, patience: Duration, what: &str, mut done: impl FnMut(&Robot) -> Answer<bool>) -> Answer {
     let give_up = clock::now_ns() + patience.as_nanos() as u64;
-    while !done(supervisor)? {
+    while !done(robot)? {
         if clock::now_ns() >= give_up {
             return Err(Failure::NotNow(format!("{what} within {} s", patience.as_secs())));
         }
-        supervisor.watch(LOOK)?;
-        going_on(supervisor)?;
+        robot.look(LOOK)?;
+        going_on(robot)?;
     }
     Ok(())
 }
 
 /// Whether there is still a point in waiting.
-fn going_on(supervisor: &Supervisor) -> Answer {
-    if supervisor.is_stopping() {
-        return Err(Failure::NotNow(format!("it was stopped by {}", supervisor::SIGNAL)));
+fn going_on(robot: &Robot) -> Answer {
+    if robot.is_stopping() {
+        return Err(Failure::NotNow(format!("it was stopped by {}", command::SIGNAL)));
     }
-    if let Some(authority) = supervisor.authority()
+    if let Some(authority) = robot.authority()
         && matches!(authority.mode, MotorAuthority::MODE_FAULTED | MotorAuthority::MODE_EMERGENCY_STOP)
     {
-        let faults = motor_io::sentences::faults_of(authority);
+        let faults = robot_state::sentences::faults_of(authority);
         // Nobody calls an emergency stop a fault.
-        let why = if faults.is_empty() { status::mode_name(authority.mode).to_owned() } else { faults.join(" ") };
+        let why = if faults.is_empty() { mode_name(authority.mode).to_owned() } else { faults.join(" ") };
         return Err(Failure::NotNow(format!("the robot has stopped: {why}")));
     }
-    match supervisor.dead_and_vital() {
+    match robot.dead_and_vital() {
         Some(name) => Err(Failure::NotNow(format!("{name} has died, and the mission cannot be done without it"))),
         None => Ok(()),
     }

@@ -1,26 +1,39 @@
 //! `nims demo`: the whole robot on the virtual motor box, from nothing to a report.
 
-pub mod analysis;
 mod flying;
-mod plot;
+mod robot;
 
-use crate::cli::Demo;
-use crate::failure::{Answer, Failure};
-use crate::supervisor::{self, Ending, Supervisor, Wanted};
-use crate::{answers, findings, operate, status};
-use analysis::Analysis;
+use crate::operate;
+use analysis::accuracy::{self, Analysis};
+use analysis::accuracy_plot;
+use command::{Answer, Failure, Output};
+use commissioning::check::{self, Flight};
 use config::BoxFile;
 use planner::mission::Mission;
+use robot::{Ending, Robot, Wanted};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 
+/// `nims demo`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Box file; default: configs/systems/demo3.toml.
+    pub config: Option<PathBuf>,
+    /// Mission file; default: the one that the box names, `demo` if it names none.
+    #[arg(long)]
+    pub mission: Option<PathBuf>,
+    /// Run folder; default: a new one in the box's runs folder.
+    #[arg(long, value_name = "DIR")]
+    pub run: Option<PathBuf>,
+}
+
 /// Where the demonstration's box file stands in the project.
 const DEFAULT_BOX: &str = "configs/systems/demo3.toml";
-/// Runs the demonstration and prints its report.
+/// Runs the demonstration, and reports.
 ///
 /// # Errors
 /// Whatever did not work; the processes have ended by then, the run file is closed and the report is written.
-pub fn run(asked: &Demo, domain: Option<&str>, json: bool) -> Answer {
+pub fn run(asked: &Args, domain: Option<&str>) -> Answer<Output> {
     let config = match &asked.config {
         Some(config) => config.clone(),
         None => default_box()?,
@@ -32,32 +45,37 @@ pub fn run(asked: &Demo, domain: Option<&str>, json: bool) -> Answer {
             config.display()
         )));
     };
-    let mission_path =
+    let path =
         operate::mission_path(asked.mission.as_deref().unwrap_or(&file.planner.demo), Some(&file.planner.missions))?;
-    let mission = Mission::read(&mission_path).map_err(Failure::bad)?;
-    let flight = findings::fly(&mission, &file, &start)?;
+    let mission = Mission::read(&path).map_err(Failure::bad)?;
+    let flight = check::fly(&mission, &file, &start)?;
+    check::can_be_built(&file)?;
 
-    let wanted = Wanted { box_path: &config, run: asked.run.as_deref(), domain, mission: Some(&mission_path) };
-    let mut supervisor = Supervisor::start(&wanted, supervisor::stop_flag()?)?;
-    let flown = flying::fly(&mut supervisor, &mission_path, &start, flight.duration_s);
+    let domain = domain.unwrap_or(&file.name);
+    let wanted = Wanted { config: &config, domain, run: asked.run.as_deref(), mission: &path };
+    let mut robot = Robot::start(&wanted, command::stop_flag()?)?;
+    let flown = flying::fly(&mut robot, &path, &start, flight.duration_s);
     let because = flown.as_ref().err().map_or_else(|| "the mission was done".to_owned(), ToString::to_string);
-    let ending = supervisor.end(&because);
+    let ending = robot.end(&because)?;
     let told = Told { mission: &mission, flight: &flight, file: &file, ending: &ending };
-    let healthy = told.tell(json, flown.as_ref().err().map(|_| because.as_str()));
-    match said(flown.err(), &ending, healthy) {
-        Some(failure) => Err(failure),
-        None => Ok(()),
+    let broken_off = flown.err();
+    match told.report(broken_off.as_ref().map(|_| because.as_str())) {
+        Ok((output, unsound)) => Ok(output.failing(failure(broken_off, &ending, Ok(unsound)))),
+        Err(why) => {
+            let why_not = why.clone();
+            Err(failure(broken_off, &ending, Err(why)).unwrap_or(why_not))
+        }
     }
 }
 
 /// How the demonstration failed, if it did: all that went wrong, and where the run is, in one sentence.
-fn said(broken_off: Option<Failure>, ending: &Ending, told: Answer<Option<String>>) -> Option<Failure> {
+fn failure(broken_off: Option<Failure>, ending: &Ending, told: Answer<Option<String>>) -> Option<Failure> {
     let exit = broken_off.clone();
     let mut parts: Vec<String> = broken_off
         .iter()
         .map(|why| format!("the demonstration was broken off: {}", end_of(&why.to_string())))
         .collect();
-    parts.extend(ending.failed());
+    parts.extend(ending.failed.clone());
     match told {
         Ok(unsound) => parts.extend(unsound.map(|unsound| format!("the run file is not sound: {unsound}"))),
         Err(failure) => parts.push(failure.to_string()),
@@ -65,7 +83,7 @@ fn said(broken_off: Option<Failure>, ending: &Ending, told: Answer<Option<String
     if parts.is_empty() {
         return None;
     }
-    let sentence = format!("{}; {}", parts.join("; "), ending.place());
+    let sentence = format!("{}; {}", parts.join("; "), ending.place);
     Some(match exit {
         Some(Failure::BadInput(_)) => Failure::BadInput(sentence),
         _ => Failure::NotNow(sentence),
@@ -80,40 +98,38 @@ fn end_of(sentence: &str) -> &str {
 /// What there is to tell about a demonstration that has ended.
 struct Told<'a> {
     mission: &'a Mission,
-    flight: &'a findings::Flight,
+    flight: &'a Flight,
     file: &'a BoxFile,
     ending: &'a Ending,
 }
 
 impl Told<'_> {
     /// Writes the report into the run folder and prints it, also of a mission that was `broken_off`; what of the run file is not sound.
-    fn tell(&self, json: bool, broken_off: Option<&str>) -> Answer<Option<String>> {
+    fn report(&self, broken_off: Option<&str>) -> Answer<(Output, Option<String>)> {
         let Self { mission, flight, file, ending } = self;
         let run = &ending.run;
         let report = runlog::info(run).map_err(Failure::not_now)?;
         // Where nothing moved, there is nothing to draw; the page says what happened instead.
-        let analysis = analysis::analyse(run).ok();
+        let analysis = accuracy::analyse(run).ok();
         let picture = run.join("report.svg");
         if let Some(analysis) = &analysis {
-            plot::draw(&picture, analysis, &format!("{} on {}", mission.name, file.name))?;
+            accuracy_plot::draw(&picture, analysis, &format!("{} on {}", mission.name, file.name))?;
         }
-        let page = run.join(crate::report::PAGE);
-        let (_, verdict) = crate::report::report(std::slice::from_ref(run), Some(&page))?;
-        let mode = ending.mode.map_or("unknown", status::mode_name);
+        let page = run.join(analysis::report::PAGE);
+        let verdict = analysis::report::report(std::slice::from_ref(run), Some(&page))?.words;
         let value = json!({
             "mission": mission.name, "box": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
             "recorded": { "messages": report.messages, "channels": report.channels.len(), "lost": lost(&report), "healthy": report.healthy },
-            "mode": mode, "run": run, "picture": analysis.as_ref().map(|_| &picture), "page": page, "died": ending.died,
-            "unrecorded": ending.unrecorded, "broken_off": broken_off,
+            "mode": ending.mode, "run": run, "picture": analysis.as_ref().map(|_| &picture), "page": page, "died": ending.value["died"],
+            "unrecorded": ending.value["unrecorded"], "broken_off": broken_off,
         });
         let words = match (&analysis, broken_off) {
             (Some(analysis), None) => words(mission, flight, file, analysis, &report, run, &page),
             // The verdict has the figures of what was flown.
             _ => format!("{}\nrun        {}", verdict, run.display()),
         };
-        answers::print(json, &value, &words);
         std::fs::write(run.join("report.json"), format!("{value:#}\n")).map_err(Failure::not_now)?;
-        Ok((!report.healthy).then(|| report.verdict.join("; ")))
+        Ok((Output::new(value, words), (!report.healthy).then(|| report.verdict.join("; "))))
     }
 }
 
@@ -135,14 +151,14 @@ fn lost(report: &runlog::RunReport) -> u64 {
 
 fn words(
     mission: &Mission,
-    flight: &findings::Flight,
+    flight: &Flight,
     file: &BoxFile,
     analysis: &Analysis,
     report: &runlog::RunReport,
     run: &Path,
     page: &Path,
 ) -> String {
-    let millimetres = |error: &analysis::Error| {
+    let millimetres = |error: &accuracy::Error| {
         format!(
             "RMS {:.2} mm, max {:.2} mm from the setpoint while it moves",
             1000.0 * error.rms_m,

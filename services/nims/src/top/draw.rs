@@ -1,18 +1,17 @@
 //! The picture: a pure function of a snapshot.
 
 use super::snapshot::{Recording, Snapshot};
-use crate::counters::Periods;
-use crate::processes::state_name;
 use crate::status::{mission_words, mode_name, position_words};
+use client::state_name;
 use messages::{
     CONTROLLERS, ControlStatus, ESTIMATORS, Heartbeat, MotorAuthority, ProcessState, SLOT_NAMES, SLOTS, text_of,
 };
-use motor_io::sentences;
 use ratatui::Frame;
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Paragraph, Wrap};
+use robot_state::{Periods, sentences};
 
 /// What is older than this is not the present any more, s: the slowest rows come once a second.
 const OLD_S: f64 = 2.5;

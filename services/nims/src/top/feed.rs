@@ -1,10 +1,9 @@
 //! Fills snapshots from the bus.
 
 use super::snapshot::{ChannelRow, Recording, Scale, Snapshot};
-use crate::failure::Answer;
-use crate::live::{self, Running};
-use crate::operate;
 use bus::{Bus, Domain, Party, Subscriber, clock};
+use client::Running;
+use command::Answer;
 use messages::{
     ControlStatus, Heartbeat, Message, MotorAuthority, MotorSlots, MotorState, NodeEstimate, PlanStatus, ProcessState,
     RecorderStatus, SLOT_NAMES, SLOTS, text_of,
@@ -93,9 +92,9 @@ impl Feed {
     /// # Errors
     /// No robot runs, or several do.
     pub fn join(name: Option<&str>) -> Answer<Self> {
-        let domain = live::domain(name)?;
+        let domain = client::domain(name)?;
         if !is_alive(&domain) {
-            return Err(crate::Failure::NotNow(format!("no robot runs in the domain `{}`", domain.name())));
+            return Err(command::Failure::NotNow(format!("no robot runs in the domain `{}`", domain.name())));
         }
         let bus = Bus::join_as(&domain, NAME, Party::Guest)?;
         let slot = |kind: &str, slot: usize| format!("{kind}/{}", SLOT_NAMES[slot]);
@@ -151,7 +150,7 @@ impl Feed {
             let stamp_ns = row.header.stamp_ns;
             self.channels.entry(text_of(&row.channel)).or_default().note(stamp_ns, row.messages, row.lost);
             self.recording = Some(Recording {
-                why: live::unrecorded_of(&row),
+                why: client::unrecorded_of(&row),
                 bytes: row.total_bytes,
                 lost: 0,
                 free_bytes: row.disk_free_bytes,
@@ -197,7 +196,7 @@ fn is_alive(domain: &Domain) -> bool {
 
 /// What the robot's file says of its limits.
 fn scale(bus: &Bus) -> Option<Scale> {
-    let file = operate::box_of(bus).ok()?.robot_file().ok()?;
+    let file = client::box_of(bus).ok()?.robot_file().ok()?;
     let robot = file.robot().ok()?;
     let anchors = robot.anchors();
     let apart = anchors.iter().flat_map(|a| anchors.iter().map(move |b| (a - b).norm()));

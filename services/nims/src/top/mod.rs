@@ -4,8 +4,8 @@ mod draw;
 mod feed;
 mod snapshot;
 
-use crate::failure::{Answer, Failure};
-use crate::supervisor;
+use command::{Answer, Failure};
+
 use bus::clock;
 use feed::Feed;
 use ratatui::crossterm::event::{self, Event, KeyCode, KeyEventKind, KeyModifiers};
@@ -29,7 +29,7 @@ pub fn top(domain: Option<&str>, json: bool) -> Answer {
             "`nims top` draws on a terminal; use `nims status`, or `nims status --json`, for anything else".to_owned(),
         ));
     }
-    let stop = supervisor::stop_flag()?;
+    let stop = command::stop_flag()?;
     // Its panic hook puts the terminal back too.
     let mut terminal = ratatui::try_init().map_err(|error| {
         ratatui::restore();

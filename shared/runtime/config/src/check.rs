@@ -3,6 +3,11 @@
 use super::{ArbiterSection, BoxFile, MotorBoxSection, MotorIoSection, ProcessSection, RobotFile, RobotSection, Role};
 use crate::Slot;
 
+/// The control laws that the program `controller` has.
+pub const LAWS: [&str; 3] = ["lq-endpoint", "preview", "p-feedforward"];
+/// The methods that the program `estimator` has.
+pub const METHODS: [&str; 2] = ["phi", "kalman"];
+
 /// Baud rates that the drives' set-up program offers.
 const BAUDS: [u32; 8] = [2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
 /// Inputs of a serial port beside its data.
@@ -146,7 +151,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     motor_io(&file.motor_io, cables, file.rate_hz)?;
     arbiter(&file.arbiter)?;
 
-    choice("estimator.method", &file.estimator.method, &["phi", "kalman"])?;
+    choice("estimator.method", &file.estimator.method, &METHODS)?;
     count("estimator.eta", file.estimator.eta, 2, cable_robot::motor_model::MAX_WINDOW)?;
     number("estimator.ridge", file.estimator.ridge, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
     for phi in file.estimator.prior {
@@ -162,7 +167,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
         (1e-6..=0.1).contains(&v)
     })?;
 
-    choice("controller.law", &file.controller.law, &["lq-endpoint", "preview", "p-feedforward"])?;
+    choice("controller.law", &file.controller.law, &LAWS)?;
     number("controller.length_gain_per_s", file.controller.length_gain_per_s, "above 0, at most 50 per second", |v| {
         v > 0.0 && v <= cable_robot::law::MAX_LENGTH_GAIN
     })?;

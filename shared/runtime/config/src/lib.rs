@@ -11,7 +11,9 @@ pub mod file;
 mod load;
 mod logger;
 mod measured;
+mod mission_file;
 mod point;
+mod process_for;
 mod robot_file;
 mod slot;
 pub mod toml_file;
@@ -22,12 +24,13 @@ pub use box_file::{
     ArbiterSection, BoxFile, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection,
     PortSection, ProcessSection, RealtimeSection, RecorderSection, Role, UnitSection,
 };
-pub use check::Given;
+pub use check::{Given, LAWS, METHODS};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
+pub use mission_file::mission_file;
 pub use point::{Point, Points};
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
 pub use slot::Slot;

@@ -9,6 +9,7 @@
 //! * A kernel that does not tell (no `/proc/pressure`, no `schedstat`) gives nothing, never a guess.
 #![forbid(unsafe_code)]
 
+pub mod busy;
 mod machine;
 mod thread;
 

@@ -19,6 +19,7 @@ extern crate self as messages;
 
 mod channels;
 mod config;
+pub mod faults;
 mod live;
 mod message;
 mod motion;
@@ -33,8 +34,7 @@ pub use channels::{CHANNELS, Channel, Quality, channel_of, quality_for, quality_
 pub use config::SystemConfig;
 pub use live::{AUTHORITY_LAG, Rule, Standing, blended_estimate, newer, same_life, standing};
 #[doc(hidden)]
-pub use message::expanded;
-pub use message::{Field, Header, Message, hash_of, schema_name};
+pub use message::{Field, Header, Message, expanded, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
 pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};

@@ -10,7 +10,7 @@ use cable_robot::law::{InputWeight, LqGain};
 use cable_robot::{Anchors, CableVec, Matrix3, Vector3, elastic};
 use controller::{Law, Seen};
 use criterion::{BatchSize, Criterion};
-use nims::lockstep::{Chain, Cycle, Lockstep, Scenario};
+use lockstep::{Chain, Cycle, Lockstep, Scenario};
 use nims_tests::scenarios::{self, Case};
 use plant::{MotorInput, Plant};
 

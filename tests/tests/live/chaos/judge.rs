@@ -4,9 +4,9 @@
 //! the quarter of a second until that is found out, the node is thrown about, and the other lines are slack for moments while it swings. And
 //! where one of three lines breaks, the other two cannot carry the node, and hang loose once it has come down.
 
+use messages::faults::RELEASING;
 use messages::{MotorAuthority, TruthNode};
-use motor_io::faults::RELEASING;
-use motor_io::sentences::fault_sentences;
+use robot_state::sentences::fault_sentences;
 use runlog::RunReader;
 use std::fmt::Write;
 use std::path::Path;

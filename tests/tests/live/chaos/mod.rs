@@ -228,7 +228,7 @@ impl Chaos {
     fn wait(&mut self, fault: &str, shows: impl Fn(&Self) -> bool) {
         let give_up = clock::now_ns() + PATIENCE_NS;
         // A fault that goes by another name than that of the table is the judge's.
-        while !shows(self) && self.robot.last.faults & motor_io::faults::HARD == 0 {
+        while !shows(self) && self.robot.last.faults & messages::faults::HARD == 0 {
             assert!(
                 clock::now_ns() < give_up,
                 "{fault}: nothing comes of it; mode {}, faults {:#x}\n{}",

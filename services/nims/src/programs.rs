@@ -1,0 +1,64 @@
+//! Programs beside this one: `nims up` is the supervisor, and `nims X` runs `nims-X` where X is not built in, as git and cargo do.
+
+use command::{Answer, Failure};
+use std::ffi::{OsStr, OsString};
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+/// What the help says of the programs that come with nims.
+pub const HELP: &str = "Programs beside this one:\n  bench  Measure whether this machine is good enough for a robot\n  \
+                        paper  Every figure and table of the paper from this code\nAny other `nims X` runs the program nims-X.";
+
+/// Becomes the supervisor. Returns only where that fails.
+pub fn up(arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
+    match sibling("supervisor") {
+        Ok(path) => become_program(&path, arguments, domain, json),
+        Err(failure) => failure,
+    }
+}
+
+/// Becomes `nims-X`. Returns only where that fails.
+pub fn beside(words: &[OsString], domain: Option<&str>, json: bool) -> Failure {
+    let Some((name, arguments)) = words.split_first() else { return unknown(OsStr::new("")) };
+    let plain = |name: &&str| name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-');
+    match name.to_str().filter(plain).map(|name| sibling(&format!("nims-{name}"))) {
+        Some(Ok(path)) => become_program(&path, arguments, domain, json),
+        _ => unknown(name),
+    }
+}
+
+fn unknown(name: &OsStr) -> Failure {
+    let name = name.to_string_lossy();
+    Failure::BadInput(format!(
+        "there is no command `{name}`, and no program nims-{name}; `nims --help` lists the commands"
+    ))
+}
+
+/// A program in the folder of this one.
+///
+/// # Errors
+/// It was not built, or not installed.
+pub fn sibling(name: &str) -> Answer<PathBuf> {
+    let path = std::env::current_exe().map_err(Failure::not_now)?.with_file_name(name);
+    if path.is_file() {
+        return Ok(path);
+    }
+    let path = path.display();
+    Err(Failure::NotNow(format!("there is no program {path}: build all of them with `cargo build --workspace`")))
+}
+
+fn become_program(path: &Path, arguments: &[OsString], domain: Option<&str>, json: bool) -> Failure {
+    let mut command = Command::new(path);
+    command.args(domain.into_iter().flat_map(|domain| ["--domain", domain]));
+    command.args(json.then_some("--json")).args(arguments);
+    Failure::NotNow(format!("{} cannot be run: {}", path.display(), command.exec()))
+}
+
+/// Every formula from any language, until the input ends.
+///
+/// # Errors
+/// The input cannot be read.
+pub fn solve() -> Answer {
+    solve::serve(std::io::stdin(), std::io::stdout().lock()).map_err(Failure::not_now)
+}

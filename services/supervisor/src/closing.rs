@@ -1,0 +1,241 @@
+//! The end of a run: the robot at rest, the processes ended in order, the run files whole.
+
+use super::child::{Child, ending};
+use super::leftovers::parts;
+use super::members::Member;
+use super::{Ending, Supervisor, orphans};
+use bus::BusError;
+use bus::clock::{self, WallClock};
+use client::RUNNING_FILE;
+use config::Role;
+use messages::{Heartbeat, MotorAuthority, OperatorRequest, put_text};
+use serde_json::{Value, json};
+use std::path::Path;
+use std::time::Duration;
+
+/// Time for the robot to come to rest when everything ends, ns: the longest stop ramp and some.
+const REST_NS: u64 = 6_000_000_000;
+/// From the last command to standing drums, ns: several times a drive's delay and lag.
+const SETTLE_NS: u64 = 500_000_000;
+
+/// How long motor-io may take to answer that it stops.
+const ANSWER: Duration = Duration::from_secs(1);
+/// How long the end of a run waits for what earlier ones left, once the robot is at rest and its processes have ended.
+const LEFTOVERS: Duration = Duration::from_secs(5);
+
+/// Whether the robot moves, or is about to stand.
+pub(super) fn moves(authority: &MotorAuthority) -> bool {
+    matches!(
+        authority.mode,
+        MotorAuthority::MODE_FOLLOWING | MotorAuthority::MODE_JOGGING | MotorAuthority::MODE_STOPPING
+    )
+}
+
+impl Supervisor {
+    /// Brings the robot to rest, ends every process, the recorder last, and closes the run.
+    #[must_use]
+    pub fn end(mut self, because: &str) -> Ending {
+        self.mission.end(because);
+        self.come_to_rest();
+        let mode = self.last_authority.map(|authority| authority.mode);
+        let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
+        let unfinished = self.mission.unfinished(self.last_authority.as_ref());
+        self.close(because);
+        let unrecorded = self.recording.troubles();
+        let Self {
+            crew,
+            domain,
+            bus,
+            voice,
+            settings,
+            heartbeat,
+            table,
+            authority,
+            beats,
+            server,
+            waiter,
+            claim,
+            requests,
+            stopper,
+            recording,
+            mission,
+            ..
+        } = self;
+        drop((
+            crew, voice, settings, heartbeat, table, authority, beats, server, waiter, requests, stopper, recording,
+            mission, bus,
+        ));
+        // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
+        let _ = domain.sweep();
+        let _ = domain.retire(claim);
+        Ending { run, died, unrecorded, unfinished, mode }
+    }
+
+    /// Asks motor-io to stop on the path and waits until the robot is at rest. Whatever fails here, the drives still hold.
+    fn come_to_rest(&mut self) {
+        if !self.crew.iter_mut().any(|child| child.member.role == Role::MotorIo && child.is_alive()) {
+            return;
+        }
+        if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
+            return;
+        }
+        let mut stop = client::plain(OperatorRequest::VERB_STOP);
+        stop.origin = OperatorRequest::ORIGIN_SUPERVISOR;
+        put_text(&mut stop.requester, "supervisor");
+        if let Err(error) = self.ask_to_stop(&stop) {
+            self.voice.warn(&format!("motor-io was not asked to stop: {error}"));
+        }
+        let give_up = clock::now_ns() + REST_NS;
+        while clock::now_ns() < give_up {
+            clock::sleep_until(clock::now_ns() + 20_000_000);
+            if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
+                // The drives lag behind their commands; the run file shows them come to rest too.
+                clock::sleep_until(clock::now_ns() + SETTLE_NS);
+                return;
+            }
+        }
+        self.voice.warn("the robot has not come to rest in time; the processes end all the same, and the drives hold");
+    }
+
+    /// Asks by the client that was opened while there was room for it, which also finds a motor-io that was started since; by a new one
+    /// where that fails.
+    fn ask_to_stop(&mut self, stop: &OperatorRequest) -> Result<OperatorRequest, BusError> {
+        let asked = self.stopper.as_mut().map(|client| client.ask(stop, ANSWER));
+        match asked {
+            Some(answer @ (Ok(_) | Err(BusError::NoAnswer { .. }))) => answer,
+            Some(Err(_)) | None => self.bus.client(client::MOTOR_IO)?.ask(stop, ANSWER),
+        }
+    }
+
+    /// Ends the processes; recovers what a dead recorder left; completes the manifest.
+    pub(super) fn close(&mut self, because: &str) {
+        self.beat.state = Heartbeat::STATE_STOPPING;
+        let now = self.run_unix_ns();
+        self.folder.note_stopping(now);
+        let mut crew = std::mem::take(&mut self.crew);
+        let mut killed = Vec::new();
+        // The recorder still takes what the others say while they end, and motor-io still hears that someone is there.
+        crew.end(
+            |_| {
+                let _ = self.beat_if_due();
+                let _ = self.look_at_recording();
+            },
+            |name| killed.push(name.to_owned()),
+        );
+        self.crew = crew;
+        for name in killed {
+            self.voice.warn(&format!("{name} did not end by itself and was killed"));
+        }
+        // The recorder says last of all what it has lost.
+        let _ = self.look_at_recording();
+        self.judge_recorder();
+        let _ = self.publish_table();
+        // Also one that was removed in the last moment.
+        self.restore_folder();
+        for trouble in self.archive.finish() {
+            self.voice.warn(&trouble);
+        }
+        let run = self.folder.path().to_path_buf();
+        self.recover(&run);
+        let news = self.leftovers.finish(LEFTOVERS);
+        self.tell(news);
+        let processes = self.processes();
+        if let Err(failure) = self.folder.close(because, processes) {
+            self.recording.fails(&failure.to_string());
+            self.voice.error(&failure.to_string());
+        }
+        // Nobody is left but this process, whose names the next start wipes.
+        let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
+        let _ = self.domain.set_wall_clock(None);
+        let _ = orphans::note(&self.domain, &[]);
+    }
+
+    /// A recorder that has not ended well has lost what it still held.
+    fn judge_recorder(&mut self) {
+        let unclosed = |child: &Child| match child.exit {
+            Some(exit) if exit.success() && !child.has_died() => None,
+            Some(_) => Some(format!("the recorder {}, so the end of the run may be missing", child.ending())),
+            None => Some("the recorder does not end, so the end of the run may be missing".to_owned()),
+        };
+        // One that never was ready has recorded nothing.
+        let recorders = |child: &&Child| child.member.role == Role::Recorder && child.ready_ns.is_some();
+        let whys: Vec<String> = self.crew.iter().filter(recorders).filter_map(unclosed).collect();
+        for why in whys {
+            self.recording.fails(&why);
+            self.voice.error(&why);
+        }
+    }
+
+    /// Now, by the clock of the run.
+    pub(super) fn run_unix_ns(&self) -> u64 {
+        let clock = self.domain.wall_clock().unwrap_or_else(WallClock::now);
+        clock::now_ns().saturating_add_signed(clock.offset_ns())
+    }
+
+    /// The processes of the run, for its manifest.
+    fn processes(&self) -> Value {
+        self.crew
+            .iter()
+            .map(|child| {
+                let (member, ended) = (&child.member, child.exit.map(ending));
+                let program = std::fs::metadata(&member.program).ok();
+                json!({
+                    "name": member.name, "role": member.role.name(), "law": member.law, "pid": child.pid,
+                    "program": member.program, "version": child.version, "program_bytes": program.as_ref().map(|file| file.len()),
+                    "program_utc": program.and_then(|file| file.modified().ok()).map(utc),
+                    "restarts": child.restarts.total, "ended": ended,
+                })
+            })
+            .collect()
+    }
+
+    /// Writes into the manifest what runs: a run that is cut off then still says with which programs it flew.
+    pub(super) fn note_processes(&mut self) {
+        let processes = self.processes();
+        self.folder.note_processes(processes);
+        let (path, text) = self.folder.manifest();
+        self.archive.write(path, text);
+    }
+
+    /// Keeps a copy of each file that the command of a process names: a sensor's, a script.
+    pub(super) fn keep_files_of(&mut self, member: &Member) {
+        let Some(folder) = &member.folder else { return };
+        let arguments = member.args.iter().map(Path::new).chain([member.program.as_path()]);
+        let kept = |path: &Path| {
+            path.extension().is_some_and(|ending| runlog::KEPT_ENDINGS.iter().any(|kept| ending == *kept))
+        };
+        for path in arguments.filter(|path| kept(path)).map(|path| folder.join(path)) {
+            // What is a copy of this run already needs no other.
+            if path.is_file() && !path.starts_with(&self.site.run) {
+                self.archive.keep_of_process(&member.name, path);
+            }
+        }
+    }
+
+    /// Closes the run files that a dead recorder left open.
+    fn recover(&mut self, run: &Path) {
+        for part in parts(run) {
+            match runlog::recover(&part, &mut |_, _| {}) {
+                Ok(_) => {
+                    let why = format!("{} was not closed by its recorder and has been recovered", part.display());
+                    self.recording.fails(&why);
+                    self.voice.warn(&why);
+                }
+                Err(error) => {
+                    let why = format!(
+                        "{} could not be recovered: {error}; try again with `nims recover {}`",
+                        part.display(),
+                        run.display()
+                    );
+                    self.recording.fails(&why);
+                    self.voice.error(&why);
+                }
+            }
+        }
+    }
+}
+
+fn utc(time: std::time::SystemTime) -> String {
+    let since = time.duration_since(std::time::UNIX_EPOCH).unwrap_or_default();
+    runlog::utc(u64::try_from(since.as_nanos()).unwrap_or(u64::MAX))
+}

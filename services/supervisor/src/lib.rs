@@ -1,0 +1,214 @@
+//! Starting, watching and stopping the processes of a box.
+//!
+//! Architecture invariant: the supervisor is not in the control loop. It may die at any instant; motor-io then brings the robot to rest
+//! on its path and holds, and the next supervisor of the domain ends what was left behind.
+//!
+//! Architecture invariant: nothing here waits for a process while others run. The supervisor's own heartbeat would stop, and the robot
+//! with it.
+#![forbid(unsafe_code)]
+
+mod archive;
+mod beats;
+mod child;
+mod closing;
+mod copies;
+mod crew;
+mod cures;
+mod leftovers;
+mod members;
+mod mission;
+mod orphans;
+mod program;
+mod recording;
+mod requests;
+mod restarts;
+mod run_folder;
+mod settings;
+mod starting;
+mod successors;
+mod sweeper;
+mod table;
+mod voice;
+mod watching;
+
+pub use cures::consequence;
+pub use program::{Args, run};
+pub use run_folder::RunFolder;
+
+use archive::Archive;
+use beats::Beats;
+use bus::{Bus, Claim, Client, Domain, Publisher, Server, Subscriber, Waiter};
+use command::StopFlag;
+use config::BoxFile;
+use crew::Crew;
+use evidence::busy;
+use leftovers::Leftovers;
+use members::Site;
+use messages::{Heartbeat, MotorAuthority, OperatorRequest, ProcessState};
+use mission::Missions;
+use recording::Recording;
+use settings::Settings;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::Ordering;
+use sweeper::Sweeper;
+use voice::Voice;
+
+/// What is to be started.
+#[derive(Debug, Clone, Copy)]
+pub struct Wanted<'a> {
+    /// Box file.
+    pub box_path: &'a Path,
+    /// Run folder, if not a new one.
+    pub run: Option<&'a Path>,
+    /// Domain, if not the box's own.
+    pub domain: Option<&'a str>,
+    /// Mission that will be flown, to be kept with the run.
+    pub mission: Option<&'a Path>,
+}
+
+/// How a run ended.
+#[derive(Debug)]
+pub struct Ending {
+    /// The folder of the run.
+    pub run: PathBuf,
+    /// Names of the processes that died and were not expected to.
+    pub died: Vec<String>,
+    /// Why, each time, a part of it was not recorded.
+    pub unrecorded: Vec<String>,
+    /// The mission that did not come to its end, how far it came, and why.
+    pub unfinished: Option<String>,
+    /// Mode of motor-io at the end, if it could still be asked.
+    pub mode: Option<u8>,
+}
+
+impl Ending {
+    /// Where the run is, as a part of a sentence; a folder that was removed is not named as if it were there.
+    #[must_use]
+    pub fn place(&self) -> String {
+        let run = self.run.display();
+        if self.run.is_dir() { format!("the run is in {run}") } else { format!("the run folder {run} was removed") }
+    }
+
+    /// What went wrong on the way, in one sentence; `None` if nothing did.
+    #[must_use]
+    pub fn failed(&self) -> Option<String> {
+        let mut parts = Vec::new();
+        if !self.unrecorded.is_empty() {
+            parts.push(format!("not all of the run was recorded ({})", self.unrecorded.join(", and ")));
+        }
+        if !self.died.is_empty() {
+            let log = self.run.join("log");
+            let see = if log.is_dir() { format!("; see {}", log.display()) } else { String::new() };
+            parts.push(format!("died on the way: {}{see}", self.died.join(", ")));
+        }
+        (!parts.is_empty()).then(|| parts.join("; "))
+    }
+}
+
+/// The processes of one box, running. Dropped without [`Supervisor::end`], it ends them all the same.
+pub struct Supervisor {
+    // First, so that it is dropped first: what its processes say while they end has to find a recorder and a domain.
+    crew: Crew,
+    settings: Settings,
+    site: Site,
+    folder: RunFolder,
+    archive: Archive,
+    leftovers: Leftovers,
+    stop: StopFlag,
+    beats: Beats,
+    sweeper: Sweeper,
+    died: Vec<String>,
+    voice: Voice,
+    busy: busy::Watch,
+    heartbeat: Publisher<Heartbeat>,
+    table: Publisher<ProcessState>,
+    authority: Subscriber<MotorAuthority>,
+    last_authority: Option<MotorAuthority>,
+    recording: Recording,
+    mission: Missions,
+    requests: Subscriber<OperatorRequest>,
+    /// By which motor-io is asked to stop when everything ends: kept, because there may be no shared memory left for it then.
+    stopper: Option<Client>,
+    beat: Heartbeat,
+    last_beat_ns: u64,
+    last_table_ns: u64,
+    server: Option<Server>,
+    waiter: Waiter,
+    bus: Bus,
+    domain: Domain,
+    claim: Claim,
+}
+
+impl Supervisor {
+    /// The bus of the domain.
+    #[must_use]
+    pub fn bus(&self) -> &Bus {
+        &self.bus
+    }
+
+    /// The box that runs.
+    #[must_use]
+    pub fn box_file(&self) -> &BoxFile {
+        &self.site.file
+    }
+
+    /// The folder of the run.
+    #[must_use]
+    pub fn folder(&self) -> &RunFolder {
+        &self.folder
+    }
+
+    /// What motor-io said last.
+    #[must_use]
+    pub fn authority(&self) -> Option<&MotorAuthority> {
+        self.last_authority.as_ref()
+    }
+
+    /// Names of the processes that died so far.
+    #[must_use]
+    pub fn died(&self) -> &[String] {
+        &self.died
+    }
+
+    /// A process without which the robot cannot go on, and which has died.
+    #[must_use]
+    pub fn dead_and_vital(&self) -> Option<&str> {
+        let replaced = |role| self.crew.has_ready(role);
+        let dead = self.crew.iter().find(|child| {
+            child.exit.is_some()
+                && child.member.is_vital()
+                && !(child.member.slot.is_some() && replaced(child.member.role))
+        });
+        dead.map(|child| child.member.name.as_str())
+    }
+
+    /// Says something that happened, on the terminal and in the run file.
+    pub fn warn(&mut self, sentence: &str) {
+        self.voice.warn(sentence);
+    }
+
+    /// Whether someone wants it to end.
+    #[must_use]
+    pub fn is_stopping(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_run_folder_that_was_removed_is_not_named_as_a_place_to_look() {
+        let folder = tempfile::tempdir().unwrap();
+        let run = folder.path().join("run");
+        std::fs::create_dir_all(run.join("log")).unwrap();
+        let (died, unrecorded) = (vec!["planner".to_owned()], Vec::new());
+        let ending = Ending { run: run.clone(), died, unrecorded, unfinished: None, mode: None };
+        assert!(ending.place().starts_with("the run is in "));
+        assert!(ending.failed().is_some_and(|said| said.ends_with("run/log")));
+        std::fs::remove_dir_all(&run).unwrap();
+        assert!(ending.place().ends_with("was removed"));
+        assert_eq!(ending.failed().as_deref(), Some("died on the way: planner"));
+    }
+}

@@ -1,0 +1,311 @@
+//! Which processes a box has, how each is started, and what the death of each means.
+
+use super::restarts::Policy;
+use command::{Answer, Failure};
+use config::{BoxFile, ProcessSection, Role, Slot};
+use std::collections::BTreeMap;
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+/// What a process without an entry in the box file gets; the defaults of `[[process]]`.
+const RESTART: Policy = Policy { again: false, pause_ns: 500_000_000, limit: 3, forgiven_ns: 60_000_000_000 };
+/// Bytes of a process's name: it becomes part of a channel's name, and that of a socket's path.
+const NAME_MAX: usize = 16;
+
+/// A process to be started.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Member {
+    /// Its name on the bus and in the process table; unique.
+    pub name: String,
+    /// Its name in the box file, where it takes the place of a standard process.
+    pub alias: Option<String>,
+    /// What it does.
+    pub role: Role,
+    /// Of a controller or an estimator.
+    pub slot: Option<Slot>,
+    /// Its law, if not the configured one.
+    pub law: Option<String>,
+    /// The program.
+    pub program: PathBuf,
+    /// Its arguments.
+    pub args: Vec<OsString>,
+    /// Where it runs, if not where the supervisor does.
+    pub folder: Option<PathBuf>,
+    /// Whether it is started again when it dies.
+    pub restart: Policy,
+    /// It sends heartbeats and says when it is ready. A program that is not ours may never do so.
+    pub beats: bool,
+    /// SCHED_FIFO priority; 0: ordinary, or as `[realtime]` says.
+    pub priority: u8,
+    /// Processor that it runs on.
+    pub cpu: Option<usize>,
+}
+
+impl Member {
+    /// Whether the robot cannot go on without it.
+    #[must_use]
+    pub fn is_vital(&self) -> bool {
+        !matches!(self.role, Role::Recorder | Role::Other)
+    }
+
+    /// Whether it goes by that name, on the bus or in the box file.
+    #[must_use]
+    pub fn is_called(&self, name: &str) -> bool {
+        self.name == name || self.alias.as_deref() == Some(name)
+    }
+
+    /// Roles whose processes have to be ready before this one is started: the recorder first, so that nothing is missed, and whoever is
+    /// heard by others before those whom motor-io's cycle wakes; whatever is not of the standard ones comes last.
+    #[must_use]
+    pub fn waits_for(&self) -> &'static [Role] {
+        match self.role {
+            Role::Recorder => &[],
+            Role::MotorBox | Role::Estimator | Role::Controller | Role::Planner => &[Role::Recorder],
+            Role::MotorIo => &[Role::Recorder, Role::MotorBox, Role::Estimator, Role::Controller, Role::Planner],
+            Role::Other => {
+                &[Role::Recorder, Role::MotorBox, Role::MotorIo, Role::Estimator, Role::Controller, Role::Planner]
+            }
+        }
+    }
+}
+
+/// What the processes of a run have in common.
+#[derive(Debug, Clone)]
+pub struct Site {
+    /// The box.
+    pub file: BoxFile,
+    /// The file that it was started with; its folder is where relative paths begin.
+    pub box_path: PathBuf,
+    /// The run's own copy of it, which the processes read.
+    pub config: PathBuf,
+    /// Files that commands of the box name, and the run's own copy of each.
+    pub copies: BTreeMap<PathBuf, PathBuf>,
+    /// The domain, as `--domain` takes it.
+    pub domain: String,
+    /// The run folder.
+    pub run: PathBuf,
+}
+
+impl Site {
+    /// The processes that the box starts by itself, upstream before downstream.
+    ///
+    /// # Errors
+    /// A program that is not there.
+    pub fn members(&self) -> Answer<Vec<Member>> {
+        let mut members = Vec::new();
+        for role in [Role::Recorder, Role::MotorBox, Role::Estimator, Role::Controller, Role::Planner, Role::MotorIo] {
+            let mut sections = self.file.process.iter().filter(|process| process.start && process.role == role);
+            if role.has_slots() {
+                let sections: Vec<&ProcessSection> = sections.collect();
+                let of = |slot| sections.iter().find(|process| process.slot() == slot).copied();
+                members.push(self.member(role, Some(Slot::A), of(Slot::A), None)?);
+                if let Some(section) = of(Slot::B) {
+                    members.push(self.member(role, Some(Slot::B), Some(section), None)?);
+                }
+            } else if role != Role::MotorBox || self.file.motor_box.is_some() {
+                members.push(self.member(role, None, sections.next(), None)?);
+            }
+        }
+        for section in self.file.process.iter().filter(|process| process.start && process.role == Role::Other) {
+            members.push(self.configured(section, None)?);
+        }
+        // What can be asked for later has to be there too.
+        for section in self.file.process.iter().filter(|process| !process.start) {
+            self.configured(section, None)?;
+        }
+        Ok(members)
+    }
+
+    /// A process of the box file, if it has one of that name.
+    #[must_use]
+    pub fn section(&self, name: &str) -> Option<&ProcessSection> {
+        self.file.process.iter().find(|process| process.name == name)
+    }
+
+    /// The process that an entry of the box file describes; for a controller or an estimator in that slot, if not in its own.
+    ///
+    /// # Errors
+    /// A program that is not there.
+    pub fn configured(&self, section: &ProcessSection, slot: Option<Slot>) -> Answer<Member> {
+        let slot = section.role.has_slots().then(|| slot.unwrap_or(section.slot()));
+        self.member(section.role, slot, Some(section), None)
+    }
+
+    /// A controller or an estimator in that slot, with a law of its own: `law` names one, or an entry of the box file.
+    ///
+    /// # Errors
+    /// A program that is not there, or an entry of another role.
+    pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Answer<Member> {
+        match self.file.process_for(role, law).map_err(Failure::BadInput)? {
+            Some(section) => self.configured(section, Some(slot)),
+            None => self.member(role, Some(slot), None, Some(law)),
+        }
+    }
+
+    /// The process of a role as the box file has it: its entry, or the standard program.
+    ///
+    /// # Errors
+    /// A program that is not there.
+    pub fn of_role(&self, role: Role, slot: Option<Slot>) -> Answer<Member> {
+        let takes = |process: &&ProcessSection| {
+            process.start && process.role == role && slot.is_none_or(|slot| process.slot() == slot)
+        };
+        self.member(role, slot, self.file.process.iter().find(takes), None)
+    }
+
+    /// A program that the box file does not know.
+    ///
+    /// # Errors
+    /// A name that cannot be used, or a program that is not there.
+    pub fn plugged(&self, name: &str, folder: &Path, command: &[String]) -> Answer<Member> {
+        let usable = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
+        if name.is_empty() || name.len() > NAME_MAX || !name.bytes().all(usable) {
+            return Err(Failure::BadInput(format!(
+                "the name \"{name}\" cannot be used; accepted: 1 to {NAME_MAX} of a-z, 0-9 and `-`"
+            )));
+        }
+        let (program, args) = self.command(name, command, folder)?;
+        Ok(Member {
+            name: name.to_owned(),
+            alias: None,
+            role: Role::Other,
+            slot: None,
+            law: None,
+            program,
+            args,
+            folder: Some(folder.to_owned()),
+            restart: RESTART,
+            beats: false,
+            priority: 0,
+            cpu: None,
+        })
+    }
+
+    fn member(
+        &self,
+        role: Role,
+        slot: Option<Slot>,
+        section: Option<&ProcessSection>,
+        law: Option<&str>,
+    ) -> Answer<Member> {
+        let name = match (role, section) {
+            (Role::Other, Some(section)) => section.name.clone(),
+            _ => role.process_name(slot.unwrap_or_default()),
+        };
+        let law = law.or(section.and_then(|section| section.law.as_deref()));
+        let own = section.filter(|section| !section.command.is_empty());
+        let folder = own.map(|_| self.box_path.parent().unwrap_or(Path::new("/")).to_path_buf());
+        let (program, mut args) = match own {
+            Some(section) => self.command(&name, &section.command, folder.as_deref().unwrap_or(Path::new("/")))?,
+            None => (beside_us(role.name())?, Vec::new()),
+        };
+        if role != Role::Other {
+            args.extend(["--box".into(), self.config.clone().into()]);
+            args.extend(["--name".into(), name.clone().into(), "--domain".into(), self.domain.clone().into()]);
+        }
+        if slot == Some(Slot::B) {
+            args.extend(["--slot".into(), Slot::B.name().into()]);
+        }
+        if let Some(law) = law {
+            args.extend(["--law".into(), law.into()]);
+        }
+        if role == Role::Recorder {
+            args.extend(["--run".into(), self.run.clone().into()]);
+        }
+        let standby = role.has_slots() && self.file.process.iter().any(|other| other.role == role && other.standby);
+        // A recorder that comes back begins a new file beside the one that recovery closes.
+        let again = section.and_then(|section| section.restart).unwrap_or(role == Role::Recorder || standby);
+        let restart = section.map_or(RESTART, |section| Policy {
+            again,
+            pause_ns: (section.restart_pause_s * 1e9) as u64,
+            limit: section.restart_limit,
+            forgiven_ns: (section.restart_forgive_s * 1e9) as u64,
+        });
+        // What is not recorded is lost: as long as the robot runs, its recorder is tried again.
+        let limit = if role == Role::Recorder { u32::MAX } else { restart.limit };
+        Ok(Member {
+            alias: section.map(|section| section.name.clone()).filter(|alias| *alias != name),
+            law: law.map(str::to_owned),
+            name,
+            role,
+            slot,
+            program,
+            args,
+            folder,
+            restart: Policy { again, limit, ..restart },
+            beats: role != Role::Other,
+            priority: section.map_or(0, |section| section.priority),
+            cpu: section.and_then(|section| section.cpu),
+        })
+    }
+
+    /// A configured command: its program, and its arguments with what stands for something filled in.
+    fn command(&self, name: &str, command: &[String], folder: &Path) -> Answer<(PathBuf, Vec<OsString>)> {
+        let Some((first, rest)) = command.split_first().filter(|(first, _)| !first.is_empty()) else {
+            return Err(Failure::BadInput(format!(
+                "the command of process \"{name}\" is empty; give a program and its arguments"
+            )));
+        };
+        let program = if first.contains('/') {
+            Some(folder.join(first)).filter(|path| path.is_file())
+        } else {
+            beside_us(first).ok().or_else(|| in_path(first))
+        };
+        let Some(program) = program else {
+            if folder.join(first).is_dir() {
+                return Err(Failure::BadInput(format!("process \"{name}\": {first} is a folder; name a program")));
+            }
+            let where_to_look = if first.contains('/') { "" } else { ", neither beside nims nor in PATH" };
+            return Err(Failure::BadInput(format!("process \"{name}\": there is no program {first}{where_to_look}")));
+        };
+        let filled_in = |argument: &String| {
+            OsString::from(
+                argument
+                    .replace("{name}", name)
+                    .replace("{domain}", &self.domain)
+                    .replace("{box}", &self.config.to_string_lossy())
+                    .replace("{run}", &self.run.to_string_lossy()),
+            )
+        };
+        let copied = |argument: OsString| match self.copies.get(&folder.join(&argument)) {
+            Some(copy) => copy.clone().into(),
+            None => argument,
+        };
+        Ok((program, rest.iter().map(filled_in).map(copied).collect()))
+    }
+
+    /// The files that the commands of the box name and that a process reads at its start, with the name of the process.
+    #[must_use]
+    pub fn files_of_commands(&self) -> Vec<(String, PathBuf)> {
+        let folder = self.box_path.parent().unwrap_or(Path::new("/"));
+        let of_one = |section: &ProcessSection| {
+            let arguments = section.command.iter().skip(1).map(Path::new);
+            let files = arguments.filter(|path| is_configuration(path)).map(|path| folder.join(path));
+            let name = section.name.clone();
+            files.filter(|path| path.is_file()).map(move |path| (name.clone(), path)).collect::<Vec<_>>()
+        };
+        self.file.process.iter().flat_map(of_one).collect()
+    }
+}
+
+/// Whether a process is told what to do by a file of this name.
+pub(super) fn is_configuration(path: &Path) -> bool {
+    path.extension().is_some_and(|ending| ending == "toml")
+}
+
+fn beside_us(name: &str) -> Answer<PathBuf> {
+    let own = std::env::current_exe().map_err(Failure::not_now)?;
+    let path = own.with_file_name(name);
+    if path.is_file() {
+        Ok(path)
+    } else {
+        Err(Failure::NotNow(format!(
+            "there is no program {}: build all of them with `cargo build --workspace`",
+            path.display()
+        )))
+    }
+}
+
+fn in_path(name: &str) -> Option<PathBuf> {
+    std::env::split_paths(&std::env::var_os("PATH")?).map(|folder| folder.join(name)).find(|path| path.is_file())
+}

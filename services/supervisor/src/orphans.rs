@@ -1,0 +1,180 @@
+//! Processes that outlived their supervisor: the next one finds and ends them.
+
+use bus::Domain;
+use command::{Answer, Failure};
+use config::{Role, Slot};
+use rustix::process::{Pid, Signal, kill_process, test_kill_process};
+use serde::{Deserialize, Serialize};
+use std::time::{Duration, Instant};
+
+/// Where the supervisor writes down whom it started, in the folder of the domain.
+const FILE: &str = "children.json";
+/// How long an orphan may take to end in good order: motor-io brings the robot to rest first, and the recorder writes out what it holds.
+const PATIENCE: Duration = Duration::from_secs(8);
+/// Bytes of a program's name that the kernel keeps.
+const COMM_BYTES: usize = 15;
+
+/// A started process, told apart from a later one with the same id by its start time.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Started {
+    /// Name.
+    pub name: String,
+    /// Process id.
+    pub pid: u32,
+    /// Start time in the kernel's ticks since boot.
+    pub start_ticks: u64,
+}
+
+impl Started {
+    /// The process of this id, if it lives.
+    #[must_use]
+    pub fn now(name: &str, pid: u32) -> Option<Self> {
+        Some(Self { name: name.to_owned(), pid, start_ticks: start_ticks(pid)? })
+    }
+
+    fn lives(&self) -> bool {
+        start_ticks(self.pid) == Some(self.start_ticks)
+    }
+
+    fn signal(&self, signal: Signal) {
+        if self.lives()
+            && let Some(pid) = Pid::from_raw(self.pid.cast_signed())
+        {
+            // It may have ended in this instant.
+            let _ = kill_process(pid, signal);
+        }
+    }
+}
+
+/// Field 22 of /proc/PID/stat; the name in field 2 may hold blanks and parentheses, so counting begins behind the last one.
+fn start_ticks(pid: u32) -> Option<u64> {
+    let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
+    let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
+    let state = fields.next()?;
+    if state == "Z" { None } else { fields.nth(18)?.parse().ok() }
+}
+
+/// Whether the process of this id runs the program of that name: anyone may join a domain under any name.
+fn runs(pid: u32, program: &str) -> bool {
+    let comm = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
+    !comm.is_empty() && comm.trim_end() == &program[..program.len().min(COMM_BYTES)]
+}
+
+/// The standard program that joins a domain under that name.
+fn standard_program(name: &str) -> Option<&'static str> {
+    let of = |role: Role| name == role.process_name(Slot::A) || role.has_slots() && name == role.process_name(Slot::B);
+    Role::STANDARD.iter().find(|(_, role)| of(*role)).map(|(program, _)| *program)
+}
+
+/// Writes a file of the domain's folder, whole or not at all: whoever reads it never sees half of it.
+///
+/// # Errors
+/// The folder cannot be written.
+pub fn write(domain: &Domain, name: &str, text: &str) -> Answer {
+    let path = domain.root().join(name);
+    let fresh = domain.root().join(format!("{name}.new"));
+    std::fs::write(&fresh, text)
+        .and_then(|()| std::fs::rename(&fresh, &path))
+        .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
+}
+
+/// Writes down who was started.
+///
+/// # Errors
+/// The folder of the domain cannot be written.
+pub fn note(domain: &Domain, started: &[Started]) -> Answer {
+    let text = serde_json::to_string(started).map_err(Failure::not_now)?;
+    write(domain, FILE, &text)
+}
+
+/// Ends whatever an earlier supervisor of this domain left running; the names of those that were ended.
+///
+/// Call it only while holding the claim of the domain.
+///
+/// # Errors
+/// One cannot be ended.
+pub fn end(domain: &Domain) -> Answer<Vec<String>> {
+    let written = std::fs::read_to_string(domain.root().join(FILE)).unwrap_or_default();
+    let mut orphans: Vec<Started> = serde_json::from_str(&written).unwrap_or_default();
+    for node in domain.alive() {
+        // Someone's own process that joined by itself may stay; it is not ours to end.
+        let known = orphans.iter().any(|orphan| orphan.pid == node.pid);
+        if !known && standard_program(&node.name).is_some_and(|program| runs(node.pid, program)) {
+            orphans.extend(Started::now(&node.name, node.pid));
+        }
+    }
+    orphans.retain(Started::lives);
+    for signal in [Signal::TERM, Signal::KILL] {
+        for orphan in &orphans {
+            orphan.signal(signal);
+        }
+        let deadline = Instant::now() + PATIENCE;
+        while orphans.iter().any(Started::lives) {
+            if Instant::now() >= deadline {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(20));
+        }
+    }
+    if let Some(orphan) = orphans.iter().find(|orphan| orphan.lives()) {
+        let owner = Pid::from_raw(orphan.pid.cast_signed()).is_some_and(|pid| test_kill_process(pid).is_ok());
+        let cure = if owner { "end it by hand" } else { "it belongs to another user: end it as that user" };
+        return Err(Failure::NotNow(format!(
+            "{} (process {}) of an earlier start does not end: {cure}",
+            orphan.name, orphan.pid
+        )));
+    }
+    Ok(orphans.into_iter().map(|orphan| orphan.name).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_process_is_known_by_its_start_time() {
+        let own = Started::now("test", std::process::id()).unwrap();
+        assert!(own.lives());
+        assert!(!Started { start_ticks: own.start_ticks + 1, ..own.clone() }.lives());
+        assert!(!Started { pid: u32::MAX / 2, ..own }.lives());
+    }
+
+    #[test]
+    fn a_process_that_only_has_the_name_is_not_ended() {
+        let domain = Domain::for_test();
+        // this test program, in the place of a controller
+        let bus = bus::Bus::join(&domain, "controller").unwrap();
+        assert!(end(&domain).unwrap().is_empty());
+        drop(bus);
+        assert!(!runs(std::process::id(), "controller"));
+        let comm = std::fs::read_to_string("/proc/self/comm").unwrap();
+        assert!(runs(std::process::id(), comm.trim_end()));
+    }
+
+    #[test]
+    fn a_second_controller_is_an_orphan_too() {
+        assert_eq!(standard_program("controller-b"), Some("controller"));
+        assert_eq!(standard_program("estimator"), Some("estimator"));
+        assert_eq!(standard_program("planner-b"), None);
+        assert_eq!(standard_program("rangefinder"), None);
+    }
+
+    #[test]
+    fn the_list_is_replaced_at_once() {
+        let domain = Domain::for_test();
+        note(&domain, &[]).unwrap();
+        note(&domain, &[]).unwrap();
+        let names: Vec<_> = std::fs::read_dir(domain.root()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(names, [FILE], "nothing half written stays");
+    }
+
+    #[test]
+    fn orphans_are_ended_and_named() {
+        let domain = Domain::for_test();
+        let mut sleeper = std::process::Command::new("sleep").arg("60").spawn().unwrap();
+        note(&domain, &[Started::now("sleeper", sleeper.id()).unwrap()]).unwrap();
+        assert_eq!(end(&domain).unwrap(), ["sleeper"]);
+        assert!(!sleeper.wait().unwrap().success());
+        assert!(end(&domain).unwrap().is_empty());
+    }
+}

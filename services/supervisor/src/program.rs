@@ -1,0 +1,152 @@
+//! The supervisor in the foreground, as `nims up` runs it.
+
+use crate::{Ending, Supervisor, Wanted};
+use bus::clock;
+use command::values::seconds;
+use command::{Answer, Failure, Output, StopFlag};
+use robot_state::sentences::mode_name;
+use serde_json::{Value, json};
+use std::io::Read;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Stdio};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// The page of a run, which `nims report` makes.
+const PAGE: &str = "report.html";
+/// A page of a longer run takes its time, bytes: it is made when it is asked for.
+const LARGE: u64 = 300_000_000;
+/// How often a program that was started by another looks whether it is to end.
+const LOOK: Duration = Duration::from_millis(100);
+
+/// The arguments.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Box file.
+    pub config: PathBuf,
+    /// Stop after this many seconds.
+    #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
+    pub seconds: Option<f64>,
+    /// Run folder; default: a new one in the box's runs folder.
+    #[arg(long, value_name = "DIR")]
+    pub run: Option<PathBuf>,
+    /// Mission that will be flown, to be kept with the run.
+    #[arg(long, hide = true)]
+    pub mission: Option<PathBuf>,
+    /// Started by another program: end when standard input ends, for the reason that it gives, and report a failure on stdout.
+    #[arg(long, hide = true)]
+    pub parent: bool,
+}
+
+/// Starts the robot, watches it until it is asked to end, and ends it.
+///
+/// # Errors
+/// It did not come up, or the supervisor itself failed.
+pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
+    let (ending, watched) = match watch(args, domain) {
+        Err(failure) if args.parent => return Ok(Output::json(failed(&failure))),
+        other => other?,
+    };
+    let run = &ending.run;
+    let mode = ending.mode.map_or("unknown", mode_name);
+    let mut words = vec![format!("the robot is left in mode {mode}; {}", ending.place())];
+    // A mission that did not come to its end leaves a question, and the page answers it.
+    let page = ending.unfinished.as_ref().map(|_| page(run));
+    words.extend(ending.unfinished.clone());
+    match &page {
+        Some(Ok(page)) => words.push(format!("page       {}", page.display())),
+        Some(Err(sentence)) => words.push(sentence.clone()),
+        None => {}
+    }
+    let value = json!({
+        "run": run, "mode": mode, "died": ending.died, "unrecorded": ending.unrecorded, "unfinished": ending.unfinished,
+        "page": page.and_then(Result::ok),
+    });
+    let failure = watched.err().or_else(|| ending.failed().map(Failure::NotNow));
+    let output = Output::new(value, words.join("\n"));
+    if args.parent {
+        let mut value = output.value;
+        value["place"] = json!(ending.place());
+        value["failed"] = json!(failure.map(|failure| failure.to_string()));
+        return Ok(Output::json(value));
+    }
+    Ok(output.failing(failure))
+}
+
+/// A failure, as a parent reads it.
+fn failed(failure: &Failure) -> Value {
+    json!({ "failed": failure.to_string(), "bad_input": matches!(failure, Failure::BadInput(_)) })
+}
+
+/// Has the page of a run made, by the command beside this program.
+fn page(run: &Path) -> Result<PathBuf, String> {
+    let cure = || format!("`nims report {}` makes its page", run.display());
+    let nims = std::env::current_exe().map_err(|_| cure())?.with_file_name("nims");
+    let bytes: u64 = std::fs::read_dir(run)
+        .map_err(|_| cure())?
+        .flatten()
+        .filter_map(|file| file.metadata().ok())
+        .map(|file| file.len())
+        .sum();
+    if bytes > LARGE {
+        return Err(format!("the run has {:.0} MB: {}", bytes as f64 * 1e-6, cure()));
+    }
+    let made = Command::new(nims).arg("report").arg(run).stdout(Stdio::null()).stderr(Stdio::null()).status();
+    let page = run.join(PAGE);
+    if made.is_ok_and(|status| status.success()) && page.is_file() { Ok(page) } else { Err(cure()) }
+}
+
+/// How the run ended, and what went wrong in the supervisor itself.
+///
+/// # Errors
+/// It did not come up.
+fn watch(asked: &Args, domain: Option<&str>) -> Answer<(Ending, Answer)> {
+    let wanted =
+        Wanted { box_path: &asked.config, run: asked.run.as_deref(), domain, mission: asked.mission.as_deref() };
+    let began = clock::now_ns();
+    let stop = command::stop_flag()?;
+    let reason = if asked.parent { reason_of_parent(&stop) } else { Arc::default() };
+    let mut supervisor = Supervisor::start(&wanted, stop.clone())?;
+    let limit = asked.seconds.map(Duration::from_secs_f64).unwrap_or(Duration::MAX / 4);
+    let started = clock::now_ns();
+    supervisor.voice.info(&format!(
+        "{} is ready to arm after {:.2} s and runs in {}; Ctrl-C ends it",
+        supervisor.site.file.name,
+        (started - began) as f64 * 1e-9,
+        supervisor.folder.path().display()
+    ));
+    let mut watched = Ok(());
+    while watched.is_ok()
+        && !supervisor.is_stopping()
+        && clock::now_ns() - started < limit.as_nanos().min(u128::from(u64::MAX)) as u64
+    {
+        let left = limit.saturating_sub(Duration::from_nanos(clock::now_ns() - started));
+        watched = supervisor.watch(left.min(if asked.parent { LOOK } else { Duration::from_secs(1) }));
+    }
+    let because = match &watched {
+        Err(failure) => failure.to_string(),
+        Ok(()) if supervisor.is_stopping() => {
+            let reason = reason.lock().unwrap_or_else(PoisonError::into_inner).take();
+            reason.unwrap_or_else(|| command::SIGNAL.to_owned())
+        }
+        Ok(()) => "the time was over".to_owned(),
+    };
+    // Whatever went wrong here, no process is left without its supervisor.
+    let ending = supervisor.end(&because);
+    Ok((ending, watched))
+}
+
+/// Reads standard input to its end on a thread of its own, and asks for the end then. What stands there is the reason.
+fn reason_of_parent(stop: &StopFlag) -> Arc<Mutex<Option<String>>> {
+    let reason = Arc::new(Mutex::new(None));
+    let (told, stop) = (Arc::clone(&reason), Arc::clone(stop));
+    std::thread::spawn(move || {
+        let mut text = String::new();
+        let _ = std::io::stdin().read_to_string(&mut text);
+        let because = if text.trim().is_empty() { "its parent ended".to_owned() } else { text.trim().to_owned() };
+        *told.lock().unwrap_or_else(PoisonError::into_inner) = Some(because);
+        stop.store(true, Ordering::Relaxed);
+    });
+    reason
+}

@@ -1,0 +1,344 @@
+//! What the operator asks of the supervisor while the robot runs: answered at once; what comes of it shows in the process table.
+
+use super::Supervisor;
+use super::child::{Child, Then};
+use super::closing::moves;
+use super::members::{Member, is_configuration};
+use super::restarts::Restarts;
+use bus::{Server, clock};
+use client::{Asked, SUPERVISOR};
+use command::{Answer, Failure};
+use config::{Role, Slot};
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, OperatorRequest};
+
+/// motor-io that has not been heard for this long beyond the drives' watchdog moves nothing, ns: a shared machine stands still for up to
+/// 250 ms.
+const SILENT_NS: u64 = 1_000_000_000;
+
+impl Supervisor {
+    /// Answers what has been asked since the last time.
+    pub(super) fn serve(&mut self) -> Answer {
+        let Some(mut server) = self.server.take() else { return Ok(()) };
+        let served = self.serve_from(&mut server);
+        self.server = Some(server);
+        served
+    }
+
+    fn serve_from(&mut self, server: &mut Server) -> Answer {
+        while let Some(call) = server.try_next()? {
+            let answer = match Asked::from_request(&call.request) {
+                Some(asked) => self.carry_out(&asked),
+                None => Err(Failure::BadInput(
+                    "the supervisor does not know this request: it and the one that asked are of different versions"
+                        .to_owned(),
+                )),
+            };
+            let (accepted, sentence) = match answer {
+                Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
+                Err(failure) => (failure.verdict(), failure.to_string()),
+            };
+            self.voice.info(&format!("asked: {sentence}"));
+            // What could not be published is not worth a robot's supervisor.
+            if let Err(error) = call.answer(accepted, &sentence) {
+                self.voice.warn(&error.to_string());
+            }
+            self.publish_table()?;
+        }
+        Ok(())
+    }
+
+    fn carry_out(&mut self, asked: &Asked) -> Answer<String> {
+        match asked {
+            Asked::Start { name, slot, law } => {
+                let member = self.which(name, *slot, law.as_deref())?;
+                self.begin(&member)
+            }
+            Asked::Stop { name } => self.stop_one(name, Then::Stay),
+            Asked::Restart { name } => {
+                let Some(child) = self.crew.find(name) else {
+                    let member = self.which(name, None, None)?;
+                    return self.begin(&member);
+                };
+                if child.is_alive() {
+                    self.stop_one(name, Then::Again)
+                } else {
+                    let member = child.member.clone();
+                    self.begin(&member)
+                }
+            }
+            Asked::Plug { name, folder, command, replace } => {
+                let runs =
+                    self.crew.find(name).is_some_and(|child| child.member.role == Role::Other && child.is_alive());
+                // One of the box file, which was unplugged because its device has room for one.
+                let is_asleep = !self.crew.find(name).is_some_and(Child::is_alive)
+                    && self.site.section(name).is_some_and(|section| section.role == Role::Other);
+                if self.is_taken(name) && !(*replace && (runs || is_asleep)) {
+                    let or = if runs {
+                        "unplug that process first, or put this one in its place with --replace"
+                    } else {
+                        "see `nims status`"
+                    };
+                    return Err(Failure::BadInput(format!("the name \"{name}\" is taken; choose another, or {or}")));
+                }
+                let mut member = self.site.plugged(name, folder, command)?;
+                self.copy_files_of(&mut member);
+                if runs { self.replace(member) } else { self.begin(&member) }
+            }
+            Asked::Unplug { name } => {
+                let role = self.crew.find(name).map(|child| child.member.role);
+                match role {
+                    Some(Role::Other) => self.stop_one(name, Then::Forget),
+                    Some(role) => Err(Failure::BadInput(format!(
+                        "{name} is the robot's {}, which cannot be unplugged; `nims stop-process {name}` ends it",
+                        role.name()
+                    ))),
+                    None => Err(self.unknown(name)),
+                }
+            }
+            Asked::Set { key, value } => self.set(key, value),
+        }
+    }
+
+    /// A plugged program reads copies of the files that its command names, as every process does.
+    fn copy_files_of(&self, member: &mut Member) {
+        let folder = member.folder.clone().unwrap_or_default();
+        for argument in &mut member.args {
+            let path = folder.join(&*argument);
+            if is_configuration(&path)
+                && path.is_file()
+                && let Some(copy) = self.archive.copy_for(&member.name, path)
+            {
+                *argument = copy.into();
+            }
+        }
+    }
+
+    /// Whether a process that is plugged in may not have that name.
+    fn is_taken(&mut self, name: &str) -> bool {
+        let standard = Role::STANDARD.iter().any(|(_, role)| {
+            role.process_name(Slot::A) == name || role.has_slots() && role.process_name(Slot::B) == name
+        });
+        let alive = self.crew.find(name).is_some_and(Child::is_alive);
+        name == SUPERVISOR || standard || alive || self.site.section(name).is_some()
+    }
+
+    /// Which process is meant, and how it is started.
+    fn which(&mut self, name: &str, slot: Option<Slot>, law: Option<&str>) -> Answer<Member> {
+        let slotted = Role::STANDARD.iter().map(|(_, role)| *role).filter(|role| role.has_slots()).find_map(|role| {
+            if role.process_name(Slot::B) == name {
+                Some((role, Some(Slot::B)))
+            } else {
+                (role.name() == name).then_some((role, None))
+            }
+        });
+        if let Some((role, own)) = slotted {
+            if let (Some(own), Some(slot)) = (own, slot)
+                && own != slot
+            {
+                return Err(Failure::BadInput(format!("{name} is in slot {}, not {}", own.name(), slot.name())));
+            }
+            let slot = match own.or(slot) {
+                Some(slot) => slot,
+                None => self.free_slot(role)?,
+            };
+            return match law {
+                Some(law) => self.site.with_law(role, slot, law),
+                None => match self.crew.find(&role.process_name(slot)) {
+                    Some(child) => Ok(child.member.clone()),
+                    None => self.site.of_role(role, Some(slot)),
+                },
+            };
+        }
+        if let Some(section) = self.site.section(name).cloned() {
+            if !section.role.has_slots() {
+                refuse_slot_and_law(name, slot, law)?;
+                return self.site.configured(&section, None);
+            }
+            if law.is_some() {
+                return Err(Failure::BadInput(format!(
+                    "the process \"{name}\" of the box file has its own law; leave out the other"
+                )));
+            }
+            let slot = match slot.or(section.slot) {
+                Some(slot) => slot,
+                None => self.free_slot(section.role)?,
+            };
+            return self.site.configured(&section, Some(slot));
+        }
+        refuse_slot_and_law(name, slot, law)?;
+        if let Some(child) = self.crew.find(name) {
+            return Ok(child.member.clone());
+        }
+        match Role::STANDARD.iter().find(|(standard, _)| *standard == name) {
+            Some((_, Role::MotorBox)) if self.site.file.motor_box.is_none() => {
+                Err(Failure::BadInput("this box has real drives, and no virtual motor box".to_owned()))
+            }
+            Some((_, role)) => self.site.of_role(*role, None),
+            None => Err(self.unknown(name)),
+        }
+    }
+
+    /// The first slot of a role in which nothing lives.
+    fn free_slot(&mut self, role: Role) -> Answer<Slot> {
+        let taken =
+            |supervisor: &mut Self, slot| supervisor.crew.find(&role.process_name(slot)).is_some_and(Child::is_alive);
+        [Slot::A, Slot::B].into_iter().find(|slot| !taken(self, *slot)).ok_or_else(|| {
+            Failure::NotNow(format!(
+                "both slots of the role {0} are taken: stop the one that does not fly first, with `nims stop-process {1}` or `nims stop-process {2}`",
+                role.name(),
+                role.process_name(Slot::A),
+                role.process_name(Slot::B)
+            ))
+        })
+    }
+
+    fn begin(&mut self, member: &Member) -> Answer<String> {
+        let name = &member.name;
+        let mut restarts = Restarts::default();
+        let in_its_place = self.crew.iter_mut().find(|child| child.member.name == *name);
+        if let Some(child) = in_its_place {
+            if child.is_alive() {
+                return Err(Failure::NotNow(format!(
+                    "{name} runs already (process {}); `nims restart {name}` ends it first",
+                    child.pid
+                )));
+            }
+            restarts.total = child.restarts.total;
+            restarts.again();
+        }
+        self.launch(member, restarts)?;
+        if let Some(alias) = &member.alias {
+            // From now on it stands in the table under the name of its slot.
+            self.publish_farewell(alias)?;
+        }
+        let law = member.law.as_deref().or(member.alias.as_deref());
+        Ok(format!("starting {name}{}", law.map(|law| format!(" with {law}")).unwrap_or_default()))
+    }
+
+    pub(super) fn stop_one(&mut self, name: &str, then: Then) -> Answer<String> {
+        let authority = self.last_authority;
+        self.is_not_succeeded(name)?;
+        let Some(child) = self.crew.find(name) else { return Err(self.unknown(name)) };
+        let (name, alive) = (child.member.name.clone(), child.is_alive());
+        if !alive {
+            if child.again_ns.take().is_some() && then == Then::Stay {
+                return Ok(format!("{name} is not started again"));
+            }
+            if then == Then::Forget {
+                self.forget(&name)?;
+                return Ok(format!("{name} is unplugged"));
+            }
+            return Err(Failure::NotNow(format!("{name} does not run")));
+        }
+        if child.asked.is_some() {
+            return Err(Failure::NotNow(format!("{name} is ending already")));
+        }
+        let (member, hangs) = (child.member.clone(), child.hangs);
+        // What a motor-io that hangs said last is no longer so: the drives have stopped the motors by themselves.
+        let watchdog_s = self.site.file.motor_io.watchdog_s;
+        let present = authority.filter(|authority| !hangs || is_present(authority, watchdog_s, clock::now_ns()));
+        if present.is_some_and(|authority| flies(&member, &authority)) {
+            let or = match member.role.has_slots() {
+                true => format!(", or swap it for another with `nims swap {}`", member.role.name()),
+                false => String::new(),
+            };
+            return Err(Failure::NotNow(format!(
+                "the robot moves, and it is {name} that moves it: hold first with `nims hold`{or}"
+            )));
+        }
+        let Some(child) = self.crew.find(&name) else { return Err(self.unknown(&name)) };
+        child.ask_to_end(then);
+        Ok(match then {
+            Then::Stay => format!("ending {name}"),
+            Then::Again => format!("ending {name}, to start it again"),
+            Then::Forget => format!("ending {name}, to unplug it"),
+        })
+    }
+
+    fn unknown(&self, name: &str) -> Failure {
+        let mut known: Vec<&str> = self.crew.iter().map(|child| child.member.name.as_str()).collect();
+        known.extend(self.site.file.process.iter().map(|section| section.name.as_str()));
+        known.sort_unstable();
+        known.dedup();
+        Failure::BadInput(format!("there is no process \"{name}\" here; there are {}", known.join(", ")))
+    }
+}
+
+fn refuse_slot_and_law(name: &str, slot: Option<Slot>, law: Option<&str>) -> Answer {
+    if slot.is_none() && law.is_none() {
+        return Ok(());
+    }
+    Err(Failure::BadInput(format!("{name} has no slot and no law; only controllers and estimators have")))
+}
+
+/// Whether motor-io has said so recently enough for the drives to move still.
+fn is_present(authority: &MotorAuthority, watchdog_s: f64, now_ns: u64) -> bool {
+    now_ns.saturating_sub(authority.header.stamp_ns) < (watchdog_s * 1e9) as u64 + SILENT_NS
+}
+
+/// Whether the robot moves, and would stop without that process.
+fn flies(member: &Member, authority: &MotorAuthority) -> bool {
+    let active = |slot: u8| member.slot.is_some_and(|own| own.index() == usize::from(slot));
+    moves(authority)
+        && match member.role {
+            Role::MotorIo | Role::MotorBox => true,
+            Role::Controller => active(authority.in_charge[CONTROLLERS]),
+            Role::Estimator => active(authority.in_charge[ESTIMATORS]),
+            Role::Planner | Role::Recorder | Role::Other => false,
+        }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::restarts::Policy;
+    use super::*;
+
+    #[test]
+    fn what_motor_io_said_long_ago_is_not_the_present() {
+        let mut authority = MotorAuthority::default();
+        authority.header.stamp_ns = 5 * SILENT_NS;
+        assert!(is_present(&authority, 0.3, 6 * SILENT_NS));
+        assert!(!is_present(&authority, 0.3, 7 * SILENT_NS));
+        assert!(is_present(&authority, 2.0, 7 * SILENT_NS), "the drives still move");
+    }
+
+    #[test]
+    fn only_what_moves_the_robot_while_it_moves_may_not_be_ended() {
+        let member = |role, slot| Member {
+            name: "x".to_owned(),
+            alias: None,
+            role,
+            slot,
+            law: None,
+            program: "/bin/true".into(),
+            args: Vec::new(),
+            folder: None,
+            restart: Policy { again: false, pause_ns: 1, limit: 1, forgiven_ns: 1 },
+            beats: true,
+            priority: 0,
+            cpu: None,
+        };
+        let mut authority = MotorAuthority { in_charge: [1, 0], ..Default::default() };
+        let cases = [
+            (Role::Controller, Some(Slot::A), false),
+            (Role::Controller, Some(Slot::B), true),
+            (Role::Estimator, Some(Slot::A), true),
+            (Role::Estimator, Some(Slot::B), false),
+            (Role::MotorIo, None, true),
+            (Role::MotorBox, None, true),
+            (Role::Planner, None, false),
+            (Role::Recorder, None, false),
+            (Role::Other, None, false),
+        ];
+        for (role, slot, expected) in cases {
+            for mode in [MotorAuthority::MODE_FOLLOWING, MotorAuthority::MODE_JOGGING, MotorAuthority::MODE_STOPPING] {
+                authority.mode = mode;
+                assert_eq!(flies(&member(role, slot), &authority), expected, "{role:?} {slot:?}");
+            }
+            for mode in [MotorAuthority::MODE_HOLDING, MotorAuthority::MODE_DISARMED, MotorAuthority::MODE_FAULTED] {
+                authority.mode = mode;
+                assert!(!flies(&member(role, slot), &authority), "{role:?} {slot:?}");
+            }
+        }
+    }
+}

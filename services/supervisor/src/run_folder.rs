@@ -1,0 +1,184 @@
+//! One run, one folder: the run file, the configuration as it was, diagnostics, and a manifest that says what it is.
+
+use super::archive::replace;
+use super::copies::Copies;
+use command::{Answer, Failure};
+use config::{BoxFile, RESOLVED};
+use runtime::build;
+use serde_json::{Value, json};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+const RESOLVED_HEAD: &str = "# The box as it began: every key, defaults included; `robot` is the robot file beside it. Every process of the run reads it.\n\n";
+
+/// The folder of a run.
+#[derive(Debug, Clone)]
+pub struct RunFolder {
+    path: PathBuf,
+    manifest: Value,
+    copies: Copies,
+}
+
+impl RunFolder {
+    /// Makes the folder, `RUNS/DATE-TIME-NAME` unless one is given, with copies of the configuration.
+    ///
+    /// # Errors
+    /// It cannot be made, or the given one holds a run already.
+    pub fn make(file: &BoxFile, box_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
+        let now = bus::clock::unix_ns();
+        let path = match given {
+            Some(path) => path.to_path_buf(),
+            None => free(&file.runs.join(format!("{}-{}", stamp(now), file.name))),
+        };
+        if path.is_file() {
+            return Err(Failure::BadInput(format!(
+                "--run {}: this is a file; give a folder that is empty or does not exist",
+                path.display()
+            )));
+        }
+        if fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
+            return Err(Failure::BadInput(format!(
+                "--run {}: the folder is not empty; give one that is or that does not exist",
+                path.display()
+            )));
+        }
+        let mut copies = copies_of(file)?;
+        for (original, name) in [(Some(box_path), "box.toml"), (mission, "mission.toml")] {
+            let Some(original) = original else { continue };
+            let bytes = fs::read(original).map_err(|error| {
+                Failure::BadInput(format!("the file {} cannot be read: {error}", original.display()))
+            })?;
+            copies.keep(name, bytes);
+        }
+        let failed = |what: &Path, error: std::io::Error| {
+            Failure::NotNow(format!("{} cannot be written: {error}", what.display()))
+        };
+        let log = path.join("log");
+        fs::create_dir_all(&log).map_err(|error| failed(&log, error))?;
+        let path = path.canonicalize().map_err(|error| failed(&path, error))?;
+        copies.write(&path).map_err(|(copy, error)| failed(&copy, error))?;
+        let manifest = json!({
+            "name": file.name,
+            "box": box_path.file_name().map(|name| name.to_string_lossy()),
+            "robot": file.robot.file_name().map(|name| name.to_string_lossy()),
+            "virtual": file.motor_box.is_some(),
+            "rate_hz": file.rate_hz,
+            "nims_version": build::VERSION,
+            "build": build::PROFILE,
+            "git_commit": build::commit().map(|(commit, _)| commit),
+            "git_dirty": build::commit().map(|(_, dirty)| dirty),
+            "started_utc": runlog::utc(now),
+        });
+        let folder = Self { path, manifest, copies };
+        folder.write()?;
+        Ok(folder)
+    }
+
+    /// Where it is.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Whether the folder was removed or moved since it was made: its manifest is never removed otherwise.
+    #[must_use]
+    pub fn is_gone(&self) -> bool {
+        !self.path.join("manifest.json").exists()
+    }
+
+    /// The box as it began, which the processes read.
+    #[must_use]
+    pub fn resolved(&self) -> PathBuf {
+        self.path.join(RESOLVED)
+    }
+
+    /// The copies of the configuration.
+    pub(super) fn copies(&mut self) -> &mut Copies {
+        &mut self.copies
+    }
+
+    /// Where the diagnostics of a process go.
+    #[must_use]
+    pub fn log(&self, process: &str) -> PathBuf {
+        self.path.join("log").join(format!("{process}.txt"))
+    }
+
+    /// Takes note of the instant at which the recorder was first ready, by the clock of the run.
+    pub fn note_recording(&mut self, unix_ns: u64) {
+        if self.manifest["recording_unix_ns"].is_null() {
+            self.manifest["recording_unix_ns"] = json!(unix_ns);
+        }
+    }
+
+    /// Takes note of the instant at which its processes are asked to end, by the clock of the run: until then the recorder is to be
+    /// there.
+    pub fn note_stopping(&mut self, unix_ns: u64) {
+        self.manifest["stopping_unix_ns"] = json!(unix_ns);
+    }
+
+    /// Completes the manifest: why the run ended, and how each process did.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn close(&mut self, because: &str, processes: Value) -> Answer {
+        self.manifest["ended_utc"] = json!(runlog::utc(bus::clock::unix_ns()));
+        self.manifest["ended_because"] = json!(because);
+        self.note_processes(processes);
+        let files = runlog::segments(&self.path).unwrap_or_default();
+        let names = files.iter().filter_map(|file| Some(file.file_name()?.to_string_lossy()));
+        self.manifest["files"] = names.collect();
+        self.write()
+    }
+
+    /// Takes note of what runs.
+    pub fn note_processes(&mut self, processes: Value) {
+        self.manifest["processes"] = processes;
+    }
+
+    /// The manifest so far: its file, and what is to stand there.
+    #[must_use]
+    pub fn manifest(&self) -> (PathBuf, String) {
+        (self.path.join("manifest.json"), format!("{:#}\n", self.manifest))
+    }
+
+    fn write(&self) -> Answer {
+        let (path, text) = self.manifest();
+        replace(&path, text.as_bytes())
+            .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
+    }
+}
+
+/// What every process of the run reads. The recorder takes it into the run file too, which can then be read with nothing else at hand.
+fn copies_of(file: &BoxFile) -> Answer<Copies> {
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    let named = robot.named_files(file.robot.parent().unwrap_or(Path::new("")));
+    let ground = file.motor_box.as_ref().and_then(|section| section.ground.as_deref());
+    let mut copies = Copies::default();
+    for (original, name) in [(Some(file.robot.as_path()), "robot.toml"), (ground, "ground.toml")] {
+        original.map(|original| copies.read(original, name.as_ref())).transpose()?;
+    }
+    for original in &named {
+        copies.read(original, Path::new(original.file_name().unwrap_or_default()))?;
+    }
+    let text = file.resolved("robot.toml").map_err(Failure::NotNow)?;
+    copies.add(RESOLVED, format!("{RESOLVED_HEAD}{text}"));
+    Ok(copies)
+}
+
+/// `2026-03-01T14-05-09Z`: sorts by time and is a file name everywhere.
+fn stamp(unix_ns: u64) -> String {
+    runlog::utc(unix_ns).trim_end_matches(" UTC").replace(' ', "T").replace(':', "-") + "Z"
+}
+
+/// The path, or with a number behind it if it is taken.
+fn free(path: &Path) -> PathBuf {
+    let mut candidate = path.to_path_buf();
+    let mut number = 2;
+    while candidate.exists() {
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!("-{number}"));
+        candidate = PathBuf::from(name);
+        number += 1;
+    }
+    candidate
+}

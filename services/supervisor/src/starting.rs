@@ -1,0 +1,333 @@
+//! From a box file to running processes, each started when those it needs are ready.
+
+use super::archive::Archive;
+use super::beats::Beats;
+use super::child::{Child, Start, ending};
+use super::crew::Crew;
+use super::leftovers::Leftovers;
+use super::members::{Member, Site};
+use super::mission::Missions;
+use super::orphans::{self, Started};
+use super::recording::Recording;
+use super::restarts::Restarts;
+use super::run_folder::RunFolder;
+use super::settings::Settings;
+use super::sweeper::Sweeper;
+use super::voice::Voice;
+use super::{Supervisor, Wanted};
+use bus::clock::{self, WallClock};
+use bus::{Bus, Domain};
+use client::{RUNNING_FILE, Running, SUPERVISOR};
+use command::{Answer, Failure, StopFlag};
+use config::{BoxFile, Role};
+use evidence::busy;
+use evidence::busy::Busy;
+use messages::{Heartbeat, put_text};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// A process that has not said that it is ready by then never will, ns. Drives may need to be found and asked first.
+pub(super) const READY_NS: u64 = 20_000_000_000;
+/// Who is waited for is named after this time, ns.
+const UNEASY_NS: u64 = 3_000_000_000;
+/// Shared memory that has to be free for a process to be started: motor-io, which says most, takes 3 MB.
+const PROCESS_BYTES: usize = 3 << 20;
+/// The same for one that is plugged in, whose samples may be large; it refuses by itself what does not fit.
+const SENSOR_BYTES: usize = 6 << 20;
+/// How often the starting processes are looked at, ns: it adds up to the time until the robot is up.
+const LOOK_NS: u64 = 2_000_000;
+
+impl Supervisor {
+    /// Cleans the domain up, makes the run folder and starts every process, each when those that it needs are ready.
+    ///
+    /// # Errors
+    /// The domain is taken, or a process does not come up; what was started is stopped again.
+    pub fn start(wanted: &Wanted<'_>, stop: StopFlag) -> Answer<Self> {
+        // Runs, position and shared memory, also of the processes that are started.
+        bus::make_private();
+        // Before there is anything of the robot that wants to run.
+        let busy = Busy::look();
+        let box_path = std::path::absolute(wanted.box_path).map_err(Failure::bad)?;
+        let file = BoxFile::load(&box_path).map_err(Failure::bad)?;
+        ports_are_there(&file)?;
+        let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
+        let claim = domain.claim()?;
+        let earlier = Running::of(&domain);
+        let orphans = orphans::end(&domain)?;
+        domain.sweep()?;
+        let folder = RunFolder::make(&file, &box_path, wanted.run, wanted.mission)?;
+        // Recorder, visualization and viewer turn stamps into calendar time, all by this.
+        let clock = runlog::RunClock::now();
+        domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
+        let run = folder.path().to_path_buf();
+        let archive = Archive::open(&run).map_err(Failure::not_now)?;
+        // From here on the run's own copy counts.
+        let config = folder.resolved();
+        let file = BoxFile::load(&config).map_err(Failure::not_now)?;
+        let mut site = Site {
+            file,
+            box_path: box_path.clone(),
+            config,
+            copies: BTreeMap::new(),
+            domain: domain.name().to_owned(),
+            run: run.clone(),
+        };
+        for (process, original) in site.files_of_commands() {
+            if let Some(copy) = archive.copy_for(&process, original.clone()) {
+                site.copies.insert(original, copy);
+            }
+        }
+        let members = site.members()?;
+
+        let bus = Bus::join(&domain, SUPERVISOR)?;
+        let running = Running { pid: std::process::id(), box_file: box_path, run };
+        let text = serde_json::to_string(&running).map_err(Failure::not_now)?;
+        orphans::write(&domain, RUNNING_FILE, &text)?;
+
+        let mut beat = Heartbeat {
+            pid: std::process::id(),
+            incarnation: incarnation(),
+            state: Heartbeat::STATE_STARTING,
+            ..Default::default()
+        };
+        put_text(&mut beat.name, SUPERVISOR);
+        let server = bus.server(SUPERVISOR)?;
+        let settings = Settings::new(&bus, &site, beat.incarnation)?;
+        let mut supervisor = Self {
+            crew: Crew::default(),
+            settings,
+            site,
+            folder,
+            archive,
+            leftovers: Leftovers::default(),
+            stop,
+            beats: Beats::default(),
+            sweeper: Sweeper::new(&domain),
+            died: Vec::new(),
+            voice: Voice::new(&bus)?,
+            busy: busy::Watch::new(),
+            heartbeat: bus.publisher(&format!("system/heartbeat/{SUPERVISOR}"))?,
+            table: bus.publisher("system/process")?,
+            authority: bus.subscriber("motor/authority")?,
+            last_authority: None,
+            recording: Recording::new(&bus)?,
+            mission: Missions::new(&bus)?,
+            requests: bus.subscriber("operator/request")?,
+            stopper: None,
+            beat,
+            last_beat_ns: 0,
+            last_table_ns: 0,
+            waiter: bus.waiter(&[server.event()])?,
+            server: Some(server),
+            bus,
+            domain,
+            claim,
+        };
+        if let Some(warning) = busy.warning() {
+            supervisor.voice.warn(&warning);
+        }
+        if !orphans.is_empty() {
+            supervisor.voice.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
+        }
+        if let Err(failure) = supervisor.bring_up(members) {
+            supervisor.close("a process did not come up");
+            let run = supervisor.folder.path().display();
+            let in_run = format!("{failure}; the run is in {run}");
+            return Err(match failure {
+                Failure::BadInput(_) => Failure::BadInput(in_run),
+                Failure::NotNow(_) => Failure::NotNow(in_run),
+            });
+        }
+        // Without it the end of the run tries once more.
+        supervisor.stopper = supervisor.bus.client(client::MOTOR_IO).ok();
+        supervisor.beat.state = Heartbeat::STATE_READY;
+        supervisor.note_processes();
+        supervisor.recover_leftovers(earlier);
+        Ok(supervisor)
+    }
+
+    /// Begins to close what earlier runs left open. What shared memory knows of the last one is gone after a power cut, so it is only a hint.
+    fn recover_leftovers(&mut self, earlier: Option<Running>) {
+        let present = self.folder.path().to_path_buf();
+        let mut folders = vec![self.site.file.runs.clone()];
+        folders.extend(present.parent().map(Path::to_path_buf));
+        let runs = earlier.into_iter().map(|earlier| earlier.run).collect();
+        match Leftovers::recover(folders, runs, present) {
+            Ok(leftovers) => self.leftovers = leftovers,
+            Err(error) => self.voice.error(&format!("earlier runs were not looked through: {error}")),
+        }
+    }
+
+    /// Starts all of them and waits until they are ready.
+    fn bring_up(&mut self, mut waiting: Vec<Member>) -> Answer {
+        let mut named = clock::now_ns() + UNEASY_NS;
+        loop {
+            let may_start = |member: &Member| self.is_ready_for(member) && !needs_one_of(member, &waiting);
+            let (now, later): (Vec<Member>, Vec<Member>) = waiting.iter().cloned().partition(may_start);
+            waiting = later;
+            for member in now {
+                self.launch(&member, Restarts::default())?;
+            }
+            self.look_at_beats()?;
+            self.beat_if_due()?;
+            self.refresh_table()?;
+            let mut missing = Vec::new();
+            for child in self.crew.iter_mut().filter(|child| child.member.beats) {
+                if !child.is_alive() {
+                    let status = child.exit.map(ending).unwrap_or_default();
+                    let code = child.exit.and_then(|exit| exit.code());
+                    let sentence =
+                        format!("{} did not come up: {}", child.member.name, child.last_words().unwrap_or(&status));
+                    return Err(if code == Some(2) { Failure::bad(sentence) } else { Failure::not_now(sentence) });
+                }
+                if child.ready_ns.is_none() {
+                    if clock::now_ns() >= child.started_ns + READY_NS {
+                        let log = self.folder.log(&child.member.name);
+                        let why = child.last_line().unwrap_or_else(|| format!("see {}", log.display()));
+                        return Err(Failure::NotNow(format!(
+                            "{} does not become ready within {} s: {why}",
+                            child.member.name,
+                            READY_NS / 1_000_000_000,
+                        )));
+                    }
+                    missing.push(match child.last_line() {
+                        Some(line) if clock::now_ns() >= named => format!("{} ({line})", child.member.name),
+                        _ => child.member.name.clone(),
+                    });
+                }
+            }
+            if waiting.is_empty() && missing.is_empty() {
+                return self.publish_table();
+            }
+            if self.is_stopping() {
+                return Err(Failure::NotNow("stopped while starting".to_owned()));
+            }
+            if clock::now_ns() >= named {
+                named = u64::MAX;
+                self.voice.warn(&format!("still waiting for {}", missing.join(", ")));
+            }
+            clock::sleep_until(clock::now_ns() + LOOK_NS);
+        }
+    }
+
+    /// Whether everyone it needs, among those who were started, is ready.
+    fn is_ready_for(&self, member: &Member) -> bool {
+        let needs = member.waits_for();
+        self.crew
+            .iter()
+            .filter(|child| child.member.beats && needs.contains(&child.member.role))
+            .all(|child| child.ready_ns.is_some())
+    }
+
+    /// Starts one process, which takes the place of an earlier life.
+    pub(super) fn launch(&mut self, member: &Member, restarts: Restarts) -> Answer {
+        let child = self.spawn(member, restarts, false)?;
+        self.crew.enter(child);
+        self.note_living();
+        Ok(())
+    }
+
+    /// Starts one process; one that succeeds another of its name finds that one alive.
+    pub(super) fn spawn(&mut self, member: &Member, restarts: Restarts, succeeds: bool) -> Answer<Child> {
+        let bytes = if member.role == Role::Other { SENSOR_BYTES } else { PROCESS_BYTES };
+        self.bus.room_for(bytes, &member.name)?;
+        self.beats.listen(&self.bus, &member.name)?;
+        // A folder that somebody removed is no reason to leave the robot without a process.
+        let _ = std::fs::create_dir_all(self.folder.path().join("log"));
+        self.put_back_copies();
+        let started = self.settings.configured(member, &self.site.config);
+        let with = Start {
+            domain: &self.site.domain,
+            changes: self.settings.changes(),
+            succeeds,
+            log: &self.folder.log(&member.name),
+        };
+        let (mut child, warning) = Child::start(&started, with, restarts)?;
+        // What it is started with the next time depends on what is set until then.
+        child.member = member.clone();
+        self.keep_files_of(&started);
+        if let Some(warning) = warning {
+            self.voice.warn(&format!("{}: {warning}", member.name));
+        }
+        Ok(child)
+    }
+
+    /// Writes down who lives, for the run folder and for the next supervisor.
+    pub(super) fn note_living(&mut self) {
+        if self.beat.state == Heartbeat::STATE_READY {
+            self.note_processes();
+        }
+        let successors = self.crew.successors.iter().map(|successor| &successor.child);
+        let started: Vec<Started> = (self.crew.iter().chain(successors))
+            .filter(|child| child.exit.is_none())
+            .filter_map(|child| Started::now(&child.member.name, child.pid))
+            .collect();
+        // They run all the same, and the next supervisor finds them among the living.
+        if let Err(failure) = orphans::note(&self.domain, &started) {
+            self.voice.warn(&failure.to_string());
+        }
+    }
+
+    /// Makes a run folder again that was removed, with all that the supervisor still knows of the run.
+    pub(super) fn restore_folder(&mut self) {
+        if self.folder.is_gone() {
+            self.put_back_copies();
+        }
+    }
+
+    /// The copies of the configuration are what they were, whatever was done to them meanwhile.
+    pub(super) fn put_back_copies(&mut self) {
+        let run = self.folder.path().to_path_buf();
+        let gone = self.folder.is_gone();
+        let back = self.folder.copies().put_back(&run);
+        if gone && back.is_ok() {
+            // The manifest comes last: with it the folder is whole again.
+            self.archive.put_back();
+            let (path, text) = self.folder.manifest();
+            self.archive.write(path, text);
+        }
+        match back {
+            Ok(back) if back.is_empty() => {}
+            Ok(back) if gone => self.voice.warn(&format!(
+                "the run folder {} was removed or moved while the robot runs and is made again, with {}",
+                run.display(),
+                back.join(", ")
+            )),
+            Ok(back) => self.voice.warn(&format!(
+                "{} in the run folder was changed while the robot runs and is as it was again: an edit is for the next run",
+                back.join(", ")
+            )),
+            Err((path, error)) => self.voice.warn(&format!("{} cannot be written: {error}", path.display())),
+        }
+    }
+}
+
+/// Whether it needs a role of which a process is not even started.
+fn needs_one_of(member: &Member, waiting: &[Member]) -> bool {
+    waiting.iter().any(|other| member.waits_for().contains(&other.role))
+}
+
+/// Every configured device exists; the virtual box makes its own.
+fn ports_are_there(file: &BoxFile) -> Answer {
+    for (index, port) in file.motor_io.ports.iter().enumerate() {
+        let number = index + 1;
+        if port.path.contains("{domain}") {
+            if file.motor_box.is_none() {
+                return Err(Failure::BadInput(format!(
+                    "port {number} is on the virtual motor box, and the box file has no [motor_box]: give the path of the real device, or add [motor_box]"
+                )));
+            }
+        } else if !Path::new(&port.path).exists() {
+            return Err(Failure::BadInput(format!(
+                "port {number}: there is no device {}; plug the drives in (stable names stand in /dev/serial/by-id)",
+                port.path
+            )));
+        }
+    }
+    Ok(())
+}
+
+/// A number that tells this life of a process from its earlier ones; never 0.
+fn incarnation() -> u32 {
+    (clock::unix_ns() as u32 ^ std::process::id().rotate_left(16)).max(1)
+}

@@ -1,0 +1,201 @@
+//! `nims plug --replace`: the new program runs beside the one before until it has said its first valid sample, and only then has the name.
+//! One that ends before, or says nothing, costs no sample of the one that works.
+
+use super::Supervisor;
+use super::child::{Child, Then};
+use super::members::Member;
+use super::restarts::Restarts;
+use super::table::row;
+use bus::{Bus, Raw, Tap, clock};
+use command::{Answer, Failure};
+use messages::ros::Payload;
+use messages::{ProcessState, Reading, put_sentence};
+use rustix::process::{Pid, getpgid};
+use std::collections::BTreeSet;
+
+/// A newcomer that has said nothing valid by then is given up, ns: a device may need many seconds to warm up, and the command that asked waits 25 s.
+const SPEAKS_NS: u64 = 20_000_000_000;
+
+const GOES_ON: &str = "the one before goes on";
+
+/// What to do about a newcomer that does not say why it fails.
+fn goes_on(name: &str) -> String {
+    format!("{GOES_ON}; if both need one device, `nims unplug {name}` first")
+}
+
+/// A process that will have the name of another one.
+#[derive(Debug)]
+pub struct Successor {
+    /// The newcomer.
+    pub child: Child,
+    tap: Tap,
+    given_up: bool,
+}
+
+impl Successor {
+    /// Whether it has published a valid sample since the last look.
+    fn speaks(&mut self, bus: &Bus) -> Answer<bool> {
+        let (has_header, is_reading) = (self.tap.has_header(), self.tap.info().type_name == Reading::type_name());
+        let mut publishers = BTreeSet::new();
+        let mut take = |raw: Raw<'_>| {
+            if is_valid(&raw, has_header, is_reading) {
+                publishers.insert(raw.publisher);
+            }
+        };
+        while self.tap.receive(&mut take)?.is_some() {}
+        if publishers.is_empty() {
+            return Ok(false);
+        }
+        let known = bus.publishers(&self.tap.info().name)?;
+        Ok(known.iter().any(|(publisher, pid)| publishers.contains(publisher) && is_of(*pid, &self.child)))
+    }
+}
+
+/// Whether a sample says something: one without a stamp was only made, and a reading may say that it is none.
+fn is_valid(raw: &Raw<'_>, has_header: bool, is_reading: bool) -> bool {
+    let reading = raw.bytes.get(..size_of::<Reading>()).filter(|_| is_reading);
+    let says_nothing = reading
+        .map(bytemuck::pod_read_unaligned)
+        .is_some_and(|reading: Reading| matches!(reading.quality, Reading::QUALITY_STALE | Reading::QUALITY_INVALID));
+    !says_nothing && (!has_header || raw.header.stamp_ns > 0)
+}
+
+/// Whether a process belongs to what was started as that child: every one has a process group of its own.
+fn is_of(pid: u32, child: &Child) -> bool {
+    let group = Pid::from_raw(pid.cast_signed()).and_then(|pid| getpgid(Some(pid)).ok());
+    group.is_some_and(|group| group.as_raw_nonzero().get().unsigned_abs() == child.pid)
+}
+
+impl Supervisor {
+    /// Starts a program in the place of one that was plugged in: beside it where that one publishes, otherwise after it has ended.
+    pub(super) fn replace(&mut self, member: Member) -> Answer<String> {
+        let name = member.name.clone();
+        self.is_not_succeeded(&name)?;
+        let Some((tap, mut restarts)) = self.tap_of(&name)? else {
+            self.stop_one(&name, Then::Again)?;
+            if let Some(child) = self.crew.find(&name) {
+                child.member = member;
+            }
+            return Ok(format!("ending {name}, to start the new one in its place"));
+        };
+        restarts.again();
+        let child = self.spawn(&member, restarts, true)?;
+        self.crew.successors.push(Successor { child, tap, given_up: false });
+        self.note_living();
+        Ok(format!("starting the new {name} beside the one that runs, until it has said something"))
+    }
+
+    /// What a process of that name says on the channel of its name, if it does.
+    fn tap_of(&mut self, name: &str) -> Answer<Option<(Tap, Restarts)>> {
+        let channel = format!("sensor/{name}");
+        let Some(child) = self.crew.find(name) else { return Ok(None) };
+        if child.asked.is_some() {
+            return Err(Failure::NotNow(format!("{name} is ending already")));
+        }
+        if self.bus.channel(&channel)?.is_none() {
+            return Ok(None);
+        }
+        let publishes = self.bus.publishers(&channel)?.iter().any(|(_, pid)| is_of(*pid, child));
+        Ok(if publishes { Some((self.bus.tap(&channel)?, child.restarts)) } else { None })
+    }
+
+    /// One that is being replaced is left alone until that is over.
+    pub(super) fn is_not_succeeded(&self, name: &str) -> Answer {
+        let waits = self.crew.successors.iter().any(|successor| successor.child.member.name == name);
+        if !waits {
+            return Ok(());
+        }
+        Err(Failure::NotNow(format!(
+            "{name} is being replaced: try again when the new one has said something or is given up, which takes {} s at most",
+            SPEAKS_NS / 1_000_000_000
+        )))
+    }
+
+    /// A successor that has published a valid sample gets the name; one that has ended, or is silent for too long, does not.
+    pub(super) fn look_at_successors(&mut self) -> Answer {
+        let now = clock::now_ns();
+        let mut successors = std::mem::take(&mut self.crew.successors);
+        let mut looked = Ok(());
+        for successor in &mut successors {
+            looked = looked.and(self.look_at_successor(successor, now));
+        }
+        let before = successors.len();
+        successors.retain(|successor| successor.child.exit.is_none());
+        let ended = before - successors.len();
+        self.crew.successors = successors;
+        looked?;
+        if ended > 0 {
+            self.sweeper.wanted(now);
+            self.note_living();
+            self.publish_table()?;
+        }
+        Ok(())
+    }
+
+    fn look_at_successor(&mut self, successor: &mut Successor, now: u64) -> Answer {
+        let name = successor.child.member.name.clone();
+        if !successor.child.is_alive() {
+            if !successor.given_up {
+                let ending = successor.child.ending();
+                // Its own words come last, because they say what to do.
+                let why = match successor.child.last_words() {
+                    Some(words) => format!("{ending} ({GOES_ON}): {words}"),
+                    None => format!("{ending}; {}", goes_on(&name)),
+                };
+                self.give_up(successor, &why)?;
+            }
+            return Ok(());
+        }
+        if successor.given_up {
+            successor.child.kill_if_overdue(now);
+            return Ok(());
+        }
+        if successor.speaks(&self.bus)? {
+            if let Some(child) = self.crew.find(&name).filter(|child| child.asked.is_none()) {
+                child.ask_to_end(Then::Again);
+                self.voice.info(&format!("the new {name} has said something: ending the one before"));
+                self.publish_table()?;
+            }
+            return Ok(());
+        }
+        let is_asked = self.crew.find(&name).is_some_and(|child| child.asked.is_some());
+        if !is_asked && now >= successor.child.started_ns + SPEAKS_NS {
+            let why = format!("says nothing valid within {} s; {}", SPEAKS_NS / 1_000_000_000, goes_on(&name));
+            self.give_up(successor, &why)?;
+            successor.child.ask_to_end(Then::Forget);
+        }
+        Ok(())
+    }
+
+    /// Says on `system/process` and on the terminal why the newcomer does not get the name.
+    fn give_up(&mut self, successor: &mut Successor, why: &str) -> Answer {
+        successor.given_up = true;
+        self.voice.warn(&format!("the new {} {why}", successor.child.member.name));
+        let mut row = row(&successor.child, false);
+        // Nobody of that name has died: the row is for the command that asked, and the one that works has the last word.
+        row.state = ProcessState::STATE_STOPPED;
+        put_sentence(&mut row.reason, why);
+        self.send_row(&mut row)?;
+        self.publish_table()
+    }
+
+    /// The process of that name has ended, on whatever way: its successor, if it has one, takes its place. Whether it has.
+    pub(super) fn succeed(&mut self, name: &str) -> bool {
+        let waits = |successor: &Successor| successor.child.member.name == name && !successor.given_up;
+        let Some(at) = self.crew.successors.iter().position(waits) else { return false };
+        let Successor { child, .. } = self.crew.successors.remove(at);
+        if let Some(before) = self.crew.find(name) {
+            let (died, sentence) =
+                (before.has_died(), format!("{name} {}; the new one has its place", before.ending()));
+            if died {
+                self.voice.error(&sentence);
+                self.died.push(name.to_owned());
+            } else {
+                self.voice.info(&sentence);
+            }
+        }
+        self.crew.enter(child);
+        self.note_living();
+        true
+    }
+}

@@ -1,0 +1,116 @@
+//! The process table: one row per process on `system/process`, all of them once a second and on change.
+
+use super::Supervisor;
+use super::child::Child;
+use super::cures::{Fate, cure};
+use bus::clock;
+use command::Answer;
+use config::{ProcessSection, Role, Slot};
+use messages::{ProcessState, put_sentence, put_text};
+use std::os::unix::process::ExitStatusExt;
+
+/// The whole table is published this often, ns.
+const TABLE_NS: u64 = 1_000_000_000;
+
+impl Supervisor {
+    /// Publishes the table if it is due.
+    pub(super) fn refresh_table(&mut self) -> Answer {
+        if clock::now_ns() >= self.last_table_ns + TABLE_NS { self.publish_table() } else { Ok(()) }
+    }
+
+    /// Publishes every row.
+    pub(super) fn publish_table(&mut self) -> Answer {
+        self.last_table_ns = clock::now_ns();
+        let running = self.crew.iter().map(|child| row(child, self.crew.stand_in(&child.member).is_some()));
+        let asleep =
+            self.site.file.process.iter().filter(|section| {
+                !section.start && !self.crew.iter().any(|child| child.member.is_called(&section.name))
+            });
+        let mut rows: Vec<ProcessState> = running.chain(asleep.map(not_started)).collect();
+        for row in &mut rows {
+            self.send_row(row)?;
+        }
+        Ok(())
+    }
+
+    /// The last row of a process that leaves the table.
+    pub(super) fn publish_farewell(&mut self, name: &str) -> Answer {
+        let mut row = ProcessState { state: ProcessState::STATE_GONE, ..ProcessState::default() };
+        put_text(&mut row.name, name);
+        self.send_row(&mut row)
+    }
+
+    pub(super) fn send_row(&mut self, row: &mut ProcessState) -> Answer {
+        row.header.stamp_ns = clock::now_ns();
+        row.header.oldest_input_ns = row.header.stamp_ns;
+        self.table.send(row)?;
+        Ok(())
+    }
+}
+
+/// `replaced`: another process does its work.
+pub(super) fn row(child: &Child, replaced: bool) -> ProcessState {
+    let member = &child.member;
+    let mut row = ProcessState {
+        started_ns: child.started_ns,
+        pid: child.pid,
+        restarts: child.restarts.total,
+        exit_code: child.exit.and_then(|exit| exit.code()).unwrap_or(-1),
+        signal: child.exit.and_then(|exit| exit.signal()).unwrap_or(0),
+        state: child.state(),
+        slot: slot_number(member.slot),
+        ..ProcessState::default()
+    };
+    put_text(&mut row.name, &member.name);
+    put_text(&mut row.role, member.role.name());
+    put_text(&mut row.law, member.law.as_deref().or(member.alias.as_deref()).unwrap_or_default());
+    put_sentence(&mut row.reason, &reason(child, replaced));
+    row
+}
+
+fn not_started(section: &ProcessSection) -> ProcessState {
+    let mut row = ProcessState { exit_code: -1, state: ProcessState::STATE_STOPPED, ..ProcessState::default() };
+    put_text(&mut row.name, &section.name);
+    put_text(&mut row.role, section.role.name());
+    let with = if section.role.has_slots() {
+        format!("`nims swap {} {}`", section.role.name(), section.name)
+    } else {
+        format!("`nims start {}`", section.name)
+    };
+    put_sentence(&mut row.reason, &format!("not started; {with} starts it"));
+    row
+}
+
+/// 0: no slot, 1: a, 2: b.
+fn slot_number(slot: Option<Slot>) -> u8 {
+    slot.map_or(0, |slot| 1 + slot.index() as u8)
+}
+
+/// Why it is in the state that it is in, and what helps; that it is silent, the state says itself.
+fn reason(child: &Child, replaced: bool) -> String {
+    match (child.exit, child.asked) {
+        (Some(exit), Some(_)) if exit.success() => "ended as asked".to_owned(),
+        (Some(exit), _) => {
+            let words = child.last_words().filter(|_| !exit.success()).map(|words| format!(": {words}"));
+            let again = child
+                .again_ns
+                .map(|at| format!("; starting again in {:.1} s", at.saturating_sub(clock::now_ns()) as f64 * 1e-9));
+            let why = if child.gave_up { "; too often to start it again" } else { "" };
+            format!("{}{why}{}{}", child.ending(), again.unwrap_or_default(), words.unwrap_or_default())
+        }
+        (None, Some(_)) => "asked to end".to_owned(),
+        (None, None) if child.hangs => {
+            let member = &child.member;
+            let fate = if member.restart.again { Fate::Ended } else { Fate::Hangs };
+            let cure = cure(&member.name, member.role, fate, replaced);
+            cure.unwrap_or_else(|| "it was stopped or hangs".to_owned())
+        }
+        (None, None) if child.blocked => "it waits for its disk".to_owned(),
+        (None, None) if child.silent => "the machine has no time for it".to_owned(),
+        (None, None) if child.overdue => "does not become ready; see its log in the run folder".to_owned(),
+        (None, None) if child.member.role == Role::Other && child.ready_ns.is_none() => {
+            "sends no heartbeat, so only its end will be noticed".to_owned()
+        }
+        (None, None) => String::new(),
+    }
+}

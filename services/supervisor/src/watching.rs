@@ -1,0 +1,305 @@
+//! One round of the supervisor: its own beat, the processes and their heartbeats, what is asked, and what is to be started again.
+
+use super::Supervisor;
+use super::beats::Change;
+use super::child::Then;
+use super::cures::{Fate, consequence, cure};
+use super::leftovers::News;
+use super::members::Member;
+use super::recording::Said;
+use super::restarts::{Restarts, Verdict};
+use super::starting::READY_NS;
+use bus::clock;
+use command::Answer;
+use config::Role;
+use evidence::busy;
+use messages::{Heartbeat, OperatorRequest, text_of};
+use std::time::Duration;
+
+/// How often the processes and their heartbeats are looked at, ns.
+const LOOK_NS: u64 = 50_000_000;
+/// The supervisor's own beat, ns: motor-io takes two seconds without one for its death.
+const BEAT_NS: u64 = 200_000_000;
+/// Pause before what failed for want of memory, processes or files is tried again, ns.
+const RETRY_NS: u64 = 2_000_000_000;
+
+impl Supervisor {
+    /// Looks after the processes for this long, or until someone wants it to end.
+    ///
+    /// # Errors
+    /// Shared memory fails.
+    pub fn watch(&mut self, time: Duration) -> Answer {
+        let deadline = clock::now_ns().saturating_add(time.as_nanos().min(u128::from(u64::MAX)) as u64);
+        loop {
+            self.look()?;
+            self.serve()?;
+            let now = clock::now_ns();
+            if now >= deadline || self.is_stopping() {
+                return Ok(());
+            }
+            self.waiter.wait_until(Some(deadline.min(now + LOOK_NS)))?;
+        }
+    }
+
+    /// One round, without what is asked.
+    pub(super) fn look(&mut self) -> Answer {
+        self.look_at_beats()?;
+        self.look_at_children()?;
+        self.look_at_successors()?;
+        while let Some(authority) = self.authority.latest()? {
+            self.last_authority = Some(authority);
+        }
+        self.look_at_files()?;
+        self.look_at_the_computer();
+        self.settings.keep_up()?;
+        self.beat_if_due()?;
+        self.refresh_table()
+    }
+
+    pub(super) fn look_at_beats(&mut self) -> Answer {
+        let changes = self.beats.look(&mut self.crew)?;
+        for change in &changes {
+            match change {
+                Change::Ready(name) => {
+                    self.voice.info(&format!("{name} is ready"));
+                    if self.crew.find(name).is_some_and(|child| child.member.role == Role::Recorder) {
+                        let now = self.run_unix_ns();
+                        self.folder.note_recording(now);
+                    }
+                }
+                Change::Silent(name, seconds) => self.hangs(name, *seconds),
+                Change::Starved(name, seconds) => self.voice.warn(&format!(
+                    "{name} has shown no sign of life for {seconds} s, because the machine has no time for it: look for what else runs here"
+                )),
+                Change::Blocked(name, seconds) => self.voice.warn(&format!(
+                    "{name} has shown no sign of life for {seconds} s, because it waits for its disk: it is left alone, and goes on when the disk answers; look at the disk and at what else writes to it"
+                )),
+                Change::Back(name) => self.voice.warn(&format!("{name} is back")),
+            }
+        }
+        if self.beat.state == Heartbeat::STATE_READY && changes.iter().any(|change| matches!(change, Change::Ready(_)))
+        {
+            self.note_processes();
+        }
+        if changes.is_empty() { Ok(()) } else { self.publish_table() }
+    }
+
+    /// A process that hangs is as one that died: where it is started again, it is ended for that.
+    fn hangs(&mut self, name: &str, seconds: u64) {
+        let Some(child) = self.crew.find(name) else { return };
+        let (member, again) = (child.member.clone(), child.member.restart.again);
+        if again {
+            child.end_hung();
+        }
+        let means = self.consequence_of(&member, if again { Fate::Ended } else { Fate::Hangs }, "");
+        let sentence =
+            format!("{name} has shown no sign of life for {seconds} s, because it was stopped or hangs: {means}");
+        if member.role == Role::Recorder {
+            self.recording.fails(&format!("the recorder gave no sign of life for {seconds} s"));
+        }
+        self.voice.error(&sentence);
+    }
+
+    /// Says when the computer has no time for the robot, and when it has again.
+    fn look_at_the_computer(&mut self) {
+        match self.busy.look(clock::now_ns()) {
+            Some(busy::Change::Busy(share)) => {
+                let share = 100.0 * share;
+                self.voice.warn(&format!(
+                    "the computer is busy: something had to wait for a processor in {share:.0} % of the last two seconds; {}",
+                    busy::CURE
+                ));
+            }
+            Some(busy::Change::Over) => self.voice.info("the computer is no longer busy"),
+            None => {}
+        }
+    }
+
+    /// What belongs into this run folder, and what becomes of earlier ones.
+    fn look_at_files(&mut self) -> Answer {
+        while let Some(request) = self.requests.receive()? {
+            if request.verb == OperatorRequest::VERB_RUN && (request.answered, request.accepted) == (1, 1) {
+                let given = text_of(&request.text);
+                self.archive.keep_mission(config::mission_file(&given, &self.site.file.planner.missions));
+            }
+        }
+        self.look_at_recording()?;
+        if let Some(sentence) = self.mission.look(self.last_authority.as_ref())? {
+            self.voice.error(&sentence);
+        }
+        for trouble in self.archive.troubles() {
+            self.voice.warn(&trouble);
+        }
+        let news = self.leftovers.news();
+        self.tell(news);
+        Ok(())
+    }
+
+    /// Says what is not being recorded.
+    pub(super) fn look_at_recording(&mut self) -> Answer {
+        for said in self.recording.look(clock::now_ns())? {
+            match said {
+                Said::Stopped(sentence) => {
+                    self.voice.error(&sentence);
+                    // The recorder waits a second before it begins the next file: what that begins with is there by then.
+                    self.restore_folder();
+                }
+                Said::GoesOn(sentence) => {
+                    self.voice.warn(&sentence);
+                    self.restore_folder();
+                }
+                Said::Lost(sentence) => self.voice.warn(&sentence),
+            }
+        }
+        Ok(())
+    }
+
+    /// Says what has become of earlier runs.
+    pub(super) fn tell(&mut self, news: Vec<News>) {
+        for news in news {
+            match news {
+                News::Begun(sentence) => self.voice.info(&sentence),
+                News::Recovered(sentence) => self.voice.warn(&sentence),
+                News::Failed(sentence) => self.voice.error(&sentence),
+            }
+        }
+    }
+
+    fn look_at_children(&mut self) -> Answer {
+        let now = clock::now_ns();
+        let (mut ended, mut due) = (Vec::new(), Vec::new());
+        for child in self.crew.iter_mut() {
+            if child.exit.is_none() && !child.is_alive() {
+                ended.push(child.member.name.clone());
+            }
+            if child.kill_if_overdue(now) {
+                self.voice.warn(&format!("{} does not end by itself and is killed", child.member.name));
+            }
+            let starting = child.member.beats && child.ready_ns.is_none() && child.exit.is_none();
+            if starting && !child.overdue && child.asked.is_none() && now >= child.started_ns + READY_NS {
+                child.overdue = true;
+                self.voice.warn(&format!(
+                    "{} does not become ready within {} s: see {}",
+                    child.member.name,
+                    READY_NS / 1_000_000_000,
+                    self.folder.log(&child.member.name).display()
+                ));
+            }
+            if child.again_ns.is_some_and(|at| at <= now) {
+                child.again_ns = None;
+                due.push((child.member.clone(), child.restarts));
+            }
+        }
+        for name in &ended {
+            self.has_ended(name)?;
+        }
+        if !ended.is_empty() {
+            self.sweeper.wanted(now);
+            self.publish_table()?;
+        }
+        if let Some(why) = self.sweeper.look(now) {
+            self.voice.warn(&format!("what a dead process left is not removed yet: {why}"));
+        }
+        for (member, restarts) in due {
+            self.start_again(&member, restarts)?;
+        }
+        Ok(())
+    }
+
+    /// Says how a process ended, and decides what follows.
+    fn has_ended(&mut self, name: &str) -> Answer {
+        if self.succeed(name) {
+            return Ok(());
+        }
+        let Some(child) = self.crew.find(name) else { return Ok(()) };
+        let (member, asked) = (child.member.clone(), child.asked);
+        let how = child.ending();
+        match asked {
+            Some((_, then)) => {
+                self.voice.info(&format!("{name} {how}, as it was asked to"));
+                match then {
+                    Then::Stay => {}
+                    Then::Again => {
+                        let restarts = child.restarts;
+                        self.start_again(&member, restarts)?;
+                    }
+                    Then::Forget => self.forget(name)?,
+                }
+            }
+            None => {
+                let died = child.has_died();
+                // One that hung has not ended by what it said last.
+                let words = child.last_words().filter(|_| !child.hung).map(|words| format!(" ({words})"));
+                let words = words.unwrap_or_default();
+                let well_ns = child.ready_ns.map_or(0, |ready_ns| clock::now_ns().saturating_sub(ready_ns));
+                let verdict = child.restarts.died(&member.restart, well_ns);
+                let (next, fate) = match verdict {
+                    Verdict::Never => (String::new(), Fate::Dead),
+                    Verdict::After(pause_ns) => {
+                        child.again_ns = Some(clock::now_ns() + pause_ns);
+                        (format!("; it is started again in {:.1} s", pause_ns as f64 * 1e-9), Fate::Restarts)
+                    }
+                    Verdict::GaveUp => {
+                        child.gave_up = true;
+                        ("; it has died too often to be started again by itself".to_owned(), Fate::Dead)
+                    }
+                };
+                if died {
+                    let means = self.consequence_of(&member, fate, &next);
+                    self.voice.error(&format!("{name} {how}{words}: {means}"));
+                    self.died.push(name.to_owned());
+                } else {
+                    self.voice.warn(&format!("{name} {how}{words}{next}"));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Removes an ended process from the table.
+    pub(super) fn forget(&mut self, name: &str) -> Answer {
+        self.crew.forget(|child| child.member.name == name && child.exit.is_some());
+        self.beats.forget(name);
+        self.publish_farewell(name)
+    }
+
+    fn start_again(&mut self, member: &Member, mut restarts: Restarts) -> Answer {
+        restarts.again();
+        self.voice.warn(&format!("starting {} again", member.name));
+        // A machine without room for one more process is no reason to leave the others alone.
+        if let Err(failure) = self.launch(member, restarts) {
+            self.voice.warn(&format!("{failure}; trying again in {} s", RETRY_NS / 1_000_000_000));
+            if let Some(child) = self.crew.find(&member.name).filter(|child| child.exit.is_some()) {
+                child.again_ns = Some(clock::now_ns() + RETRY_NS);
+            }
+        }
+        self.publish_table()
+    }
+
+    /// What the loss of that process means now, what comes `next` by itself, and what helps.
+    fn consequence_of(&self, member: &Member, fate: Fate, next: &str) -> String {
+        let other = self.crew.stand_in(member);
+        let means = match other {
+            Some(other) => format!("{} goes on", other.member.name),
+            None => consequence(member.role, self.site.file.motor_io.watchdog_s),
+        };
+        match cure(&member.name, member.role, fate, other.is_some()) {
+            Some(cure) => format!("{means}{next}; {cure}"),
+            None => format!("{means}{next}"),
+        }
+    }
+
+    /// Publishes the supervisor's own beat if it is due.
+    pub(super) fn beat_if_due(&mut self) -> Answer {
+        let now = clock::now_ns();
+        if now >= self.last_beat_ns + BEAT_NS {
+            self.last_beat_ns = now;
+            self.beat.beat += 1;
+            self.beat.passes = self.beat.beat;
+            self.beat.header.stamp_ns = now;
+            self.beat.header.oldest_input_ns = now;
+            self.heartbeat.send(&mut self.beat)?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,224 @@
+//! How well a run followed its setpoints, from the run file alone.
+
+use crate::counters::Count;
+use crate::tracker::{Cycle, Tracker};
+use cable_robot::Vector3;
+use command::{Answer, Failure};
+use messages::{ControlStatus, MotorAuthority, TruthNode};
+use robot_state::Periods;
+use serde::Serialize;
+use std::path::Path;
+
+/// Deviation of a tension from the chosen one that counts as the same: this share of it, or the next constant.
+const TENSION_SHARE: f64 = 0.15;
+/// See above, N.
+const TENSION_N: f64 = 2.0;
+
+/// Root mean square and maximum of an error.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Error {
+    /// Root mean square, m.
+    pub rms_m: f64,
+    /// Maximum, m.
+    pub max_m: f64,
+    /// How many samples.
+    pub samples: usize,
+}
+
+/// Tensions that really were, against those that were chosen.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Tensions {
+    /// Part of the samples in which every line is within 15 % or 2 N of the chosen tension.
+    pub as_chosen: f64,
+    /// Largest deviation, N.
+    pub worst_n: f64,
+    /// Least tension of any line, N.
+    pub least_n: f64,
+    /// Largest tension of any line, N.
+    pub greatest_n: f64,
+}
+
+/// What a run comes to.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Analysis {
+    /// Time in which the setpoint moved, s.
+    pub moving_s: f64,
+    /// Estimate against setpoint, over moving cycles.
+    pub estimate: Error,
+    /// Truth against setpoint, over moving cycles, also those without a valid estimate; only the virtual box knows it.
+    pub truth: Option<Error>,
+    /// Tensions by truth, over moving cycles.
+    pub tensions: Option<Tensions>,
+    /// Control cycles that ran.
+    pub cycles: u64,
+    /// Periods of missions: steered, paused, and lost by cause.
+    pub periods: Periods,
+    /// For plots.
+    #[serde(skip)]
+    pub track: Vec<Point>,
+}
+
+/// One moving cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Point {
+    /// Time since the first one, s.
+    pub time_s: f64,
+    /// Where the node should be, m.
+    pub setpoint: Vector3<f64>,
+    /// Where it was estimated, m.
+    pub estimate: Vector3<f64>,
+    /// Where it was at the next true sample, m.
+    pub truth: Option<Vector3<f64>>,
+    /// How far that is from the set point of that sample's own time, m.
+    pub truth_off_m: Option<f64>,
+}
+
+/// Sums up what the cycles of a run come to.
+#[derive(Default)]
+pub struct Tally {
+    first: Option<MotorAuthority>,
+    last: Option<MotorAuthority>,
+    moving: u64,
+    begin_ns: Option<u64>,
+    estimate: Distances,
+    truth: Distances,
+    tensions: TensionTally,
+}
+
+impl Tally {
+    /// Takes the next cycle in; a point for plots if the node was to move in it.
+    pub fn add(&mut self, cycle: &Cycle<'_>) -> Option<Point> {
+        let now = cycle.authority;
+        self.first.get_or_insert(*now);
+        self.last = Some(*now);
+        let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return None };
+        // Every true position between this cycle and the next, against the setpoint of its own time; also while there is no estimate.
+        let mut nearest = None;
+        for truth in cycle.truth {
+            let Some(target) = cycle.setpoint_at(truth.header.stamp_ns) else { continue };
+            let position = Vector3::from(truth.position_m);
+            let off_m = (position - target.position).norm();
+            self.truth.add(off_m);
+            nearest.get_or_insert((position, off_m));
+            if let Some(control) = cycle.control {
+                self.tensions.add(truth, control);
+            }
+        }
+        let estimate = cycle.estimate?;
+        let begin_ns = *self.begin_ns.get_or_insert(now.header.stamp_ns);
+        let point = Point {
+            time_s: now.header.stamp_ns.saturating_sub(begin_ns) as f64 * 1e-9,
+            setpoint: setpoint.position,
+            estimate: Vector3::from(estimate.position_m),
+            truth: nearest.map(|(position, _)| position),
+            truth_off_m: nearest.map(|(_, off_m)| off_m),
+        };
+        self.moving += 1;
+        self.estimate.add((point.estimate - point.setpoint).norm());
+        Some(point)
+    }
+
+    /// The result; `None` if there was no cycle, or nothing moved.
+    #[must_use]
+    pub fn result(&self, track: Vec<Point>, periods: Periods) -> Option<Analysis> {
+        let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
+        Some(Analysis {
+            moving_s: self.moving as f64 * last.period_s,
+            estimate: self.estimate.result()?,
+            truth: self.truth.result(),
+            tensions: self.tensions.result(),
+            cycles: last.header.cycle.saturating_sub(first.header.cycle) + 1,
+            periods,
+            track,
+        })
+    }
+}
+
+/// Reads a run and compares.
+///
+/// # Errors
+/// It cannot be read, or nothing moved in it.
+pub fn analyse(run: &Path) -> Answer<Analysis> {
+    let (mut tracker, mut tally, mut track) = (Tracker::default(), Tally::default(), Vec::new());
+    let mut count = Count::default();
+    let mut each = |cycle: &Cycle<'_>| track.extend(tally.add(cycle));
+    let mut reader = runlog::RunReader::open(run).map_err(Failure::not_now)?;
+    while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
+        count.note(&recorded);
+        tracker.note(&recorded, &mut each);
+    }
+    tracker.finish(&mut each);
+    if tally.first.is_none() {
+        return Err(Failure::NotNow(format!(
+            "{} holds no motor/authority: nothing can be said about it",
+            run.display()
+        )));
+    }
+    tally.result(track, count.periods()).ok_or_else(|| Failure::NotNow(format!("nothing moved in {}", run.display())))
+}
+
+/// Sums up distances.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Distances {
+    squares: f64,
+    max_m: f64,
+    samples: usize,
+}
+
+impl Distances {
+    /// One more, m.
+    pub fn add(&mut self, distance_m: f64) {
+        self.squares += distance_m * distance_m;
+        self.max_m = self.max_m.max(distance_m);
+        self.samples += 1;
+    }
+
+    /// `None` without any.
+    #[must_use]
+    pub fn result(&self) -> Option<Error> {
+        let rms_m = (self.squares / self.samples.max(1) as f64).sqrt();
+        (self.samples > 0).then_some(Error { rms_m, max_m: self.max_m, samples: self.samples })
+    }
+}
+
+struct TensionTally {
+    samples: u64,
+    good: u64,
+    worst_n: f64,
+    least_n: f64,
+    greatest_n: f64,
+}
+
+impl Default for TensionTally {
+    fn default() -> Self {
+        Self { samples: 0, good: 0, worst_n: 0.0, least_n: f64::INFINITY, greatest_n: 0.0 }
+    }
+}
+
+impl TensionTally {
+    fn add(&mut self, truth: &TruthNode, chosen: &ControlStatus) {
+        let cables = usize::from(truth.cable_count).min(truth.tension_n.len());
+        if chosen.valid != 1 || chosen.tension_n[..cables].iter().all(|tension| *tension == 0.0) {
+            return;
+        }
+        self.samples += 1;
+        let mut good = true;
+        for (real, wanted) in truth.tension_n[..cables].iter().zip(&chosen.tension_n) {
+            let off = (real - wanted).abs();
+            good &= off <= (TENSION_SHARE * wanted).max(TENSION_N);
+            self.worst_n = self.worst_n.max(off);
+            self.least_n = self.least_n.min(*real);
+            self.greatest_n = self.greatest_n.max(*real);
+        }
+        self.good += u64::from(good);
+    }
+
+    fn result(&self) -> Option<Tensions> {
+        (self.samples > 0).then(|| Tensions {
+            as_chosen: self.good as f64 / self.samples as f64,
+            worst_n: self.worst_n,
+            least_n: self.least_n,
+            greatest_n: self.greatest_n,
+        })
+    }
+}

@@ -1,0 +1,165 @@
+//! A map as files that other programs read: ESRI ASCII grids, CSV, PLY, and pictures.
+
+use super::draw::{self, Plot};
+use super::globe::{self, Globe};
+use command::Answer;
+use georeference::{Plane, SensorMap};
+use messages::Sample;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+/// What stands for an unknown cell in an ESRI ASCII grid.
+const NODATA: i32 = -9999;
+
+/// Writes all files of a map; their paths.
+///
+/// # Errors
+/// A file cannot be written.
+pub(super) fn write(
+    folder: &Path,
+    name: &str,
+    map: &SensorMap,
+    samples: &[Sample],
+    track: &[[f64; 3]],
+    globe: Option<&Globe>,
+) -> Answer<Vec<PathBuf>> {
+    let mut written = Vec::new();
+    let mut file = |name: String, text: String| -> Answer {
+        let path = folder.join(name);
+        std::fs::write(&path, text).map_err(|error| super::cannot(&path, &error))?;
+        written.push(path);
+        Ok(())
+    };
+    let of = |pick: fn((f64, f64)) -> f64| -> Vec<Option<f64>> {
+        let spec = map.grid().spec();
+        let cells = (0..spec.rows).flat_map(|row| (0..spec.columns).map(move |column| (column, row)));
+        cells.map(|(column, row)| map.value(column, row).map(pick)).collect()
+    };
+    let (values, sigmas) = (of(|cell| cell.0), of(|cell| cell.1));
+    file(format!("{name}.asc"), ascii_grid(map, &values))?;
+    file(format!("{name}-sigma.asc"), ascii_grid(map, &sigmas))?;
+    file(format!("{name}-grid.csv"), grid_table(map))?;
+    file(format!("{name}.csv"), sample_table(samples, globe))?;
+    if let Some(cells) = globe.and_then(|globe| globe::cells(map, globe)) {
+        file(format!("{name}.geojson"), cells.to_string())?;
+    }
+    file(format!("{name}.ply"), points(map, samples))?;
+    let [quantity, unit] = map.names();
+    let quantity = if quantity.is_empty() { "value" } else { quantity };
+    let with_unit = if unit.is_empty() { quantity.to_owned() } else { format!("{quantity}, {unit}") };
+    let plane = map.plane();
+    let spec = map.grid().spec();
+    let plot = |title: String, label: String, values: Vec<Option<f64>>, from_zero: bool| Plot {
+        title,
+        label,
+        axes: plane.axes(),
+        origin_m: spec.origin_m,
+        cell_m: spec.cell_m,
+        columns: spec.columns,
+        rows: spec.rows,
+        values,
+        path: track.iter().map(|place| plane.of(*place)).collect(),
+        from_zero,
+    };
+    let main = plot(format!("{name}: {with_unit}"), with_unit.clone(), values, false);
+    written.extend(draw::save(&folder.join(name), &main)?);
+    let unsure = plot(format!("{name}: standard deviation of {with_unit}"), with_unit, sigmas, true);
+    written.extend(draw::save(&folder.join(format!("{name}-sigma")), &unsure)?);
+    Ok(written)
+}
+
+/// The highest row first, as the format has it.
+fn ascii_grid(map: &SensorMap, values: &[Option<f64>]) -> String {
+    let spec = map.grid().spec();
+    let [x, y] = spec.origin_m;
+    // writing into a string cannot fail
+    let mut text = String::new();
+    let _ = write!(
+        text,
+        "ncols {}\nnrows {}\nxllcorner {x}\nyllcorner {y}\ncellsize {}\nNODATA_value {NODATA}\n",
+        spec.columns, spec.rows, spec.cell_m
+    );
+    for row in values.chunks(spec.columns).rev() {
+        for (at, value) in row.iter().enumerate() {
+            let between = if at == 0 { "" } else { " " };
+            let _ = match value {
+                Some(value) => write!(text, "{between}{value:.6e}"),
+                None => write!(text, "{between}{NODATA}"),
+            };
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// A line for each known cell.
+fn grid_table(map: &SensorMap) -> String {
+    let spec = map.grid().spec();
+    let [a, b] = map.plane().axes();
+    let mut text = format!("{a}_m,{b}_m,value,sigma,slope_{a}_per_m,slope_{b}_per_m,structure,radius_m,samples\n");
+    for row in 0..spec.rows {
+        for column in 0..spec.columns {
+            let (Some(cell), Some((value, sigma))) = (map.grid().cell(column, row), map.value(column, row)) else {
+                continue;
+            };
+            let [x, y] = spec.centre(column, row);
+            let [gx, gy] = cell.gradient_per_m;
+            let (structure, radius, samples) = (cell.structure, cell.radius_m, cell.samples);
+            let _ = writeln!(
+                text,
+                "{x:.6},{y:.6},{value:.9e},{sigma:.3e},{gx:.6e},{gy:.6e},{structure:.3e},{radius:.4},{samples}"
+            );
+        }
+    }
+    text
+}
+
+/// A line for each sample.
+fn sample_table(samples: &[Sample], globe: Option<&Globe>) -> String {
+    let count = samples.iter().map(|sample| usize::from(sample.count).min(8)).max().unwrap_or(0);
+    let mut text = "stamp_ns,reading_seq,x_m,y_m,z_m,std_x_m,std_y_m,std_z_m,quality".to_owned();
+    for number in 1..=count {
+        let _ = write!(text, ",value_{number}");
+    }
+    if globe.is_some() {
+        text.push_str(",latitude_deg,longitude_deg");
+    }
+    text.push('\n');
+    for sample in samples {
+        let [x, y, z] = sample.position_m;
+        let [sx, sy, sz] = sample.position_std_m;
+        let (stamp_ns, seq, quality) = (sample.header.stamp_ns, sample.reading_seq, sample.quality);
+        let _ = write!(text, "{stamp_ns},{seq},{x:.6},{y:.6},{z:.6},{sx:.6},{sy:.6},{sz:.6},{quality}");
+        for value in &sample.value[..count] {
+            let _ = write!(text, ",{value}");
+        }
+        if let Some([latitude, longitude]) = globe.map(|globe| globe.at([x, y])) {
+            // a millimetre is the ninth place
+            let _ = write!(text, ",{latitude:.9},{longitude:.9}");
+        }
+        text.push('\n');
+    }
+    text
+}
+
+/// The samples as points with the value that the map takes; where the sensor looks down, at the height that it saw.
+fn points(map: &SensorMap, samples: &[Sample]) -> String {
+    let height = map.plane() == Plane::Level && map.looks_down();
+    let points: Vec<([f64; 3], f64)> = samples
+        .iter()
+        .filter_map(|sample| {
+            let (_, value) = map.point(sample)?;
+            let [x, y, z] = sample.position_m;
+            value.is_finite().then_some(([x, y, if height { value } else { z }], value))
+        })
+        .collect();
+    let mut text = format!("ply\nformat ascii 1.0\nelement vertex {}\n", points.len());
+    for property in ["x", "y", "z", "value"] {
+        let _ = writeln!(text, "property double {property}");
+    }
+    text.push_str("end_header\n");
+    for ([x, y, z], value) in points {
+        let _ = writeln!(text, "{x:.6} {y:.6} {z:.6} {value}");
+    }
+    text
+}

@@ -1,0 +1,114 @@
+//! Places on the globe: the robot's x and y on the plane that touches the ellipsoid at its origin.
+//!
+//! With φ the origin's latitude, M and N the radii of curvature of the ellipsoid along the meridian and across it, a point n metres north and
+//! e metres east is at φ + n / M and λ + e / (N cos φ). What that leaves out grows with the square of the distance: over 100 m it is under a
+//! millimetre up to 60 degrees north or south.
+
+use config::SiteSection;
+use georeference::{Plane, SensorMap};
+use serde_json::{Value, json};
+
+/// Half the equator's diameter of WGS 84, m, and its eccentricity squared.
+const A_M: f64 = 6_378_137.0;
+const E2: f64 = 6.694_379_990_141_316e-3;
+
+/// Where the robot stands.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Globe {
+    origin_deg: [f64; 2],
+    /// Degrees per metre: of latitude north, of longitude east.
+    deg_per_m: [f64; 2],
+    /// Sine and cosine of the x axis' direction, clockwise from north.
+    turn: (f64, f64),
+}
+
+impl Globe {
+    /// As the robot file's `[site]` says.
+    pub(super) fn of(site: &SiteSection) -> Self {
+        let latitude = site.latitude_deg.to_radians();
+        let flat = 1.0 - E2 * latitude.sin().powi(2);
+        let (along_m, across_m) = (A_M * (1.0 - E2) / flat.powf(1.5), A_M / flat.sqrt());
+        Self {
+            origin_deg: [site.latitude_deg, site.longitude_deg],
+            deg_per_m: [along_m.recip().to_degrees(), (across_m * latitude.cos()).recip().to_degrees()],
+            turn: site.azimuth_deg.to_radians().sin_cos(),
+        }
+    }
+
+    /// Latitude and longitude of x and y, degrees.
+    pub(super) fn at(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let (sine, cosine) = self.turn;
+        // y is to the left of x.
+        let (north_m, east_m) = (cosine * x + sine * y, sine * x - cosine * y);
+        [self.origin_deg[0] + north_m * self.deg_per_m[0], self.origin_deg[1] + east_m * self.deg_per_m[1]]
+    }
+}
+
+/// The known cells of a level map as GeoJSON (RFC 7946): a square each, with value and standard deviation. `None` for an upright map.
+pub(super) fn cells(map: &SensorMap, globe: &Globe) -> Option<Value> {
+    if map.plane() != Plane::Level {
+        return None;
+    }
+    let spec = map.grid().spec();
+    let half_m = 0.5 * spec.cell_m;
+    let mut features = Vec::new();
+    for row in 0..spec.rows {
+        for column in 0..spec.columns {
+            let Some((value, sigma)) = map.value(column, row) else { continue };
+            let [x, y] = spec.centre(column, row);
+            // anticlockwise and closed, longitude first, as the format has it
+            let ring = [[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0], [-1.0, -1.0]].map(|[a, b]: [f64; 2]| {
+                let [latitude, longitude] = globe.at([x + a * half_m, y + b * half_m]);
+                [longitude, latitude]
+            });
+            features.push(json!({
+                "type": "Feature",
+                "geometry": { "type": "Polygon", "coordinates": [ring] },
+                "properties": { "value": value, "sigma": sigma },
+            }));
+        }
+    }
+    Some(json!({ "type": "FeatureCollection", "features": features }))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Earth-centred coordinates of a point on the ellipsoid, m.
+    fn in_space([latitude_deg, longitude_deg]: [f64; 2]) -> [f64; 3] {
+        let (latitude, longitude) = (latitude_deg.to_radians(), longitude_deg.to_radians());
+        let across_m = A_M / (1.0 - E2 * latitude.sin().powi(2)).sqrt();
+        [
+            across_m * latitude.cos() * longitude.cos(),
+            across_m * latitude.cos() * longitude.sin(),
+            across_m * (1.0 - E2) * latitude.sin(),
+        ]
+    }
+
+    #[test]
+    fn distances_and_directions_are_those_in_space() {
+        for latitude_deg in [-55.0, 0.0, 34.07, 60.0] {
+            for azimuth_deg in [0.0, 90.0, 210.0] {
+                let site = SiteSection { latitude_deg, longitude_deg: -118.4, azimuth_deg };
+                let globe = Globe::of(&site);
+                let origin = in_space([latitude_deg, -118.4]);
+                let away = |at: [f64; 2]| {
+                    let place = in_space(globe.at(at));
+                    [0, 1, 2].map(|i| place[i] - origin[i])
+                };
+                for at in [[100.0, 0.0], [0.0, 100.0], [-60.0, 40.0]] {
+                    let apart = away(at).iter().map(|d| d * d).sum::<f64>().sqrt();
+                    assert!((apart - at[0].hypot(at[1])).abs() < 1e-3, "{latitude_deg} {at:?}: {apart}");
+                }
+                let (x, y) = (away([100.0, 0.0]), away([0.0, 100.0]));
+                let across: f64 = x.iter().zip(y).map(|(a, b)| a * b).sum();
+                assert!(across.abs() < 1.0, "{across}");
+            }
+        }
+        // North of Los Angeles is more latitude, and with x to the north y is to the west.
+        let globe = Globe::of(&SiteSection { latitude_deg: 34.0, longitude_deg: -118.0, azimuth_deg: 0.0 });
+        let [latitude, longitude] = globe.at([10.0, 10.0]);
+        assert!(latitude > 34.0 && longitude < -118.0);
+    }
+}

@@ -1,0 +1,263 @@
+//! `nims map`: what the sensors of a run measured, as grids with uncertainty, contour pictures, point clouds and tables.
+
+mod contour;
+mod draw;
+mod files;
+mod globe;
+mod read;
+
+pub use contour::{contours, levels};
+use globe::Globe;
+pub use read::{Origin, config_of, samples_of};
+
+use crate::runs::there;
+use command::values::above_zero;
+use command::{Answer, Failure, Output};
+use georeference::{LoggerConfig, SensorMap};
+use messages::Sample;
+use plot::ticks;
+use serde_json::{Value, json};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use survey::grid::{GridMap, GridOptions, GridSpec};
+
+/// `nims map`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Run folder or file.
+    pub run: PathBuf,
+    /// Folder for the files; default: map in the run folder, or beside the run file.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    /// Only this sensor, NAME of sensor/NAME. May be given several times.
+    #[arg(long, value_name = "NAME")]
+    pub sensor: Vec<String>,
+    /// Side of a cell, m; default: a round size, of which about 80 cover what was measured.
+    #[arg(long, value_name = "M", value_parser = above_zero)]
+    pub cell: Option<f64>,
+    /// How far a sample speaks for its surroundings, m: half the distance of neighbouring tracks or more; default: four cells.
+    #[arg(long, value_name = "M", value_parser = above_zero)]
+    pub reach: Option<f64>,
+    /// Which of a sensor's values, from 1; default: as the box file says, else the first.
+    #[arg(long, value_name = "N", requires = "sensor", value_parser = clap::value_parser!(u8).range(1..=8))]
+    pub value: Option<u8>,
+    /// The value is a distance straight down, m: map the height of what is there.
+    #[arg(long, requires = "sensor")]
+    pub looks_down: bool,
+    /// Standard deviation of a value, in its unit; default: as the box file says, else estimated from the scatter.
+    #[arg(long, value_name = "SIGMA", requires = "sensor", value_parser = above_zero)]
+    pub sigma: Option<f64>,
+    /// Diameter of what the sensor sees at once, m; default: as the box file says, else a point.
+    #[arg(long, value_name = "M", requires = "sensor", value_parser = above_zero)]
+    pub footprint: Option<f64>,
+    /// Find the place of every reading anew, also where the sensor logger did so in flight.
+    #[arg(long)]
+    pub recompute: bool,
+}
+
+/// Cells along the longer side, about, if no size is given.
+const CELLS: f64 = 80.0;
+/// Cells along a side at most.
+const MOST_CELLS: f64 = 2000.0;
+
+/// What was measured by one sensor.
+#[derive(Default)]
+struct Measured {
+    samples: Vec<Sample>,
+    origin: Origin,
+}
+
+/// Writes the maps.
+///
+/// # Errors
+/// There is no run, it has no such sensor, or a file cannot be written.
+pub fn run(asked: &Args) -> Answer<Output> {
+    there(&asked.run)?;
+    let (robot, section) = read::files_of(&asked.run)?;
+    let mut config = read::config(&robot, &section)?;
+    let globe = robot.site.as_ref().map(Globe::of);
+    adapt(&mut config, asked);
+    let mut measured: BTreeMap<String, Measured> = BTreeMap::new();
+    let mut heard = Vec::new();
+    let track = samples_of(&asked.run, &config, &mut heard, &mut |name, origin, sample| {
+        if asked.sensor.is_empty() || asked.sensor.iter().any(|wanted| wanted == name) {
+            let sensor = measured.entry(name.to_owned()).or_default();
+            if asked.recompute && origin == Origin::Recorded {
+                return;
+            }
+            // what the logger made in flight is what the robot knew; otherwise it is made now
+            match (sensor.origin, origin) {
+                (Origin::Recorded, Origin::Computed) => return,
+                (Origin::Computed, Origin::Recorded) => sensor.samples.clear(),
+                _ => {}
+            }
+            sensor.origin = origin;
+            sensor.samples.push(*sample);
+        }
+    })?;
+    if let Some(absent) = asked.sensor.iter().find(|name| !heard.contains(name)) {
+        let there = if heard.is_empty() { "none".to_owned() } else { heard.join(", ") };
+        return Err(Failure::BadInput(format!("the run has no sensor {absent}; there are {there}")));
+    }
+    let folder = asked.out.clone().unwrap_or_else(|| beside(&asked.run));
+    std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, &error))?;
+    let (mut values, mut words) = (Vec::new(), Vec::new());
+    for (name, measured) in &measured {
+        match one(&config, asked, name, measured) {
+            Ok(map) => {
+                let written = files::write(&folder, name, &map, &measured.samples, &track, globe.as_ref())?;
+                let (value, sentence) = told(name, &map, measured, &written);
+                values.push(value);
+                words.push(sentence);
+            }
+            Err(why) => words.push(format!("{name}: no map: {why}")),
+        }
+    }
+    if values.is_empty() {
+        let why = if words.is_empty() { "no reading of a sensor got a place".to_owned() } else { words.join("; ") };
+        return Err(Failure::NotNow(format!("{} gives no map: {why}", asked.run.display())));
+    }
+    words.push(format!("files in {}", folder.display()));
+    Ok(Output::new(json!({ "run": asked.run, "folder": folder, "maps": values }), words.join("\n")))
+}
+
+/// Maps of the sensors of a run within these areas, by name, with about `cells` cells along the longer side; in memory that does not grow with
+/// the run.
+///
+/// # Errors
+/// The run cannot be read.
+pub fn maps_within(
+    run: &Path,
+    config: &LoggerConfig,
+    areas: &BTreeMap<String, [[f64; 2]; 2]>,
+    cells: f64,
+) -> Answer<BTreeMap<String, SensorMap>> {
+    let empty = |name: &str| -> Option<SensorMap> {
+        let sensor = config.sensor(name)?;
+        let [low, high] = areas.get(name)?;
+        let map = SensorMap::new(config, &sensor, 8).ok()??;
+        let longest_m = (high[0] - low[0]).max(high[1] - low[1]).max(0.01);
+        let spec = around(&[*low, *high], Some(longest_m / cells))?.ok()?;
+        let options = GridOptions { reach_m: 4.0 * spec.cell_m, ..config.options(&sensor, spec.cell_m) };
+        Some(map.on(GridMap::new(spec, options).ok()?))
+    };
+    // of each sensor what was recorded, and what is computed: which of them counts shows at the end
+    let mut both: BTreeMap<String, [Option<SensorMap>; 2]> = BTreeMap::new();
+    samples_of(run, config, &mut Vec::new(), &mut |name, origin, sample| {
+        if !both.contains_key(name) {
+            both.insert(name.to_owned(), [empty(name), empty(name)]);
+        }
+        if let Some(Some(map)) = both.get_mut(name).map(|maps| &mut maps[usize::from(origin == Origin::Computed)]) {
+            map.add(sample);
+        }
+    })?;
+    let filled = both.into_iter().filter_map(|(name, maps)| {
+        let mut map = maps.into_iter().flatten().find(|map| map.grid().counts().inside > 0)?;
+        map.grid_mut().refresh_all();
+        Some((name, map))
+    });
+    Ok(filled.collect())
+}
+
+/// What was asked for goes before what the box file says.
+fn adapt(config: &mut LoggerConfig, asked: &Args) {
+    let names = if asked.sensor.is_empty() { Vec::new() } else { asked.sensor.clone() };
+    for name in names {
+        let mut section = config.sensor(&name).map_or_else(Default::default, |sensor| sensor.section);
+        section.name.clone_from(&name);
+        section.map_value = asked.value.map(usize::from).or(section.map_value);
+        section.looks_down |= asked.looks_down;
+        section.sigma = asked.sigma.or(section.sigma);
+        section.footprint_m = asked.footprint.unwrap_or(section.footprint_m);
+        config.section.sensor.retain(|other| other.name != name);
+        config.section.sensor.push(section);
+    }
+}
+
+/// The map of one sensor; or why there is none.
+fn one(config: &LoggerConfig, asked: &Args, name: &str, measured: &Measured) -> Result<SensorMap, String> {
+    let sensor = config.sensor(name).ok_or("the box file excludes it")?;
+    let Some(empty) = SensorMap::new(config, &sensor, 8).map_err(|error| error.to_string())? else {
+        return Err("its `map_value` is 0".to_owned());
+    };
+    let points: Vec<[f64; 2]> =
+        measured.samples.iter().filter_map(|sample| empty.point(sample)).map(|(place, _)| place).collect();
+    let spec = around(&points, asked.cell).ok_or("no reading of it has a value and a place")??;
+    let options =
+        GridOptions { reach_m: asked.reach.unwrap_or(4.0 * spec.cell_m), ..config.options(&sensor, spec.cell_m) };
+    let grid = GridMap::new(spec, options).map_err(|error| error.to_string())?;
+    let mut map = empty.on(grid);
+    measured.samples.iter().for_each(|sample| map.add(sample));
+    map.grid_mut().refresh_all();
+    Ok(map)
+}
+
+/// A grid about points, with cells of a round size if none is given.
+fn around(points: &[[f64; 2]], cell_m: Option<f64>) -> Option<Result<GridSpec, String>> {
+    let bound = |k: usize, from: f64, pick: fn(f64, f64) -> f64| points.iter().map(|point| point[k]).fold(from, pick);
+    let low: [f64; 2] = std::array::from_fn(|k| bound(k, f64::INFINITY, f64::min));
+    let high: [f64; 2] = std::array::from_fn(|k| bound(k, f64::NEG_INFINITY, f64::max));
+    let longest_m = (high[0] - low[0]).max(high[1] - low[1]);
+    if !longest_m.is_finite() {
+        return None;
+    }
+    let longest_m = longest_m.max(0.01);
+    let steps = ticks([0.0, longest_m], CELLS);
+    let round = steps.windows(2).map(|two| two[1] - two[0]).next().unwrap_or(longest_m);
+    let cell_m = cell_m.unwrap_or(round);
+    if longest_m / cell_m > MOST_CELLS {
+        return Some(Err(format!(
+            "cells of {cell_m} m would be more than {MOST_CELLS} along {longest_m:.2} m; give larger ones with --cell"
+        )));
+    }
+    // on whole cells, so that maps of several sensors and runs lie on each other
+    let low = low.map(|value| (value / cell_m).floor() * cell_m);
+    Some(GridSpec::covering(low, high.map(|value| value + 1e-6 * cell_m), cell_m).map_err(|error| error.to_string()))
+}
+
+/// About one map: JSON and a sentence.
+fn told(name: &str, map: &SensorMap, measured: &Measured, written: &[PathBuf]) -> (Value, String) {
+    let spec = map.grid().spec();
+    let known: Vec<(f64, f64)> = (0..spec.rows)
+        .flat_map(|row| (0..spec.columns).map(move |column| (column, row)))
+        .filter_map(|(column, row)| map.value(column, row))
+        .collect();
+    let low = known.iter().map(|(value, _)| *value).fold(f64::INFINITY, f64::min);
+    let high = known.iter().map(|(value, _)| *value).fold(f64::NEG_INFINITY, f64::max);
+    let mut sigmas: Vec<f64> = known.iter().map(|(_, sigma)| *sigma).collect();
+    sigmas.sort_by(f64::total_cmp);
+    let median = sigmas.get(sigmas.len() / 2).copied();
+    let counts = map.grid().counts();
+    let [quantity, unit] = map.names();
+    let origin = match measured.origin {
+        Origin::Recorded => "recorded",
+        Origin::Computed => "computed",
+    };
+    let value = json!({
+        "sensor": name, "samples_are": origin, "samples": counts.inside, "left_out": measured.samples.len() as u64 - counts.inside,
+        "quantity": quantity, "unit": unit, "axes": map.plane().axes(),
+        "origin_m": spec.origin_m, "cell_m": spec.cell_m, "columns": spec.columns, "rows": spec.rows,
+        "reach_m": map.grid().options().reach_m, "known_cells": known.len(), "low": low, "high": high,
+        "median_sigma": median, "noise": map.grid().noise(), "files": written,
+    });
+    let sentence = format!(
+        "{name}: {} samples ({origin}), {} of {} x {} cells of {} m known, {} from {low:.4} to {high:.4} {unit}, median standard deviation {:.2e}",
+        counts.inside,
+        known.len(),
+        spec.columns,
+        spec.rows,
+        spec.cell_m,
+        if quantity.is_empty() { "value" } else { quantity },
+        median.unwrap_or(f64::NAN)
+    );
+    (value, sentence)
+}
+
+/// `map` in the run folder, or beside a run file.
+fn beside(run: &Path) -> PathBuf {
+    if run.is_dir() { run.join("map") } else { run.parent().unwrap_or(Path::new("")).join("map") }
+}
+
+fn cannot(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::NotNow(format!("{} cannot be written: {error}", path.display()))
+}

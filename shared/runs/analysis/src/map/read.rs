@@ -1,0 +1,178 @@
+//! The samples of a run: as the sensor logger made them in flight, and as the same code makes them now.
+
+use crate::report::robot_file_of;
+use crate::runs::progress;
+use command::{Answer, Failure};
+use config::{RobotFile, SensorLoggerSection};
+use georeference::{Decoder, Logger, LoggerConfig};
+use messages::{MotorAuthority, NodeEstimate, Sample};
+use runlog::{Attachment, Recorded, RunReader};
+use std::collections::HashMap;
+use std::path::Path;
+
+/// The box file of a run, as the supervisor names its copy.
+const BOX: &str = "box.toml";
+/// Places closer to the last one than this are not kept for the drawing of the path, m.
+const STEP_M: f64 = 0.01;
+
+/// How a sample came to be.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Origin {
+    /// In flight, by the sensor logger.
+    Recorded,
+    /// Now, from readings and estimates.
+    #[default]
+    Computed,
+}
+
+/// How the sensors of a run are to be taken: as its box file says.
+///
+/// # Errors
+/// There is no robot file in it, or a box file that cannot be used.
+pub fn config_of(run: &Path) -> Answer<LoggerConfig> {
+    let (robot, section) = files_of(run)?;
+    config(&robot, &section)
+}
+
+/// What these files make of the sensors.
+pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer<LoggerConfig> {
+    Ok(LoggerConfig::of(section, &robot.robot().map_err(Failure::not_now)?))
+}
+
+/// The robot file of a run, and the section of its box file.
+pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
+    let mut reader = RunReader::open(run)?;
+    // what was kept inside the file stands before its first sample
+    reader.next_sample().map_err(Failure::not_now)?;
+    let Some(robot) = robot_file_of(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
+        return Err(Failure::NotNow(format!(
+            "{} holds no robot.toml that this program accepts, so it is not known what flew",
+            run.display()
+        )));
+    };
+    Ok((robot, section_of(run, reader.attachments())?))
+}
+
+fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> {
+    let folder = if run.is_dir() { Some(run) } else { run.parent() };
+    let beside = folder.and_then(|folder| std::fs::read_to_string(folder.join(BOX)).ok());
+    let kept = || inside.iter().find(|one| one.name == BOX).map(|one| String::from_utf8_lossy(&one.data).into_owned());
+    let Some(text) = beside.or_else(kept) else { return Ok(SensorLoggerSection::default()) };
+    let table: toml::Table =
+        text.parse().map_err(|error| Failure::BadInput(format!("the box file of the run cannot be read: {error}")))?;
+    match table.get("sensor_logger") {
+        Some(section) => section.clone().try_into().map_err(|error| {
+            Failure::BadInput(format!("[sensor_logger] in the box file of the run cannot be used: {error}"))
+        }),
+        None => Ok(SensorLoggerSection::default()),
+    }
+}
+
+/// Gives every sample of every sensor to `take`: name, origin, sample; in memory that does not grow with the run. `heard` gets the names of
+/// all sensors. The path that was flown comes back.
+///
+/// # Errors
+/// The run cannot be read.
+pub fn samples_of(
+    run: &Path,
+    config: &LoggerConfig,
+    heard: &mut Vec<String>,
+    take: &mut dyn FnMut(&str, Origin, &Sample),
+) -> Answer<Vec<[f64; 3]>> {
+    let mut reader = RunReader::open(run)?;
+    let mut show = progress("reading");
+    let mut desk = Desk {
+        config,
+        logger: Logger::new(config).map_err(Failure::not_now)?,
+        numbers: HashMap::new(),
+        names: Vec::new(),
+        now_ns: 0,
+        track: Vec::new(),
+    };
+    let mut count = 0_u64;
+    loop {
+        if count.is_multiple_of(4096) {
+            show(reader.position(), reader.bytes());
+        }
+        count += 1;
+        let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
+        desk.note(&recorded, heard, take);
+    }
+    show(reader.bytes(), reader.bytes());
+    desk.give(u64::MAX, take);
+    Ok(desk.track)
+}
+
+/// The logger with the channels of a run.
+struct Desk<'a> {
+    config: &'a LoggerConfig,
+    logger: Logger,
+    /// The logger's number of a channel, by its place in the run; `None`: it has none.
+    numbers: HashMap<usize, Option<usize>>,
+    names: Vec<String>,
+    now_ns: u64,
+    track: Vec<[f64; 3]>,
+}
+
+impl Desk<'_> {
+    fn note(&mut self, recorded: &Recorded<'_>, heard: &mut Vec<String>, take: &mut dyn FnMut(&str, Origin, &Sample)) {
+        let channel = recorded.channel.name.as_str();
+        if let Some(slot) = ["node/estimate/a", "node/estimate/b"].iter().position(|name| *name == channel) {
+            if let Some(estimate) = recorded.to::<NodeEstimate>() {
+                self.logger.estimate(slot, &estimate);
+                self.now_ns = self.now_ns.max(estimate.header.stamp_ns);
+                if estimate.valid == 1 && self.track.last().is_none_or(|last| far(last, &estimate.position_m)) {
+                    self.track.push(estimate.position_m);
+                }
+                self.give(self.now_ns, take);
+            }
+        } else if channel == "motor/authority" {
+            if let Some(authority) = recorded.to::<MotorAuthority>() {
+                self.logger.authority(&authority);
+            }
+        } else if let Some(name) = channel.strip_prefix("sample/") {
+            if let Some(sample) = recorded.to::<Sample>() {
+                hear(heard, name);
+                take(name, Origin::Recorded, &sample);
+            }
+        } else if let Some(name) = channel.strip_prefix("sensor/") {
+            if !self.numbers.contains_key(&recorded.index) {
+                hear(heard, name);
+                let number = self.sensor(name, recorded);
+                self.numbers.insert(recorded.index, number);
+            }
+            if let Some(Some(number)) = self.numbers.get(&recorded.index) {
+                self.logger.reading(*number, recorded.sample, self.now_ns);
+            }
+        }
+    }
+
+    fn sensor(&mut self, name: &str, recorded: &Recorded<'_>) -> Option<usize> {
+        let config = self.config.sensor(name)?;
+        let channel = recorded.channel;
+        let decoder = Decoder::of(&config, &channel.type_name, &channel.schema, recorded.sample.len()).ok()?;
+        let number = self.logger.sensor(name, &config, decoder);
+        if number == self.names.len() {
+            self.names.push(name.to_owned());
+        }
+        Some(number)
+    }
+
+    fn give(&mut self, now_ns: u64, take: &mut dyn FnMut(&str, Origin, &Sample)) {
+        while let Some((number, sample)) = self.logger.next_sample(now_ns) {
+            if let Some(name) = self.names.get(number) {
+                take(name, Origin::Computed, &sample);
+            }
+        }
+    }
+}
+
+fn hear(heard: &mut Vec<String>, name: &str) {
+    if !heard.iter().any(|known| known == name) {
+        heard.push(name.to_owned());
+    }
+}
+
+fn far(a: &[f64; 3], b: &[f64; 3]) -> bool {
+    a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() > STEP_M * STEP_M
+}

@@ -1,0 +1,205 @@
+//! `nims motor-table`: recorded runs of raising and lowering known loads in, a table of the motors' current out.
+
+use cable_robot::energy::fit::{Sample, covered, fit};
+use command::values::{Numbers, numbers};
+use command::{Answer, Failure, Output};
+use messages::{MotorAuthority, MotorState, NodeEstimate};
+use serde_json::json;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// `nims motor-table`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Run folders or files. The robot file of each run must say what hung on the lines (node_mass_kg).
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// Write the table to this new file, for `table` in `[motor]` of a robot file.
+    #[arg(long, value_name = "FILE")]
+    pub out: PathBuf,
+    /// Reel-in speeds of the table, m/s, rising, below 0 for paying out; default: as far as the runs go.
+    #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
+    pub speeds: Option<Numbers>,
+    /// Tensions of the table, N, rising; default: as far as the runs go.
+    #[arg(long, value_name = "A,B,..", value_parser = numbers)]
+    pub tensions: Option<Numbers>,
+}
+
+/// Samples are means over this time, s: long against an encoder step and the drives' own averaging, short against a move.
+const WINDOW_S: f64 = 0.2;
+
+/// A line whose speed differs by more than this between the halves of a window is accelerating, m/s: half a newton of the
+/// rotor's inertia.
+const STEADY_M_S: f64 = 0.003;
+
+/// A node slower than this stands, m/s: a gear that locks itself then draws any current.
+const STANDING_M_S: f64 = 0.005;
+
+/// What of a cycle counts: only what the robot followed, by a valid estimate.
+#[derive(Debug, Clone, Copy, Default)]
+struct Cycle {
+    state: Option<MotorState>,
+    estimate: Option<NodeEstimate>,
+    period_s: f64,
+}
+
+/// The samples of a run: every line in every window of steady motion.
+///
+/// The tension is the estimate's: with three lines that of the statics of the load, with more that of their stretch.
+///
+/// # Errors
+/// The run cannot be read or holds nothing to learn from.
+pub fn samples(run: &Path) -> Answer<Vec<Sample>> {
+    let mut cycles: BTreeMap<u64, Cycle> = BTreeMap::new();
+    let mut reader = runlog::RunReader::open(run).map_err(Failure::bad)?;
+    while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
+        match recorded.channel.name.as_str() {
+            "motor/state" => {
+                if let Some(state) = recorded.to::<MotorState>() {
+                    cycles.entry(state.header.cycle).or_default().state = Some(state);
+                }
+            }
+            "node/estimate/a" => {
+                if let Some(estimate) = recorded.to::<NodeEstimate>().filter(|estimate| estimate.valid == 1) {
+                    cycles.entry(estimate.header.cycle).or_default().estimate = Some(estimate);
+                }
+            }
+            "motor/authority" => {
+                if let Some(authority) = recorded.to::<MotorAuthority>()
+                    && authority.mode == MotorAuthority::MODE_FOLLOWING
+                {
+                    cycles.entry(authority.header.cycle).or_default().period_s = authority.period_s;
+                }
+            }
+            _ => {}
+        }
+    }
+    let following: Vec<(u64, MotorState, NodeEstimate, f64)> = cycles
+        .into_iter()
+        .filter(|(_, cycle)| cycle.period_s > 0.0)
+        .filter_map(|(number, cycle)| Some((number, cycle.state?, cycle.estimate?, cycle.period_s)))
+        .collect();
+    let Some(&(.., period_s)) = following.first() else {
+        return Err(Failure::BadInput(format!(
+            "{} holds no motion to learn from: nothing was flown in it, or motor/state, motor/authority or node/estimate/a were not recorded",
+            run.display()
+        )));
+    };
+    let window = 2 * ((0.5 * WINDOW_S / period_s).round() as usize).max(2);
+    let mut samples = Vec::new();
+    for cycles in following.chunks_exact(window) {
+        let unbroken = cycles[window - 1].0 - cycles[0].0 + 1 == window as u64;
+        let moves = cycles.iter().all(|(_, _, estimate, _)| {
+            let [x, y, z] = estimate.velocity_m_s;
+            (x * x + y * y + z * z).sqrt() > STANDING_M_S
+        });
+        if unbroken && moves {
+            samples.extend((0..usize::from(cycles[0].1.cable_count)).filter_map(|cable| steady(cycles, cable)));
+        }
+    }
+    Ok(samples)
+}
+
+/// The means of a window for one line, if it ran steadily and every number is one.
+fn steady(cycles: &[(u64, MotorState, NodeEstimate, f64)], cable: usize) -> Option<Sample> {
+    let mean = |part: &[(u64, MotorState, NodeEstimate, f64)], of: &dyn Fn(&MotorState, &NodeEstimate) -> f64| {
+        part.iter().map(|(_, state, estimate, _)| of(state, estimate)).sum::<f64>() / part.len() as f64
+    };
+    let (early, late) = cycles.split_at(cycles.len() / 2);
+    let speed = |state: &MotorState, _: &NodeEstimate| state.velocity_m_s[cable];
+    let change = (mean(early, &speed) - mean(late, &speed)).abs();
+    if change.is_nan() || change > STEADY_M_S {
+        return None;
+    }
+    if cycles.iter().any(|(_, state, estimate, _)| state.fresh[cable] == 0 || estimate.slack[cable] != 0) {
+        return None;
+    }
+    let sample = Sample {
+        reel_in_m_s: -mean(cycles, &speed),
+        tension_n: mean(cycles, &|_, estimate| estimate.tension_n[cable]),
+        current_a: mean(cycles, &|state, _| state.current_a[cable]),
+    };
+    (sample.reel_in_m_s.is_finite() && sample.tension_n.is_finite() && sample.current_a.is_finite()).then_some(sample)
+}
+
+/// Builds the table and writes it; JSON and words.
+///
+/// # Errors
+/// Runs that cannot be read or do not cover enough speeds and tensions, or a file that is there already or cannot be written.
+pub fn run(asked: &Args) -> Answer<Output> {
+    let out = asked.out.as_path();
+    if out.exists() {
+        let out = out.display();
+        return Err(Failure::BadInput(format!("{out} is there already; name a new file, or move that one away")));
+    }
+    let mut all = Vec::new();
+    for run in &asked.runs {
+        if !run.exists() {
+            return Err(Failure::BadInput(format!(
+                "there is no run {}: give a run folder or a run file",
+                run.display()
+            )));
+        }
+        all.extend(samples(run)?);
+    }
+    let given = |axis: &Option<Numbers>| axis.as_ref().map(|Numbers(values)| values.clone());
+    let (speeds, tensions) = match (given(&asked.speeds), given(&asked.tensions)) {
+        (Some(speeds), Some(tensions)) => (speeds, tensions),
+        (speeds, tensions) => {
+            let found = covered(&all).map_err(Failure::bad)?;
+            (speeds.unwrap_or(found.0), tensions.unwrap_or(found.1))
+        }
+    };
+    let found = fit(&all, &speeds, &tensions).map_err(Failure::bad)?;
+    write(asked, &speeds, &tensions, &found.currents_a)?;
+    let value = json!({
+        "speeds_m_s": speeds,
+        "tensions_n": tensions,
+        "currents_a": found.currents_a,
+        "samples": found.samples,
+        "rms_residual_a": found.rms_residual_a,
+        "file": out,
+    });
+    let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
+    let ([slowest, fastest], [loosest, tightest]) = (ends(&speeds), ends(&tensions));
+    let words = format!(
+        "{} speeds from {slowest} to {fastest} m/s, {} tensions from {loosest} to {tightest} N, from {} samples that deviate by \
+         {:.3} A (root mean square); written to {}",
+        speeds.len(),
+        tensions.len(),
+        found.samples,
+        found.rms_residual_a,
+        out.display()
+    );
+    Ok(Output::new(value, words))
+}
+
+fn write(asked: &Args, speeds: &[f64], tensions: &[f64], currents: &[Vec<f64>]) -> Answer {
+    let list = |values: &[f64], decimals: usize| {
+        values.iter().map(|value| format!("{value:.decimals$}")).collect::<Vec<_>>().join(", ")
+    };
+    let runs: Vec<String> = asked
+        .runs
+        .iter()
+        .filter_map(|run| run.file_name())
+        .map(|name| format!("{:?}", name.to_string_lossy()))
+        .collect();
+    let mut text = String::from(
+        "# Motor current over reel-in speed and line tension, as measured; for `table` in [motor] of a robot file.\n",
+    );
+    let _ = writeln!(text, "date = \"{}\"", runlog::utc(bus::clock::unix_ns()));
+    let _ = writeln!(text, "runs = [{}]", runs.join(", "));
+    let _ = writeln!(text, "speeds_m_s = [{}]   # below 0 pays out", list(speeds, 4));
+    let _ = writeln!(text, "tensions_n = [{}]", list(tensions, 3));
+    let _ = writeln!(text, "currents_a = [   # a row per speed");
+    for row in currents {
+        let _ = writeln!(text, "    [{}],", list(row, 4));
+    }
+    text.push_str("]\n");
+    let cannot = |why: std::io::Error| Failure::NotNow(format!("{} cannot be written: {why}", asked.out.display()));
+    // Never over a file that appeared meanwhile.
+    let mut file = std::fs::File::create_new(&asked.out).map_err(cannot)?;
+    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(cannot)
+}

@@ -1,0 +1,479 @@
+//! Everything the page shows, gathered while the run is read once, in memory that does not grow with the run.
+
+use super::events::Events;
+use super::legs::Legs;
+use super::samples::Sensors;
+use super::trace::{Thinned, Trace};
+use crate::accuracy::{Analysis, Distances, Tally};
+use crate::counters::Count;
+use crate::tracker::{Cycle, Tracker};
+use cable_robot::{Robot, Vector3};
+use command::{Answer, Failure};
+use georeference::SensorMap;
+use hdrhistogram::Histogram;
+use messages::{
+    CABLES, Heartbeat, LogEvent, MotorAuthority, MotorState, OperatorRequest, PlanStatus, ProcessState, RecorderStatus,
+    text_of,
+};
+use robot_state::Periods;
+use runlog::{Inspection, Recorded, RunReader, RunReport};
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// A silence of the control cycle that is seen as one, s.
+const CYCLE_GAP_S: f64 = 0.5;
+/// Channels without which a part of the page is missing, and which part.
+const NEEDED: [(&str, &str); 7] = [
+    ("motor/authority", "modes, timing and legs"),
+    ("motor/state", "lengths, speeds and currents of the cables"),
+    ("node/estimate/", "the path as it was flown"),
+    ("control/status/", "the chosen tensions"),
+    ("plan/motion", "set points and legs"),
+    ("energy", "power and energy"),
+    ("recorder/status", "the recorder's own account"),
+];
+
+/// Times of one step of every cycle.
+pub struct Times {
+    /// Over the run, s.
+    pub trace: Trace,
+    /// All of them, ns.
+    pub all: Histogram<u64>,
+}
+
+impl Times {
+    /// `None` only if the bounds made no sense.
+    fn new() -> Option<Self> {
+        // up to a minute, two digits
+        Histogram::new_with_bounds(1, 60_000_000_000, 2).ok().map(|all| Self { trace: Trace::new(CYCLE_GAP_S), all })
+    }
+
+    fn add(&mut self, time_s: f64, ns: u64) {
+        self.trace.add(time_s, ns as f64 * 1e-9);
+        self.all.saturating_record(ns);
+    }
+}
+
+/// One cable.
+pub struct Cable {
+    /// Line paid out, m.
+    pub length: Trace,
+    /// dL/dt as measured, m/s.
+    pub velocity: Trace,
+    /// Tension by the estimate, N.
+    pub tension: Trace,
+    /// By truth, N.
+    pub true_tension: Trace,
+    /// A.
+    pub current: Trace,
+    /// Energy and loss since start, J.
+    pub energy_j: f64,
+    /// Loss in the motor since start, J.
+    pub loss_j: f64,
+    /// Commanded against measured velocity while the robot follows.
+    pub lag: Distances,
+}
+
+impl Cable {
+    fn new() -> Self {
+        let trace = || Trace::new(CYCLE_GAP_S);
+        Self {
+            length: trace(),
+            velocity: trace(),
+            tension: trace(),
+            true_tension: trace(),
+            current: trace(),
+            energy_j: 0.0,
+            loss_j: 0.0,
+            lag: Distances::default(),
+        }
+    }
+}
+
+/// What the planner said last of a mission.
+pub struct Mission {
+    /// `PlanStatus::STATE_*`.
+    pub state: u8,
+    /// Its name.
+    pub name: String,
+    /// How much of it was done, 0 to 1.
+    pub progress: f64,
+    /// Why it was given up or refused.
+    pub reason: String,
+    /// Since when it is in this state, s since the beginning of the run.
+    pub since_s: f64,
+}
+
+/// Points of the path.
+pub type Place = [Option<Vector3<f64>>; 3];
+
+/// A run, read.
+pub struct Gathered {
+    /// What people call it: the folder's or the file's name.
+    pub name: String,
+    /// What is in the file, and how well.
+    pub recording: RunReport,
+    /// What lacks in it, a sentence each.
+    pub lacks: Vec<String>,
+    /// The robot, if its file is there.
+    pub robot: Option<Robot>,
+    /// Errors and cycles; `None` if nothing moved.
+    pub analysis: Option<Analysis>,
+    /// The last word on the cycle: counts, period.
+    pub authority: Option<MotorAuthority>,
+    /// Of the first cycle.
+    pub cables: Vec<Cable>,
+    /// Distance from the setpoint by estimate and by truth, m.
+    pub errors: [Trace; 2],
+    /// Setpoint, estimate and truth, m.
+    pub path: Vec<Place>,
+    /// Electrical power and loss of all motors, W.
+    pub power: [Trace; 2],
+    /// Periods of missions, over all lives of motor-io.
+    pub periods: Periods,
+    /// Periods lost so far, by cause.
+    pub losses: [Trace; 4],
+    /// Tick to wake-up, bus exchange, oldest reading to command.
+    pub times: [Times; 3],
+    /// Rate of the plan clock.
+    pub rate: Trace,
+    /// Modes: from, to, s, and which.
+    pub modes: Vec<(f64, f64, u8)>,
+    /// Slots in charge: from, to, s, and controller and estimator.
+    pub slots: Vec<(f64, f64, [u8; 2])>,
+    /// What was flown.
+    pub legs: Legs,
+    /// What happened.
+    pub events: Events,
+    /// Life signs: the last of each process, and how long its longest pass took.
+    pub processes: BTreeMap<String, Heartbeat>,
+    /// Readings and samples.
+    pub sensors: Sensors,
+    /// What they say together, by the sensors' names.
+    pub maps: BTreeMap<String, SensorMap>,
+    /// The recorder's last word on each channel.
+    pub recorder: BTreeMap<String, RecorderStatus>,
+    /// Least free space, bytes.
+    pub least_free_bytes: Option<u64>,
+    /// The last word on the mission.
+    pub mission: Option<Mission>,
+    /// Before the first sample and behind the last one, as the supervisor has the run, s: nothing was recorded then.
+    pub unrecorded_ends_s: [f64; 2],
+    /// Why the run ended, as the supervisor wrote it.
+    pub ended_because: Option<String>,
+    /// Every mission that was done, aborted or refused.
+    pub missions: BTreeMap<String, u32>,
+}
+
+impl Gathered {
+    /// Time of the run in which nothing was recorded, s.
+    #[must_use]
+    pub fn unrecorded_s(&self) -> f64 {
+        self.recording.unrecorded_s + self.unrecorded_ends_s.iter().sum::<f64>()
+    }
+}
+
+/// Reads a run; `progress` hears how far it is, 0 to 1.
+///
+/// # Errors
+/// There is no run, or it cannot be read.
+pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
+    let mut reader = RunReader::open(run)?;
+    let mut inspection = Inspection::default();
+    let mut tracker = Tracker::default();
+    let mut book = Book::new()?;
+    let mut other_version = BTreeSet::new();
+    let mut number = 0_u64;
+    loop {
+        if number.is_multiple_of(4096) {
+            progress(reader.position() as f64 / reader.bytes().max(1) as f64);
+        }
+        number += 1;
+        let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
+        inspection.note(&recorded);
+        book.clock(&recorded);
+        book.count.note(&recorded);
+        let known = tracker.note(&recorded, &mut |cycle: &Cycle<'_>| book.cycle(cycle)) && book.other(&recorded);
+        if !known {
+            other_version.insert(recorded.channel.name.clone());
+        }
+    }
+    tracker.finish(&mut |cycle: &Cycle<'_>| book.cycle(cycle));
+    let recording = inspection.report(&reader);
+    let robot = super::robot::robot_of(run, reader.attachments());
+    let mut gathered = book.close(run, recording, robot, &other_version);
+    gathered.maps = super::maps::maps_of(run, &gathered.sensors);
+    Ok(gathered)
+}
+
+/// A run in which nothing is.
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+pub(super) fn blank() -> Gathered {
+    Book::new().unwrap().found
+}
+
+/// What is being gathered.
+struct Book {
+    /// Log time of the first sample, UNIX, ns.
+    begin_ns: Option<u64>,
+    /// Its place on the clock of the stamps, ns.
+    mono_ns: Option<i128>,
+    last_s: f64,
+    tally: Tally,
+    count: Count,
+    path: Thinned<Place>,
+    found: Gathered,
+}
+
+impl Book {
+    fn new() -> Answer<Self> {
+        let times = || Times::new().ok_or_else(|| Failure::NotNow("the histogram of times cannot be made".to_owned()));
+        let trace = || Trace::new(CYCLE_GAP_S);
+        let found = Gathered {
+            name: String::new(),
+            recording: RunReport::default(),
+            lacks: Vec::new(),
+            robot: None,
+            analysis: None,
+            authority: None,
+            cables: Vec::new(),
+            errors: [trace(), trace()],
+            path: Vec::new(),
+            power: [trace(), trace()],
+            periods: Periods::default(),
+            losses: [trace(), trace(), trace(), trace()],
+            times: [times()?, times()?, times()?],
+            rate: trace(),
+            modes: Vec::new(),
+            slots: Vec::new(),
+            legs: Legs::default(),
+            events: Events::default(),
+            processes: BTreeMap::new(),
+            sensors: Sensors::default(),
+            maps: BTreeMap::new(),
+            recorder: BTreeMap::new(),
+            least_free_bytes: None,
+            mission: None,
+            unrecorded_ends_s: [0.0; 2],
+            ended_because: None,
+            missions: BTreeMap::new(),
+        };
+        Ok(Self {
+            begin_ns: None,
+            mono_ns: None,
+            last_s: 0.0,
+            tally: Tally::default(),
+            count: Count::default(),
+            path: Thinned::default(),
+            found,
+        })
+    }
+
+    fn clock(&mut self, recorded: &Recorded<'_>) {
+        let begin_ns = *self.begin_ns.get_or_insert(recorded.log_time_ns);
+        if self.mono_ns.is_none()
+            && let Some(authority) = recorded.to::<MotorAuthority>()
+        {
+            let since = i128::from(recorded.log_time_ns) - i128::from(begin_ns);
+            self.mono_ns = Some(i128::from(authority.header.stamp_ns) - since);
+        }
+        self.last_s = self.last_s.max(self.logged_s(recorded));
+    }
+
+    /// Time of a recorded sample since the beginning, s.
+    fn logged_s(&self, recorded: &Recorded<'_>) -> f64 {
+        let begin_ns = self.begin_ns.unwrap_or(recorded.log_time_ns);
+        (i128::from(recorded.log_time_ns) - i128::from(begin_ns)) as f64 * 1e-9
+    }
+
+    /// Time of a stamp since the beginning, s.
+    fn time_s(&self, stamp_ns: u64) -> f64 {
+        self.mono_ns.map_or(0.0, |mono_ns| (i128::from(stamp_ns) - mono_ns) as f64 * 1e-9)
+    }
+
+    fn cycle(&mut self, cycle: &Cycle<'_>) {
+        let authority = cycle.authority;
+        let time_s = self.time_s(authority.header.stamp_ns);
+        let count = usize::from(authority.cable_count).min(CABLES);
+        let found = &mut self.found;
+        while found.cables.len() < count {
+            found.cables.push(Cable::new());
+        }
+        if let Some(point) = self.tally.add(cycle) {
+            found.errors[0].add(time_s, (point.estimate - point.setpoint).norm());
+            self.path.add([Some(point.setpoint), Some(point.estimate), point.truth]);
+        } else if let Some(estimate) = cycle.estimate {
+            self.path.add([
+                None,
+                Some(Vector3::from(estimate.position_m)),
+                cycle.truth.first().map(|truth| Vector3::from(truth.position_m)),
+            ]);
+        }
+        for truth in cycle.truth {
+            let at_s = self.mono_ns.map_or(0.0, |mono_ns| (i128::from(truth.header.stamp_ns) - mono_ns) as f64 * 1e-9);
+            for (cable, tension_n) in found.cables.iter_mut().zip(&truth.tension_n) {
+                cable.true_tension.add(at_s, *tension_n);
+            }
+            if cycle.moving
+                && let Some(target) = cycle.setpoint_at(truth.header.stamp_ns)
+            {
+                found.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
+            }
+        }
+        for (i, cable) in found.cables.iter_mut().enumerate() {
+            if let Some(state) = cycle.state {
+                // Before the position is known, lengths are counted from zero and are no lengths.
+                if state.position_known != MotorState::POSITION_UNKNOWN {
+                    cable.length.add(time_s, state.length_m[i]);
+                }
+                cable.velocity.add(time_s, state.velocity_m_s[i]);
+                cable.current.add(time_s, state.current_a[i]);
+                if cycle.moving {
+                    cable.lag.add((state.command_m_s[i] - state.velocity_m_s[i]).abs());
+                }
+            }
+            if let Some(estimate) = cycle.estimate {
+                cable.tension.add(time_s, estimate.tension_n[i]);
+            }
+            if let Some(energy) = cycle.energy {
+                (cable.energy_j, cable.loss_j) = (energy.energy_j[i], energy.loss_j[i]);
+            }
+        }
+        if let Some(energy) = cycle.energy {
+            found.power[0].add(time_s, energy.power_w[..count].iter().sum());
+            found.power[1].add(time_s, energy.loss_w[..count].iter().sum());
+        }
+        for (trace, (_, count)) in found.losses.iter_mut().zip(self.count.periods().causes()) {
+            trace.add(time_s, count as f64);
+        }
+        let aged = if cycle.segment.is_some() { Some(authority.command_age_ns) } else { None };
+        for (times, ns) in found.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
+            if let Some(ns) = ns {
+                times.add(time_s, ns);
+            }
+        }
+        found.rate.add(time_s, authority.plan_rate);
+        let same = |last: Option<&mut (f64, f64, u8)>| {
+            last.is_some_and(|(_, to_s, mode)| {
+                let same = *mode == authority.mode;
+                *to_s = time_s;
+                same
+            })
+        };
+        if !same(found.modes.last_mut()) {
+            found.modes.push((time_s, time_s, authority.mode));
+        }
+        let charge = [authority.active_controller, authority.active_estimator];
+        match found.slots.last_mut() {
+            Some((_, to_s, slots)) if *slots == charge => *to_s = time_s,
+            last => {
+                if let Some((_, to_s, _)) = last {
+                    *to_s = time_s;
+                }
+                found.slots.push((time_s, time_s, charge));
+            }
+        }
+        found.events.cycle(time_s, authority);
+        found.legs.cycle(time_s, cycle);
+        if let Some(estimate) = cycle.estimate {
+            found.sensors.node_at(estimate);
+        }
+        found.authority = Some(*authority);
+    }
+
+    /// Samples that belong to no cycle. False if it knows the channel but not this version of its type.
+    fn other(&mut self, recorded: &Recorded<'_>) -> bool {
+        let time_s = self.logged_s(recorded);
+        let found = &mut self.found;
+        let name = recorded.channel.name.as_str();
+        if let Some(process) = name.strip_prefix("system/heartbeat/") {
+            let Some(beat) = recorded.to::<Heartbeat>() else { return false };
+            found.processes.insert(process.to_owned(), beat);
+            return true;
+        }
+        if name.starts_with("system/log/") {
+            return recorded.to::<LogEvent>().map(|event| found.events.log(time_s, &event)).is_some();
+        }
+        if name.starts_with("sensor/") || name.starts_with("sample/") {
+            found.sensors.note(time_s, recorded);
+            return true;
+        }
+        match name {
+            "operator/request" => {
+                recorded.to::<OperatorRequest>().map(|request| found.events.request(time_s, &request)).is_some()
+            }
+            "system/process" => {
+                recorded.to::<ProcessState>().map(|process| found.events.process(time_s, &process)).is_some()
+            }
+            "plan/status" => {
+                let Some(status) = recorded.to::<PlanStatus>() else { return false };
+                let mission = text_of(&status.mission);
+                if found.events.plan(time_s, &status) && status.state == PlanStatus::STATE_DONE {
+                    *found.missions.entry(mission.clone()).or_default() += 1;
+                }
+                if status.state != PlanStatus::STATE_IDLE {
+                    let (state, progress, reason) = (status.state, status.progress, text_of(&status.reason));
+                    let same = found.mission.as_ref().filter(|known| known.state == state && known.name == mission);
+                    let since_s = same.map_or(time_s, |known| known.since_s);
+                    found.mission = Some(Mission { state, name: mission, progress, reason, since_s });
+                }
+                true
+            }
+            "recorder/status" => {
+                let Some(status) = recorded.to::<RecorderStatus>() else { return false };
+                let free = found.least_free_bytes.unwrap_or(u64::MAX).min(status.disk_free_bytes);
+                found.least_free_bytes = Some(free);
+                found.recorder.insert(text_of(&status.channel), status);
+                true
+            }
+            _ => true,
+        }
+    }
+
+    fn close(
+        self,
+        run: &Path,
+        recording: RunReport,
+        robot: Option<Robot>,
+        other_version: &BTreeSet<String>,
+    ) -> Gathered {
+        let mut found = self.found;
+        let name = run.canonicalize().unwrap_or_else(|_| run.to_path_buf());
+        found.name = name.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        for (channel, what) in NEEDED {
+            let there = recording.channels.iter().any(|one| one.name.starts_with(channel));
+            if !there {
+                found.lacks.push(format!("There is no {channel} in the run, so {what} cannot be shown."));
+            }
+        }
+        if !other_version.is_empty() {
+            let names: Vec<&str> = other_version.iter().map(String::as_str).collect();
+            found.lacks.push(format!(
+                "{} of another version than this program: left out; the nims that recorded them shows them.",
+                names.join(", ")
+            ));
+        }
+        if robot.is_none() {
+            found.lacks.push(
+                "There is no robot.toml in the run, so anchors and limits are not shown and moves are not compared with straight lines."
+                    .to_owned(),
+            );
+        }
+        if !recording.channels.iter().any(|one| one.name == "truth/node") {
+            found.lacks.push(
+                "There is no truth in the run (only the virtual box knows it): errors are those of the estimate."
+                    .to_owned(),
+            );
+        }
+        found.path = self.path.points().to_vec();
+        found.periods = self.count.periods();
+        found.analysis = self.tally.result(Vec::new(), found.periods);
+        found.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
+        found.ended_because = crate::runs::ended_because(run);
+        found.recording = recording;
+        found.robot = robot;
+        found.events.close();
+        found
+    }
+}

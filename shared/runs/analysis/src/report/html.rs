@@ -1,0 +1,504 @@
+//! The page: one HTML file that needs nothing else, neither network nor scripts; light or dark as the reader's system is, and printable.
+
+use super::charts::{self, Figure, cable_name};
+use super::gather::Gathered;
+use super::legs::LegReport;
+use super::verdict::{Grade, Verdict};
+use messages::CABLES;
+use plot::page::{Table, html_table};
+use plot::{colour_of, escape};
+use std::fmt::Write as _;
+
+const STYLE: &str = "\
+:root{color-scheme:light dark;--ink:#1d2733;--soft:#5d6b7a;--line:#dde3ea;--paper:#fff;--tint:#f5f7fa;--label:#46525f;--grid:#e9edf1;--frame:#b9c3cd;--black:#000}\
+@media screen and (prefers-color-scheme:dark){:root{--ink:#e3e9ef;--soft:#9fadbb;--line:#33404d;--paper:#141a21;--tint:#1d252e;--label:#b4c0cc;--grid:#27313c;--frame:#46535f;--black:#f2f5f8}}\
+*{box-sizing:border-box}body{font:15px/1.5 system-ui,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif;color:var(--ink);background:var(--paper);margin:0}\
+main{max-width:1140px;margin:0 auto;padding:1.6rem 1.2rem 4rem}main.several{max-width:1900px}\
+header{border-bottom:1px solid var(--line);padding-bottom:1.1rem;margin-bottom:1.4rem}\
+h1{font-size:1.5rem;line-height:1.25;margin:0 0 .2rem}h2{font-size:1.12rem;margin:2.4rem 0 .7rem;padding-top:1rem;border-top:1px solid var(--line)}\
+h3{font-size:1rem;margin:.2rem 0 .6rem;color:var(--soft)}p{margin:.4rem 0}.soft{color:var(--soft)}\
+.verdict{border-left:5px solid;padding:.7rem 1rem;margin:.9rem 0 0;font-size:1.06rem;background:var(--tint)}\
+.good{border-color:#2c8c3c}.remarks{border-color:#d08700}.bad{border-color:#c62f2f}\
+.facts{display:grid;grid-template-columns:repeat(auto-fit,minmax(165px,1fr));gap:1px;background:var(--line);border:1px solid var(--line);margin:1.2rem 0}\
+.facts div{background:var(--paper);padding:.55rem .8rem}.facts span{display:block;color:var(--soft);font-size:.8rem}.facts b{font-size:1.02rem;font-weight:600}\
+.runs{display:grid;grid-template-columns:repeat(var(--runs),minmax(0,1fr));gap:1.6rem}.run{display:flex;flex-wrap:wrap;gap:.4rem 16px;align-content:flex-start}.run>*{width:100%}\
+figure{margin:.3rem 0 .6rem;break-inside:avoid}figure.half{width:calc(50% - 8px)}\
+figcaption{font-size:.9rem;margin-left:.2rem}figcaption b{font-weight:600;margin-right:.6rem}\
+.key{white-space:nowrap;color:var(--soft);margin-right:.8rem;font-size:.84rem}.key i{color:var(--black);display:inline-block;width:.8em;height:.8em;border-radius:2px;margin-right:.35em;vertical-align:-.05em}\
+svg{display:block;width:100%;height:auto;font:12px system-ui,'Segoe UI',Roboto,'Helvetica Neue',Arial,sans-serif;fill:var(--label);color:var(--black)}\
+svg .grid{stroke:var(--grid);fill:none}svg .frame{fill:none;stroke:var(--frame)}\
+.scroll{overflow:auto;max-height:36rem;margin:.3rem 0 .8rem}table{border-collapse:collapse;font-size:.86rem;font-variant-numeric:tabular-nums;min-width:50%}\
+caption{text-align:left;font-weight:600;padding:.2rem 0}th,td{border-bottom:1px solid var(--line);padding:.28rem .6rem;text-align:right;vertical-align:top}td{white-space:nowrap}.words td{white-space:normal}\
+th{color:var(--soft);font-weight:600;background:var(--tint);position:sticky;top:0}td:first-child,th:first-child{text-align:left}\
+table.words td,table.words th{text-align:left}table.words td:first-child{text-align:right}\
+footer{margin-top:3rem;color:var(--soft);font-size:.82rem;border-top:1px solid var(--line);padding-top:.8rem}\
+@media(max-width:760px){figure.half{width:100%}.runs{grid-template-columns:1fr}}\
+@media print{main{max-width:none;padding:0}h2{break-after:avoid}.scroll{overflow:visible;max-height:none}body{font-size:12px}table{font-size:.75rem}}";
+
+/// A run with what was concluded from it.
+pub struct Judged {
+    /// What was read.
+    pub run: Gathered,
+    /// What it comes to.
+    pub verdict: Verdict,
+    /// Its legs.
+    pub legs: Vec<LegReport>,
+}
+
+/// What one part of the page holds for one run.
+#[derive(Default)]
+struct Part {
+    before: String,
+    figures: Vec<Figure>,
+    after: String,
+}
+
+/// The page of one run, or of several side by side.
+pub fn page(runs: &[Judged]) -> String {
+    let names: Vec<&str> = runs.iter().map(|judged| judged.run.name.as_str()).collect();
+    let title = names.join(" beside ");
+    let mut out = String::new();
+    // Writing into a string cannot fail.
+    let _ = write!(
+        out,
+        "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width\">\n\
+         <title>{}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main class=\"{}\">\n",
+        escape(&title),
+        if runs.len() == 1 { "single" } else { "several" }
+    );
+    let _ = writeln!(out, "<header><h1>{}</h1>", escape(&title));
+    for judged in runs {
+        let class = match judged.verdict.grade {
+            Grade::Good => "good",
+            Grade::Remarks => "remarks",
+            Grade::Bad => "bad",
+        };
+        let name = if runs.len() == 1 { String::new() } else { format!("<b>{}.</b> ", escape(&judged.run.name)) };
+        let _ = writeln!(out, "<p class=\"verdict {class}\">{name}{}</p>", escape(&judged.verdict.sentence));
+    }
+    out.push_str("</header>\n");
+    out.push_str(&facts(runs));
+    section(&mut out, runs, "Legs", |judged| Part { before: leg_table(judged), ..Part::default() });
+    section(&mut out, runs, "Path", |judged| {
+        let mut figures = charts::path(&judged.run);
+        figures.extend(charts::site(&judged.run));
+        Part { figures, ..Part::default() }
+    });
+    section(&mut out, runs, "Tracking", |judged| Part { figures: charts::tracking(&judged.run), ..Part::default() });
+    section(&mut out, runs, "What happened", |judged| Part {
+        figures: charts::timeline(&judged.run),
+        after: event_table(&judged.run),
+        ..Part::default()
+    });
+    section(&mut out, runs, "Cables", |judged| Part {
+        before: cable_table(&judged.run),
+        figures: charts::cables(&judged.run),
+        ..Part::default()
+    });
+    section(&mut out, runs, "Energy", |judged| Part {
+        before: energy_table(judged),
+        figures: charts::power(&judged.run),
+        ..Part::default()
+    });
+    section(&mut out, runs, "The control cycle", |judged| Part {
+        before: timing_table(&judged.run),
+        figures: charts::timing(&judged.run),
+        after: process_table(&judged.run),
+    });
+    if runs.iter().any(|judged| !judged.run.sensors.channels().is_empty()) {
+        section(&mut out, runs, "Sensors", |judged| {
+            let mut figures = super::maps::figures(&judged.run);
+            figures.extend(charts::sensors(&judged.run));
+            Part { figures, ..Part::default() }
+        });
+    }
+    section(&mut out, runs, "The recording", |judged| Part { before: recording(&judged.run), ..Part::default() });
+    let _ = writeln!(
+        out,
+        "<footer>Made by nims {} from the run {}. Bands show the least and the greatest value of each stretch of time, lines the mean.</footer>\n</main>\n</body>\n</html>",
+        escape(runtime::build::own()),
+        if runs.len() == 1 { "alone" } else { "files alone" }
+    );
+    out
+}
+
+fn section(out: &mut String, runs: &[Judged], title: &str, part: impl Fn(&Judged) -> Part) {
+    let mut parts: Vec<Part> = runs.iter().map(part).collect();
+    // the same figure in every run has the same axes
+    let captions: Vec<String> =
+        parts.iter().flat_map(|part| part.figures.iter().map(|figure| figure.caption.clone())).collect();
+    for (at, caption) in captions.iter().enumerate() {
+        if !captions[..at].contains(caption) {
+            let same =
+                parts.iter_mut().flat_map(|part| part.figures.iter_mut()).filter(|figure| figure.caption == *caption);
+            charts::share_axes(same);
+        }
+    }
+    let _ = writeln!(out, "<section><h2>{}</h2>\n<div class=\"runs\" style=\"--runs:{}\">", escape(title), runs.len());
+    for (part, judged) in parts.iter().zip(runs) {
+        out.push_str("<div class=\"run\">\n");
+        if runs.len() > 1 {
+            let _ = writeln!(out, "<h3>{}</h3>", escape(&judged.run.name));
+        }
+        out.push_str(&part.before);
+        for figure in part.figures.iter().filter(|figure| !figure.is_empty()) {
+            draw(out, figure);
+        }
+        out.push_str(&part.after);
+        if part.before.is_empty() && part.after.is_empty() && part.figures.iter().all(Figure::is_empty) {
+            out.push_str("<p class=\"soft\">Nothing to show.</p>\n");
+        }
+        out.push_str("</div>\n");
+    }
+    out.push_str("</div></section>\n");
+}
+
+fn draw(out: &mut String, figure: &Figure) {
+    let class = if figure.half { " class=\"half\"" } else { "" };
+    let _ = write!(out, "<figure{class}><figcaption><b>{}</b>", escape(&figure.caption));
+    let mut said: Vec<&(String, String)> = Vec::new();
+    for key in figure.key.iter().filter(|(_, name)| !name.is_empty()) {
+        if !said.contains(&key) {
+            let _ = write!(out, "<span class=\"key\"><i style=\"background:{}\"></i>{}</span>", key.0, escape(&key.1));
+            said.push(key);
+        }
+    }
+    let _ = writeln!(out, "</figcaption>{}</figure>", figure.svg());
+}
+
+/// The figures that a run is known by, the same for every run.
+fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
+    let run = &judged.run;
+    let none = || "-".to_owned();
+    let mm = |error: Option<&crate::accuracy::Error>| {
+        error.map_or_else(none, |error| format!("{:.2} RMS, {:.2} max", 1000.0 * error.rms_m, 1000.0 * error.max_m))
+    };
+    let analysis = run.analysis.as_ref();
+    let cycles = run.authority.as_ref();
+    let energy: f64 = run.cables.iter().map(|cable| cable.energy_j).sum();
+    let loss: f64 = run.cables.iter().map(|cable| cable.loss_j).sum();
+    let tensions = run.cables.iter().filter_map(|cable| cable.tension.extremes());
+    let [low, high] =
+        tensions.fold([f64::INFINITY, f64::NEG_INFINITY], |sum, one| [sum[0].min(one[0]), sum[1].max(one[1])]);
+    let lost: u64 = run.recording.channels.iter().map(|channel| channel.lost).sum();
+    vec![
+        ("started", run.recording.started.clone().unwrap_or_else(none)),
+        ("length of the run", seconds(run.recording.duration_s)),
+        (
+            "robot",
+            format!(
+                "{} cables at {}",
+                run.cables.len(),
+                cycles.map_or_else(none, |last| format!("{:.0} Hz", 1.0 / last.period_s))
+            ),
+        ),
+        (
+            "path flown",
+            format!(
+                "{}{:.2} m in {} legs",
+                super::verdict::at_least(run),
+                run.legs.flown_m(),
+                judged.legs.len() + run.legs.left_out
+            ),
+        ),
+        ("off the set point, estimate, mm", mm(analysis.map(|analysis| &analysis.estimate))),
+        ("off the set point, truth, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
+        ("tensions", if low <= high { format!("{low:.1} to {high:.1} N") } else { none() }),
+        ("electrical energy", format!("{energy:.1} J, {loss:.1} J of it lost")),
+        ("steered", if run.periods.all() > 0 { run.periods.leading() } else { none() }),
+        ("not steered, by cause", if run.periods.all() > 0 { run.periods.by_cause() } else { none() }),
+        ("faults", run.events.faults.to_string()),
+        ("recorded; lost", format!("{} samples; {lost} in {:.1} s", run.recording.messages, run.unrecorded_s())),
+        (
+            "in files of",
+            format!("{:.1} MB", run.recording.files.iter().map(|file| file.bytes as f64).sum::<f64>() * 1e-6),
+        ),
+    ]
+}
+
+fn facts(runs: &[Judged]) -> String {
+    let all: Vec<Vec<(&str, String)>> = runs.iter().map(facts_of).collect();
+    let Some(first) = all.first() else { return String::new() };
+    if runs.len() == 1 {
+        let tiles: String = first
+            .iter()
+            .map(|(what, value)| format!("<div><span>{}</span><b>{}</b></div>", escape(what), escape(value)))
+            .collect();
+        return format!("<div class=\"facts\">{tiles}</div>\n");
+    }
+    let head: Vec<&str> = std::iter::once("").chain(runs.iter().map(|judged| judged.run.name.as_str())).collect();
+    let mut table = Table::new("", &head);
+    for (row, (what, _)) in first.iter().enumerate() {
+        table.row(std::iter::once((*what).to_owned()).chain(all.iter().map(|facts| facts[row].1.clone())));
+    }
+    scroll(&html_table(&table))
+}
+
+fn scroll(table: &str) -> String {
+    format!("<div class=\"scroll\">{table}</div>\n")
+}
+
+/// A table of sentences.
+fn words_table(table: &Table) -> String {
+    scroll(&html_table(table).replacen("<table>", "<table class=\"words\">", 1))
+}
+
+fn seconds(seconds: f64) -> String {
+    if seconds < 900.0 { format!("{seconds:.1} s") } else { format!("{:.1} min", seconds / 60.0) }
+}
+
+fn maybe(value: Option<f64>, digits: usize) -> String {
+    value.filter(|value| value.is_finite()).map_or_else(|| "-".to_owned(), |value| format!("{value:.digits$}"))
+}
+
+fn point(p: &[f64; 3]) -> String {
+    format!("{:.2}, {:.2}, {:.2}", p[0], p[1], p[2])
+}
+
+fn leg_table(judged: &Judged) -> String {
+    if judged.legs.is_empty() {
+        return "<p class=\"soft\">No leg was flown.</p>\n".to_owned();
+    }
+    let head = [
+        "leg",
+        "begins, s",
+        "from, m",
+        "to, m",
+        "length, m",
+        "flown, m",
+        "planned, s",
+        "flown, s",
+        "cruise, m/s",
+        "estimate RMS, mm",
+        "max, mm",
+        "truth RMS, mm",
+        "max, mm",
+        "peak tension, N",
+    ];
+    let mut table = Table::new("", &head);
+    for (at, leg) in judged.legs.iter().enumerate() {
+        let mm = |value: Option<f64>| maybe(value.map(|metres| 1000.0 * metres), 2);
+        let now = super::verdict::present(&judged.run).filter(|_| at + 1 == judged.legs.len());
+        let unfinished = leg.unfinished(now);
+        table.row([
+            format!("{} {}{unfinished}", leg.number, leg.kind),
+            format!("{:.1}", leg.begin_s),
+            point(&leg.from_m),
+            point(&leg.to_m),
+            format!("{:.2}", leg.length_m),
+            format!("{:.2}", leg.flown_m),
+            format!("{:.1}", leg.planned_s),
+            format!("{:.1}", leg.duration_s),
+            format!("{:.2}", leg.cruise_m_s),
+            mm(leg.estimate.map(|error| error.rms_m)),
+            mm(leg.estimate.map(|error| error.max_m)),
+            mm(leg.truth.map(|error| error.rms_m)),
+            mm(leg.truth.map(|error| error.max_m)),
+            format!("{:.1}", leg.peak_tension_n),
+        ]);
+    }
+    let more = match judged.run.legs.left_out {
+        0 => String::new(),
+        more => format!(
+            "<p class=\"soft\">And {more} more legs, which are in the figures above but not in the tables.</p>\n"
+        ),
+    };
+    scroll(&html_table(&table)) + &more
+}
+
+fn energy_table(judged: &Judged) -> String {
+    let moving: Vec<&LegReport> = judged.legs.iter().filter(|leg| leg.energy_j.is_some()).collect();
+    if moving.is_empty() {
+        return String::new();
+    }
+    let head = [
+        "leg",
+        "electrical, J",
+        "mean power, W",
+        "lost in the motors, J",
+        "mean loss, W",
+        "lost by the model, J",
+        "straight line by the model, J",
+        "against the straight line",
+    ];
+    let mut table = Table::new("", &head);
+    for leg in moving {
+        let against = leg.reckoned_j.zip(leg.straight_j).map(|(own, straight)| 100.0 * (own / straight - 1.0));
+        table.row([
+            format!("{} {}", leg.number, leg.kind),
+            maybe(leg.energy_j, 2),
+            maybe(leg.energy_j.map(|energy| energy / leg.duration_s), 2),
+            maybe(leg.loss_j, 2),
+            maybe(leg.mean_loss_w, 2),
+            maybe(leg.reckoned_j, 2),
+            maybe(leg.straight_j, 2),
+            against.map_or_else(
+                || "-".to_owned(),
+                |percent| if percent.abs() < 0.05 { "the same".to_owned() } else { format!("{percent:+.1} %") },
+            ),
+        ]);
+    }
+    scroll(&html_table(&table))
+        + "<p class=\"soft\">Lost in the motors: current squared times armature resistance. By the model: the same for the path and the speeds as \
+           planned, and for a straight line between the same points with the same speed and acceleration.</p>\n"
+}
+
+fn cable_table(run: &Gathered) -> String {
+    if run.cables.is_empty() {
+        return String::new();
+    }
+    let head = [
+        "",
+        "length, m",
+        "speed, m/s",
+        "tension, N",
+        "tension by truth, N",
+        "current, A",
+        "electrical, J",
+        "lost, J",
+        "behind the command, RMS mm/s",
+    ];
+    let mut table = Table::new("", &head);
+    let span = |extremes: Option<[f64; 2]>, digits: usize| {
+        extremes.map_or_else(|| "-".to_owned(), |[low, high]| format!("{low:.digits$} to {high:.digits$}"))
+    };
+    for (i, cable) in run.cables.iter().enumerate().take(CABLES) {
+        table.row([
+            cable_name(i),
+            span(cable.length.extremes(), 3),
+            span(cable.velocity.extremes(), 3),
+            span(cable.tension.extremes(), 1),
+            span(cable.true_tension.extremes(), 1),
+            span(cable.current.extremes(), 2),
+            format!("{:.1}", cable.energy_j),
+            format!("{:.1}", cable.loss_j),
+            maybe(cable.lag.result().map(|error| 1000.0 * error.rms_m), 1),
+        ]);
+    }
+    let mut html = html_table(&table);
+    for i in 0..run.cables.len() {
+        let name = cable_name(i);
+        let chip = format!("<td><span class=\"key\"><i style=\"background:{}\"></i></span>{name}</td>", colour_of(i));
+        html = html.replacen(&format!("<td>{name}</td>"), &chip, 1);
+    }
+    scroll(&html)
+}
+
+fn timing_table(run: &Gathered) -> String {
+    let Some(last) = &run.authority else { return String::new() };
+    let head = ["", "median, ms", "99 %, ms", "99.9 %, ms", "longest, ms"];
+    let mut table = Table::new("", &head);
+    for (name, times) in ["tick to wake-up", "bus exchange", "oldest reading to command"].into_iter().zip(&run.times) {
+        let ms = |ns: u64| if times.all.is_empty() { "-".to_owned() } else { format!("{:.3}", ns as f64 * 1e-6) };
+        let quantile = |share: f64| ms(times.all.value_at_quantile(share));
+        table.row([name.to_owned(), quantile(0.5), quantile(0.99), quantile(0.999), ms(times.all.max())]);
+    }
+    let sentence = format!(
+        "<p>A period takes {:.1} ms. <b>{}</b> from missions' beginnings to their ends, less {} of operators' pauses: {}. Computer: a program did \
+         not get the processor, as the kernel says. Drive: no answer in time. Resync: a port was being brought back into step. Answer: no valid \
+         command, for any other reason.</p>\n",
+        1000.0 * last.period_s,
+        run.periods.leading(),
+        run.periods.paused,
+        run.periods.by_cause()
+    );
+    sentence + &scroll(&html_table(&table))
+}
+
+fn process_table(run: &Gathered) -> String {
+    if run.processes.is_empty() {
+        return String::new();
+    }
+    let head = ["process", "passes", "median, ms", "99 %, ms", "longest, ms", "samples lost on the way to it"];
+    let mut table = Table::new("Loops of the processes", &head);
+    for (name, beat) in &run.processes {
+        let ms = |ns: u64| format!("{:.3}", ns as f64 * 1e-6);
+        table.row([
+            name.clone(),
+            beat.passes.to_string(),
+            ms(beat.busy_p50_ns),
+            ms(beat.busy_p99_ns),
+            ms(beat.busy_max_ns),
+            beat.lost.to_string(),
+        ]);
+    }
+    scroll(&html_table(&table))
+}
+
+fn event_table(run: &Gathered) -> String {
+    if run.events.all().is_empty() {
+        return String::new();
+    }
+    let mut table = Table::new("", &["s", "about", "what"]);
+    for event in run.events.all() {
+        let again = if event.times > 1 { format!(" ({} times in ten seconds)", event.times) } else { String::new() };
+        table.row([format!("{:.2}", event.time_s), event.kind.name().to_owned(), format!("{}{again}", event.text)]);
+    }
+    let more = match run.events.left_out {
+        0 => String::new(),
+        more => format!("<p class=\"soft\">And {more} more.</p>\n"),
+    };
+    words_table(&table) + &more
+}
+
+fn recording(run: &Gathered) -> String {
+    let recording = &run.recording;
+    let mut out = String::new();
+    for sentence in recording.verdict.iter().chain(&run.lacks) {
+        let mut letters = sentence.chars();
+        let first: String = letters.next().map(|letter| letter.to_uppercase().collect()).unwrap_or_default();
+        let _ = writeln!(out, "<p>{}{}</p>", escape(&first), escape(letters.as_str()));
+    }
+    if let Some(free) = run.least_free_bytes {
+        let lag = run.recorder.values().map(|status| status.worst_lag_ns).max().unwrap_or(0);
+        let _ = writeln!(
+            out,
+            "<p>The disk never had less than {:.1} GB free; a sample waited at most {:.1} ms for the recorder to write it.</p>",
+            free as f64 * 1e-9,
+            lag as f64 * 1e-6
+        );
+    }
+    if let Some(ended) = &recording.ended {
+        let _ = writeln!(out, "<p>It ended because: {}.</p>", escape(ended));
+    }
+    let mut files = Table::new("Files", &["file", "MB", "state", "damage"]);
+    for file in &recording.files {
+        let damage: Vec<String> = file
+            .damage
+            .iter()
+            .map(|damage| format!("{} bytes at {}: {}", damage.bytes, damage.offset, damage.why))
+            .collect();
+        files.row([
+            file.path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+            format!("{:.2}", file.bytes as f64 * 1e-6),
+            match (file.finished, file.recording, file.silent_s) {
+                (true, ..) => "closed in order".to_owned(),
+                (false, true, 0) => "being recorded".to_owned(),
+                (false, true, silent_s) => format!("open, nothing written for {silent_s} s"),
+                (false, false, _) => "not closed".to_owned(),
+            },
+            if damage.is_empty() { "none".to_owned() } else { damage.join("; ") },
+        ]);
+    }
+    out.push_str(&scroll(&html_table(&files)));
+    let mut channels =
+        Table::new("Channels", &["channel", "samples", "rate, Hz", "longest silence, s", "lost", "gaps", "type"]);
+    for channel in &recording.channels {
+        channels.row([
+            channel.name.clone(),
+            channel.messages.to_string(),
+            maybe(channel.rate_hz, 1),
+            format!("{:.3}", channel.longest_silence_s),
+            channel.lost.to_string(),
+            channel.gaps.to_string(),
+            channel.refused.as_ref().map_or_else(|| channel.schema.clone(), |why| format!("plain bytes: {why}")),
+        ]);
+    }
+    out.push_str(&scroll(&html_table(&channels)));
+    let mut about = Table::new("About", &["", ""]);
+    for (key, value) in &recording.about {
+        about.row([key.clone(), value.clone()]);
+    }
+    out.push_str(&words_table(&about).replacen("class=\"words\"", "", 1));
+    out
+}

@@ -1,0 +1,299 @@
+//! What was flown, leg by leg: a leg is one segment of the plan, from rest to rest.
+
+use crate::accuracy::{Distances, Error};
+use crate::tracker::Cycle;
+use cable_robot::energy::Hoist;
+use cable_robot::profile::{Profile, ProfileLimits};
+use cable_robot::{Distribution, Path, Robot, Segment, Vector3};
+use messages::MotorAuthority;
+use serde::Serialize;
+
+/// Legs that are kept one by one; a run with more of them is told by its first ones.
+const LEGS: usize = 500;
+/// Simpson's intervals of the reckoned cost.
+const INTERVALS: usize = 64;
+
+/// One leg.
+#[derive(Debug, Clone)]
+pub struct Leg {
+    life: u64,
+    epoch: u32,
+    motion: u32,
+    segment: Segment,
+    /// First and last cycle, s since the beginning of the run.
+    pub from_s: f64,
+    /// See `from_s`.
+    pub to_s: f64,
+    estimate: Distances,
+    truth: Distances,
+    /// Energy and loss of all motors at its beginning and its end, J.
+    energy_j: Option<[[f64; 2]; 2]>,
+    peak_tension_n: f64,
+    /// How much of its path the set point covered in cycles that follow each other, m.
+    flown_m: f64,
+    complete: bool,
+}
+
+/// A leg as it is shown.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct LegReport {
+    /// From 1.
+    pub number: usize,
+    /// Line, parabola ...
+    pub kind: &'static str,
+    /// Where it begins, m.
+    pub from_m: [f64; 3],
+    /// Where it ends, m.
+    pub to_m: [f64; 3],
+    /// Along the path, as planned, m.
+    pub length_m: f64,
+    /// Along the path, as far as it was flown and recorded, m.
+    pub flown_m: f64,
+    /// As flown, s.
+    pub duration_s: f64,
+    /// As planned, s.
+    pub planned_s: f64,
+    /// Highest speed of the plan, m/s.
+    pub cruise_m_s: f64,
+    /// Since the beginning of the run, s.
+    pub begin_s: f64,
+    /// Estimate against setpoint while it moves.
+    pub estimate: Option<Error>,
+    /// Truth against setpoint while it moves.
+    pub truth: Option<Error>,
+    /// Highest tension by the estimate, N.
+    pub peak_tension_n: f64,
+    /// Electrical energy of all motors, J.
+    pub energy_j: Option<f64>,
+    /// Loss in all motors (I²R), J.
+    pub loss_j: Option<f64>,
+    /// Loss over duration, W.
+    pub mean_loss_w: Option<f64>,
+    /// The same loss by the model of the motors, for the path as planned, J.
+    pub reckoned_j: Option<f64>,
+    /// By the model, for the straight line between the same points at the same speed, J.
+    pub straight_j: Option<f64>,
+    /// It was flown to its end.
+    pub complete: bool,
+}
+
+impl LegReport {
+    /// What stands behind its kind, if it was not flown to its end; `now`: what the robot does on it at present, if it is on it.
+    #[must_use]
+    pub fn unfinished(&self, now: Option<&str>) -> String {
+        if self.complete { String::new() } else { format!(" ({})", now.unwrap_or("cut")) }
+    }
+}
+
+/// What was flown.
+#[derive(Debug, Clone, Default)]
+pub struct Legs {
+    legs: Vec<Leg>,
+    /// How many more there were.
+    pub left_out: usize,
+    last: Option<Key>,
+    /// The cycle that was taken in last runs into the next one: nothing between them is missing in the file.
+    runs_on: bool,
+    /// The path flown on all legs, also those that are not kept, as far as it was recorded, m.
+    flown_m: f64,
+    /// Where on the path of the present leg the set point was last; `None`: it was not seen there yet, m.
+    at_m: Option<f64>,
+}
+
+/// What tells a leg from every other: life of motor-io, epoch, motion and segment.
+type Key = (u64, u32, u32, u64);
+
+impl Legs {
+    /// Takes a cycle in.
+    pub fn cycle(&mut self, time_s: f64, cycle: &Cycle<'_>) {
+        self.follow(time_s, cycle);
+        self.runs_on = cycle.next.is_some();
+    }
+
+    fn follow(&mut self, time_s: f64, cycle: &Cycle<'_>) {
+        let Some(segment) = cycle.segment else {
+            return self.comes_to_rest(cycle.authority);
+        };
+        let key = (cycle.authority.header.life, cycle.authority.epoch, cycle.authority.motion, segment.id);
+        if self.last != Some(key) {
+            self.end_before(key);
+            // Where the cycle before is in the file, the leg is seen from its beginning; otherwise from where the file shows it first.
+            (self.last, self.at_m) = (Some(key), self.runs_on.then_some(0.0));
+            if self.legs.len() == LEGS {
+                self.left_out += 1;
+            } else {
+                self.legs.push(Leg {
+                    life: key.0,
+                    epoch: key.1,
+                    motion: key.2,
+                    segment: *segment,
+                    from_s: time_s,
+                    to_s: time_s,
+                    estimate: Distances::default(),
+                    truth: Distances::default(),
+                    energy_j: None,
+                    peak_tension_n: 0.0,
+                    flown_m: 0.0,
+                    complete: false,
+                });
+            }
+        }
+        self.reaches(segment, cycle.authority);
+        let Some(leg) = self.legs.last_mut().filter(|leg| leg.key() == key) else { return };
+        leg.to_s = time_s;
+        leg.complete |= cycle.authority.plan_time_s >= segment.end_s() - cycle.authority.period_s;
+        let count = usize::from(cycle.authority.cable_count);
+        if let Some(energy) = cycle.energy {
+            let sum = |values: &[f64]| values.iter().take(count).sum::<f64>();
+            let now = [sum(&energy.energy_j), sum(&energy.loss_j)];
+            leg.energy_j = Some([leg.energy_j.map_or(now, |[begin, _]| begin), now]);
+        }
+        if let Some(estimate) = cycle.estimate {
+            leg.peak_tension_n = estimate.tension_n.iter().take(count).copied().fold(leg.peak_tension_n, f64::max);
+        }
+        let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return };
+        if let Some(estimate) = cycle.estimate {
+            leg.estimate.add((Vector3::from(estimate.position_m) - setpoint.position).norm());
+        }
+        for truth in cycle.truth {
+            if let Some(target) = cycle.setpoint_at(truth.header.stamp_ns) {
+                leg.truth.add((Vector3::from(truth.position_m) - target.position).norm());
+            }
+        }
+    }
+
+    /// The robot comes to rest on the path of the leg that it followed: this, too, is flown.
+    fn comes_to_rest(&mut self, authority: &MotorAuthority) {
+        let key = (authority.header.life, authority.epoch, authority.motion, u64::from(authority.segment));
+        if authority.mode != MotorAuthority::MODE_STOPPING || self.last != Some(key) {
+            return;
+        }
+        if let Some(segment) = self.legs.last().filter(|leg| leg.key() == key).map(|leg| leg.segment) {
+            self.reaches(&segment, authority);
+        }
+    }
+
+    /// A leg of the same motion was flown to its end, because the next one begins where it ended.
+    fn end_before(&mut self, key: Key) {
+        let same = |other: &Key| (other.0, other.1, other.2) == (key.0, key.1, key.2);
+        let Some(last) = self.last.filter(same) else { return };
+        if let Some(leg) = self.legs.last_mut().filter(|leg| leg.key() == last) {
+            leg.complete = true;
+            let length_m = leg.segment.path.length();
+            self.comes_to(length_m);
+        }
+    }
+
+    /// Takes in how far the set point has come on the present leg.
+    fn reaches(&mut self, segment: &Segment, authority: &MotorAuthority) {
+        let length_m = segment.path.length();
+        let at_end = authority.plan_time_s >= segment.end_s() - authority.period_s;
+        let now_m = if at_end { length_m } else { segment.setpoint(authority.plan_time_s).path_s_m };
+        self.comes_to(now_m.clamp(0.0, length_m));
+    }
+
+    /// The set point is at `now_m` on the present leg. Path counts as time does: only between cycles that follow each other in the file.
+    fn comes_to(&mut self, now_m: f64) {
+        let from_m = self.at_m.filter(|_| self.runs_on).unwrap_or(now_m);
+        let flown_m = (now_m - from_m).max(0.0);
+        self.at_m = Some(now_m.max(from_m));
+        self.flown_m += flown_m;
+        if let Some(leg) = self.legs.last_mut().filter(|leg| Some(leg.key()) == self.last) {
+            leg.flown_m += flown_m;
+        }
+    }
+
+    /// Beginning and end of each leg, s.
+    pub fn spans(&self) -> impl Iterator<Item = (f64, f64)> {
+        self.legs.iter().map(|leg| (leg.from_s, leg.to_s))
+    }
+
+    /// The path that was flown and recorded, of legs that were broken off as far as they went, m.
+    #[must_use]
+    pub fn flown_m(&self) -> f64 {
+        self.flown_m
+    }
+
+    /// All of them, with what the robot's model says they cost.
+    #[must_use]
+    pub fn reports(&self, robot: Option<&Robot>) -> Vec<LegReport> {
+        self.legs.iter().enumerate().map(|(at, leg)| leg.report(at + 1, robot)).collect()
+    }
+}
+
+impl Leg {
+    fn key(&self) -> Key {
+        (self.life, self.epoch, self.motion, self.segment.id)
+    }
+
+    fn report(&self, number: usize, robot: Option<&Robot>) -> LegReport {
+        let Segment { path, profile, .. } = &self.segment;
+        let cruise_m_s = profile.knots().iter().map(|knot| knot.v_m_s).fold(0.0, f64::max);
+        let spent = self.energy_j.map(|[begin, end]| [end[0] - begin[0], end[1] - begin[1]]);
+        let duration_s = self.to_s - self.from_s;
+        let moves = path.length() > 0.0;
+        let straight = match path {
+            Path::Spiral(_) => None,
+            _ => straight_line(path, profile),
+        };
+        LegReport {
+            number,
+            kind: kind(path),
+            from_m: path.start().into(),
+            to_m: path.end().into(),
+            length_m: path.length(),
+            flown_m: self.flown_m,
+            duration_s,
+            planned_s: profile.duration(),
+            cruise_m_s,
+            begin_s: self.from_s,
+            estimate: self.estimate.result(),
+            truth: self.truth.result(),
+            peak_tension_n: self.peak_tension_n,
+            energy_j: spent.map(|spent| spent[0]),
+            loss_j: spent.map(|spent| spent[1]),
+            mean_loss_w: spent.filter(|_| duration_s > 0.0).map(|spent| spent[1] / duration_s),
+            reckoned_j: robot.filter(|_| moves).and_then(|robot| reckoned(robot, path, profile)),
+            straight_j: robot
+                .zip(straight.filter(|_| moves))
+                .and_then(|(robot, (path, profile))| reckoned(robot, &path, &profile)),
+            complete: self.complete,
+        }
+    }
+}
+
+fn kind(path: &Path) -> &'static str {
+    match path {
+        Path::Dwell(_) => "dwell",
+        Path::Line(_) => "line",
+        Path::Parabola(_) => "parabola",
+        Path::Spiral(_) => "spiral",
+        Path::Lateral(_) => "lateral",
+    }
+}
+
+/// The straight line between the same points, with the cruise speed and the acceleration of the profile.
+fn straight_line(path: &Path, profile: &Profile) -> Option<(Path, Profile)> {
+    let line = Path::line(path.start(), path.end());
+    let knots = profile.knots();
+    let cruise_m_s = knots.iter().map(|knot| knot.v_m_s).fold(0.0, f64::max);
+    let first = knots.get(1)?;
+    let acceleration = first.v_m_s * first.v_m_s / (2.0 * first.s_m);
+    let limits = ProfileLimits::rest_to_rest(cruise_m_s, acceleration);
+    Some((line, Profile::plan(&line, &limits).ok()?))
+}
+
+/// Loss in the motors by their model, J; `None` where the robot could not hold the node.
+fn reckoned(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
+    let method: Distribution = robot.default_distribution();
+    let hoist = Hoist {
+        anchors: robot.anchors(),
+        planar: robot.is_planar(),
+        wrench_n: robot.wrench_n(&Vector3::zeros()),
+        drag_n_s2_m2: robot.drag_n_s2_m2(),
+        limits_n: robot.tension_limits_n(),
+        method,
+        current: robot.current(),
+    };
+    hoist.along_profile(path, profile, robot.node_mass_kg(), INTERVALS).ok().map(|cost| cost.energy_j)
+}

@@ -1,0 +1,131 @@
+//! `nims report`: a run, or several side by side, as one page that a field team understands at once.
+
+mod charts;
+mod events;
+mod gather;
+mod html;
+mod legs;
+mod maps;
+mod robot;
+mod samples;
+mod trace;
+mod verdict;
+
+pub use robot::{robot_file_of, robot_of};
+
+use command::{Answer, Failure, Output};
+use html::Judged;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value, json};
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+
+/// Name of the page in a run folder.
+pub const PAGE: &str = "report.html";
+
+/// `nims report`.
+///
+/// # Errors
+/// There is no run, it cannot be read, or the page cannot be written.
+pub fn report(runs: &[PathBuf], out: Option<&Path>) -> Answer<Output> {
+    let Some(first) = runs.first() else {
+        return Err(Failure::BadInput("name a run folder or a run file".to_owned()));
+    };
+    for run in runs {
+        crate::runs::there(run)?;
+    }
+    let path = out.map_or_else(|| place(first, runs.len() > 1), Path::to_path_buf);
+    let mut judged = Vec::new();
+    for run in runs {
+        judged.push(judge(run)?);
+    }
+    std::fs::write(&path, html::page(&judged))
+        .map_err(|error| Failure::NotNow(format!("the page {} cannot be written: {error}", path.display())))?;
+    let values: Vec<Value> = judged.iter().map(value).collect();
+    let mut words: Vec<String> =
+        judged.iter().map(|judged| format!("{}: {}", judged.run.name, judged.verdict.sentence)).collect();
+    words.push(format!("page       {}", path.display()));
+    Ok(Output::new(json!({ "page": path, "runs": values }), words.join("\n")))
+}
+
+/// A page of a longer run takes its time, bytes.
+const LARGE: u64 = 300_000_000;
+
+/// The page of a run that has just ended, in its folder; of a large run it is made when it is asked for.
+///
+/// # Errors
+/// There is no page, and how to get one.
+pub fn after(run: &Path) -> Answer<PathBuf> {
+    let files = runlog::segments(run).map_err(Failure::not_now)?;
+    let bytes: u64 = files.iter().filter_map(|file| file.metadata().ok()).map(|file| file.len()).sum();
+    if bytes > LARGE {
+        let run = run.display();
+        return Err(Failure::NotNow(format!(
+            "the run has {:.0} MB: `nims report {run}` makes its page",
+            bytes as f64 * 1e-6
+        )));
+    }
+    let page = run.join(PAGE);
+    report(&[run.to_path_buf()], Some(&page))?;
+    Ok(page)
+}
+
+fn judge(run: &Path) -> Answer<Judged> {
+    let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
+    if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %") {
+        bar.set_style(style);
+    }
+    bar.set_message(run.display().to_string());
+    let gathered = gather::gather(run, &mut |share| bar.set_position((1000.0 * share) as u64));
+    bar.finish_and_clear();
+    let run = gathered?;
+    let legs = run.legs.reports(run.robot.as_ref());
+    let verdict = verdict::verdict(&run);
+    Ok(Judged { run, verdict, legs })
+}
+
+/// Where the page goes: into the run folder, or beside the run file.
+fn place(run: &Path, several: bool) -> PathBuf {
+    let name = if several { "comparison.html" } else { PAGE };
+    if run.is_dir() {
+        return run.join(name);
+    }
+    let text = run.to_string_lossy();
+    let stem = text.trim_end_matches(runlog::PART_ENDING).trim_end_matches(runlog::FILE_ENDING);
+    PathBuf::from(format!("{stem}-{name}"))
+}
+
+fn value(judged: &Judged) -> Value {
+    let Judged { run, verdict, legs } = judged;
+    let times: Vec<Value> = ["wake", "bus", "command_age"]
+        .into_iter()
+        .zip(&run.times)
+        .map(|(name, times)| {
+            let ns = |share: f64| times.all.value_at_quantile(share);
+            json!({ "what": name, "samples": times.all.len(), "p50_ns": ns(0.5), "p99_ns": ns(0.99), "max_ns": times.all.max() })
+        })
+        .collect();
+    let cables: Vec<Value> = run
+        .cables
+        .iter()
+        .map(|cable| {
+            json!({
+                "length_m": cable.length.extremes(), "velocity_m_s": cable.velocity.extremes(), "tension_n": cable.tension.extremes(),
+                "true_tension_n": cable.true_tension.extremes(), "current_a": cable.current.extremes(),
+                "energy_j": cable.energy_j, "loss_j": cable.loss_j,
+            })
+        })
+        .collect();
+    let sensors: Vec<Value> = run
+        .sensors
+        .channels()
+        .iter()
+        .map(|(name, sensor)| json!({ "channel": name, "samples": sensor.samples, "doubtful": sensor.doubtful }))
+        .collect();
+    json!({
+        "run": run.name, "verdict": verdict, "analysis": run.analysis, "flown_m": run.legs.flown_m(), "legs": legs, "cables": cables,
+        "times": times, "faults": run.events.faults, "events": run.events.all(), "sensors": sensors, "missions_done": run.missions,
+        "lacks": run.lacks, "recording": { "healthy": run.recording.healthy, "verdict": run.recording.verdict,
+            "duration_s": run.recording.duration_s, "messages": run.recording.messages },
+    })
+}

@@ -1,0 +1,187 @@
+//! Curves of any length in bounded memory: least, greatest and mean of every stretch of time.
+
+use plot::{Look, Series};
+
+/// Stretches of one curve at most; a page shows about so many pixels.
+const STRETCHES: usize = 1000;
+/// Length of a stretch at first, s; it doubles whenever there would be too many.
+const FIRST_S: f64 = 0.005;
+
+#[derive(Debug, Clone, Copy)]
+struct Stretch {
+    low: f64,
+    high: f64,
+    sum: f64,
+    count: u32,
+}
+
+impl Stretch {
+    const EMPTY: Self = Self { low: f64::INFINITY, high: f64::NEG_INFINITY, sum: 0.0, count: 0 };
+
+    fn with(self, other: Self) -> Self {
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            sum: self.sum + other.sum,
+            count: self.count + other.count,
+        }
+    }
+}
+
+/// A quantity over time.
+#[derive(Debug, Clone)]
+pub struct Trace {
+    stretch_s: f64,
+    stretches: Vec<Stretch>,
+    /// Longer silences interrupt the curve, s.
+    gap_s: f64,
+    low: f64,
+    high: f64,
+}
+
+impl Trace {
+    /// Of a quantity that is sampled more often than once in `gap_s`.
+    #[must_use]
+    pub fn new(gap_s: f64) -> Self {
+        Self { stretch_s: FIRST_S, stretches: Vec::new(), gap_s, low: f64::INFINITY, high: f64::NEG_INFINITY }
+    }
+
+    /// Takes a value in. What is not finite, or lies before the beginning, is left out.
+    pub fn add(&mut self, time_s: f64, value: f64) {
+        if !(value.is_finite() && time_s.is_finite() && time_s >= 0.0) {
+            return;
+        }
+        while time_s >= self.stretch_s * STRETCHES as f64 {
+            self.stretches = self
+                .stretches
+                .chunks(2)
+                .map(|pair| pair.iter().fold(Stretch::EMPTY, |sum, one| sum.with(*one)))
+                .collect();
+            self.stretch_s *= 2.0;
+        }
+        let at = (time_s / self.stretch_s) as usize;
+        if at >= self.stretches.len() {
+            self.stretches.resize(at + 1, Stretch::EMPTY);
+        }
+        self.stretches[at] = self.stretches[at].with(Stretch { low: value, high: value, sum: value, count: 1 });
+        (self.low, self.high) = (self.low.min(value), self.high.max(value));
+    }
+
+    /// Least and greatest value; `None` without any.
+    #[must_use]
+    pub fn extremes(&self) -> Option<[f64; 2]> {
+        (self.low <= self.high).then_some([self.low, self.high])
+    }
+
+    /// The curve as drawn: a band from least to greatest, and the mean as a line; times and values multiplied by these factors.
+    #[must_use]
+    pub fn series(&self, name: &str, colour: usize, [time, value]: [f64; 2]) -> Vec<Series> {
+        let (mut middle, mut low, mut high) = (Vec::new(), Vec::new(), Vec::new());
+        let mut last_s = f64::INFINITY;
+        for (at, one) in self.stretches.iter().enumerate().filter(|(_, one)| one.count > 0) {
+            let time_s = (at as f64 + 0.5) * self.stretch_s;
+            if time_s - last_s > self.gap_s.max(1.5 * self.stretch_s) {
+                let between = [time * 0.5 * (time_s + last_s), f64::NAN];
+                middle.push(between);
+                low.push(between);
+                high.push(f64::NAN);
+            }
+            last_s = time_s;
+            middle.push([time * time_s, value * one.sum / f64::from(one.count)]);
+            low.push([time * time_s, value * one.low]);
+            high.push(value * one.high);
+        }
+        vec![
+            Series { name: String::new(), colour, look: Look::Band(high), points: low },
+            Series { name: name.to_owned(), colour, look: Look::Line(2), points: middle },
+        ]
+    }
+}
+
+/// Points of a path in bounded memory: all at first, then every second, every fourth ...
+#[derive(Debug, Clone, Default)]
+pub struct Thinned<T> {
+    every: u64,
+    seen: u64,
+    points: Vec<T>,
+}
+
+/// Points of a path at most.
+const POINTS: usize = 20_000;
+
+impl<T> Thinned<T> {
+    /// Takes a point in.
+    pub fn add(&mut self, point: T) {
+        self.every = self.every.max(1);
+        if self.seen.is_multiple_of(self.every) {
+            self.points.push(point);
+        }
+        self.seen += 1;
+        if self.points.len() >= POINTS {
+            let mut keep = false;
+            self.points.retain(|_| {
+                keep = !keep;
+                keep
+            });
+            self.every *= 2;
+        }
+    }
+
+    /// What is left of them, in order.
+    #[must_use]
+    pub fn points(&self) -> &[T] {
+        &self.points
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_peak_is_lost_however_long_it_takes() {
+        let mut trace = Trace::new(1.0);
+        for i in 0..1_000_000_u32 {
+            let peak = if i == 654_321 { 50.0 } else { 0.0 };
+            trace.add(f64::from(i) * 0.01, libm::sin(f64::from(i)) + peak);
+        }
+        assert!(trace.stretches.len() <= STRETCHES && trace.stretches.len() > STRETCHES / 2 - 1);
+        let count: u32 = trace.stretches.iter().map(|one| one.count).sum();
+        assert_eq!(count, 1_000_000);
+        let series = trace.series("x", 0, [1.0, 1.0]);
+        let Look::Band(high) = &series[0].look else { panic!("the first is the band") };
+        assert!(high.iter().any(|value| *value > 48.9));
+        let at = high.iter().position(|value| *value > 48.9).unwrap();
+        assert!((series[0].points[at][0] - 6543.21).abs() <= trace.stretch_s);
+        assert_eq!(trace.extremes().map(|[low, _]| low < -0.9999), Some(true));
+    }
+
+    #[test]
+    fn a_silence_interrupts_the_curve_and_nonsense_is_left_out() {
+        let mut trace = Trace::new(1.0);
+        for time_s in [0.0, 0.5, 1.0, 4.0, 4.5] {
+            trace.add(time_s, time_s);
+        }
+        trace.add(f64::NAN, 1.0);
+        trace.add(2.0, f64::INFINITY);
+        trace.add(-1.0, 1.0);
+        let line = &trace.series("x", 0, [1.0, 2.0])[1];
+        assert_eq!(line.points.len(), 6);
+        assert!(line.points[3][1].is_nan());
+        assert_eq!(line.points[5][1], 9.0);
+        assert_eq!(Trace::new(1.0).extremes(), None);
+    }
+
+    #[test]
+    fn a_path_keeps_its_beginning_and_its_order() {
+        let mut path = Thinned::default();
+        (0..100_000).for_each(|i| path.add(i));
+        assert!(path.points().len() < POINTS && path.points().len() >= POINTS / 2);
+        assert_eq!(path.points()[0], 0);
+        assert!(path.points().windows(2).all(|pair| pair[1] - pair[0] == pair_step(path.points())));
+    }
+
+    fn pair_step(points: &[i32]) -> i32 {
+        points[1] - points[0]
+    }
+}

@@ -1,0 +1,499 @@
+//! What a run comes to in one sentence, and how good that is.
+
+use super::events::case_of;
+use super::gather::{Gathered, Mission};
+use crate::runs::ENDS;
+use messages::{MotorAuthority, PlanStatus};
+use robot_state::Periods;
+use robot_state::sentences::faults_of;
+use runlog::{FileReport, RunReport};
+use serde::Serialize;
+
+/// A fault that broke a mission off was said at most so long before the planner said so, s.
+const FAULT_S: f64 = 3.0;
+/// The planner sees a new motor-io at most so long after the old one died, s.
+const RESTART_S: f64 = 30.0;
+/// The same instant in samples of different channels, s.
+const INSTANT_S: f64 = 0.5;
+
+/// How good it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Grade {
+    /// Everything went as it should.
+    Good,
+    /// Worth a look.
+    Remarks,
+    /// Something failed.
+    Bad,
+}
+
+/// The sentence, and the grade.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Verdict {
+    /// How good it is.
+    pub grade: Grade,
+    /// One sentence.
+    pub sentence: String,
+}
+
+/// Judges a run.
+pub fn verdict(run: &Gathered) -> Verdict {
+    let mut grade = Grade::Good;
+    let mut worsen = |worse: Grade| grade = grade.max(worse);
+    let mut parts: Vec<String> = Vec::new();
+
+    let flown = run.legs.flown_m();
+    let (mission, worse) = mission(run, flown);
+    worsen(worse);
+    parts.push(mission);
+    match &run.analysis {
+        Some(analysis) => {
+            let (error, by) = match &analysis.truth {
+                Some(truth) => (truth, "by truth"),
+                None => (&analysis.estimate, "by the estimate"),
+            };
+            let least = at_least(run);
+            parts.push(format!(
+                "{least}{flown:.1} m of path in {least}{:.0} s of motion, {:.1} mm (RMS) and at most {:.1} mm from the set point {by}",
+                analysis.moving_s,
+                1000.0 * error.rms_m,
+                1000.0 * error.max_m
+            ));
+        }
+        None if flown >= 0.05 => {
+            parts.push(format!("{}{flown:.1} m of path, without an estimate beside it", at_least(run)));
+        }
+        None => parts.push("nothing moved".to_owned()),
+    }
+    let mut rest: Vec<String> = Vec::new();
+    match &run.authority {
+        Some(_) => {
+            if run.periods.unsteered() > 0 {
+                worsen(Grade::Remarks);
+            }
+            rest.extend(steering(&run.periods));
+        }
+        None => worsen(Grade::Remarks),
+    }
+    let died = &run.events.died;
+    if !died.is_empty() {
+        worsen(Grade::Remarks);
+        rest.push(format!("{} died", died.join(" and ")));
+    }
+    let stopped = at_the_end(run, &parts);
+    let well = died.is_empty() && stopped.is_none() && worse < Grade::Bad && run.recording.silent_s == 0;
+    match run.events.faults {
+        0 if well => rest.push("nothing failed".to_owned()),
+        0 => rest.push("there was no fault".to_owned()),
+        1 => rest.push("there was one fault".to_owned()),
+        many => rest.push(format!("there were {many} faults")),
+    }
+    if run.events.faults > 0 {
+        worsen(Grade::Remarks);
+    }
+    if let Some(stopped) = stopped {
+        worsen(Grade::Bad);
+        rest.push(stopped);
+    }
+    let (recording, worse) = recording(run);
+    worsen(worse);
+    rest.push(recording);
+    let last = rest.pop().unwrap_or_default();
+    let rest = if rest.is_empty() { last } else { format!("{} and {last}", rest.join(", ")) };
+    Verdict { grade, sentence: format!("{}; {rest}.", parts.join(": ")) }
+}
+
+/// What became of the mission.
+fn mission(run: &Gathered, flown_m: f64) -> (String, Grade) {
+    let Some(mission) = &run.mission else {
+        let what = if flown_m > 0.0 { "The robot moved" } else { "No mission was flown" };
+        return (what.to_owned(), Grade::Good);
+    };
+    let (name, done) = (&mission.name, 100.0 * mission.progress);
+    let because = in_brackets(broken_off(run, mission));
+    match mission.state {
+        PlanStatus::STATE_DONE => (format!("The mission \"{name}\" was flown to its end"), Grade::Good),
+        PlanStatus::STATE_ABORTED => {
+            (format!("The mission \"{name}\" was broken off at {done:.0} %{because}"), Grade::Bad)
+        }
+        PlanStatus::STATE_REFUSED if flown_m == 0.0 => {
+            (format!("The mission \"{name}\" was refused{because}"), Grade::Remarks)
+        }
+        PlanStatus::STATE_READY | PlanStatus::STATE_RUNNING | PlanStatus::STATE_PAUSED => open(run, mission),
+        _ if flown_m > 0.0 => ("The robot moved".to_owned(), Grade::Good),
+        _ => ("No mission was flown".to_owned(), Grade::Good),
+    }
+}
+
+/// A reason, as it stands behind what it explains.
+fn in_brackets(why: Option<String>) -> String {
+    why.map(|why| format!(" ({why})")).unwrap_or_default()
+}
+
+/// Why a mission was given up or refused.
+fn broken_off(run: &Gathered, mission: &Mission) -> Option<String> {
+    let (reason, at_s) = (mission.reason.as_str(), mission.since_s);
+    // The planner sees that there is a fault, or another motor-io. Which fault, and what became of the last one, stands elsewhere.
+    let known = if reason.contains("nims status names") {
+        run.events.fault_between(at_s - FAULT_S, at_s + INSTANT_S)
+    } else if reason.contains("motor-io restarted") {
+        let died = run.events.died_between("motor-io", at_s - RESTART_S, at_s + INSTANT_S);
+        died.map(|name| format!("{name} died"))
+    } else {
+        None
+    };
+    // The cure is for the time of the flight.
+    let said = reason.split("; ").next().filter(|why| !why.is_empty());
+    known.or_else(|| said.map(str::to_owned))
+}
+
+/// Whether the run is being recorded, so that its last samples say what is the case now.
+fn is_live(run: &Gathered) -> bool {
+    run.recording.recording && run.recording.silent_s == 0
+}
+
+/// Whether the robot followed its motion at last. motor-io says nothing of its own end, so its last sample is from before it.
+fn follows(run: &Gathered) -> bool {
+    let ended = |role| run.events.dead(role).or_else(|| run.events.silent(role));
+    let last = run.authority.as_ref().filter(|_| ended("motor-io").is_none());
+    last.is_some_and(|last| last.mode == MotorAuthority::MODE_FOLLOWING)
+}
+
+/// Why a mission that is neither done nor given up does not go on, as far as the run says.
+fn cause(run: &Gathered, mission: &Mission) -> Option<String> {
+    let dead = |role: &str| run.events.dead(role).map(|name| format!("{name} died"));
+    let died = |role: &str, from_s: f64| {
+        let died = run.events.died_between(role, from_s, f64::INFINITY);
+        died.map(|name| format!("{name} died")).or_else(|| dead(role))
+    };
+    if let Some(died) = dead("motor-io") {
+        return Some(died);
+    }
+    if let Some(name) = run.events.silent("motor-io") {
+        return Some(format!("{name} gave no sign of life"));
+    }
+    if follows(run) {
+        // A fault that motor-io still names is over where it follows, but for a planner that is gone.
+        return dead("planner");
+    }
+    let last = run.authority.as_ref()?;
+    if last.mode == MotorAuthority::MODE_EMERGENCY_STOP {
+        return Some("emergency stop".to_owned());
+    }
+    let answers = [
+        (MotorAuthority::FAULT_ESTIMATE_LOST, "estimator"),
+        (MotorAuthority::FAULT_COMMAND_LOST, "controller"),
+        (MotorAuthority::FAULT_PLANNER_LOST, "planner"),
+    ];
+    let mut lost = answers.into_iter().filter(|(bit, _)| last.faults & bit != 0);
+    let process = lost.find_map(|(_, role)| died(role, mission.since_s - RESTART_S));
+    process.or_else(|| fault_of(last)).or_else(|| died("planner", mission.since_s))
+}
+
+/// The first fault of a cycle: what is the case.
+fn fault_of(authority: &MotorAuthority) -> Option<String> {
+    faults_of(authority).first().map(|sentence| case_of(sentence))
+}
+
+/// What there is to say of a mission that is neither done nor given up.
+fn open(run: &Gathered, mission: &Mission) -> (String, Grade) {
+    let (name, done) = (&mission.name, 100.0 * mission.progress);
+    let cause = cause(run, mission);
+    if is_live(run) {
+        let grade = if cause.is_some() { Grade::Bad } else { Grade::Good };
+        let state = match mission.state {
+            PlanStatus::STATE_PAUSED => format!("is paused at {done:.0} %"),
+            PlanStatus::STATE_READY => "was accepted and has not begun".to_owned(),
+            _ if cause.is_some() && !follows(run) => format!("stands still at {done:.0} %"),
+            _ => format!("is being flown, {done:.0} % of it are done"),
+        };
+        return (format!("The mission \"{name}\" {state}{}", in_brackets(cause)), grade);
+    }
+    let grade = if cause.is_some() { Grade::Bad } else { Grade::Remarks };
+    let state = match mission.state {
+        PlanStatus::STATE_PAUSED => format!("was paused at {done:.0} %"),
+        PlanStatus::STATE_READY => "had not begun".to_owned(),
+        _ => format!("was not at its end at {done:.0} %"),
+    };
+    let when = if run.recording.recording { "when its recorder wrote last" } else { "when the recording ended" };
+    let because = in_brackets(cause.or_else(|| run.ended_because.clone()));
+    (format!("The mission \"{name}\" {state} {when}{because}"), grade)
+}
+
+/// What the robot does at present on the last leg of a run that is being recorded, if that leg is not at its end.
+pub fn present(run: &Gathered) -> Option<&'static str> {
+    let mission = run.mission.as_ref().filter(|_| is_live(run))?;
+    match mission.state {
+        PlanStatus::STATE_PAUSED => Some("paused"),
+        PlanStatus::STATE_RUNNING if follows(run) || cause(run, mission).is_none() => Some("being flown"),
+        PlanStatus::STATE_RUNNING => Some("stopped"),
+        _ => None,
+    }
+}
+
+/// What stands before the path and the time of motion of a run: they count as far as they were recorded.
+pub fn at_least(run: &Gathered) -> &'static str {
+    let cycles = run.recording.channels.iter().filter(|channel| channel.name == "motor/authority");
+    let unrecorded_s = cycles.map(|channel| channel.unrecorded_s).fold(0.0, f64::max);
+    let short = unrecorded_s >= RunReport::LEAST_S || run.unrecorded_ends_s.iter().any(|seconds| *seconds > 0.0);
+    if short { "at least " } else { "" }
+}
+
+/// That the robot is stopped at the end, if it is; the fault is named unless what was `said` names it.
+fn at_the_end(run: &Gathered, said: &[String]) -> Option<String> {
+    let last = run.authority.as_ref()?;
+    let (is, end) = if is_live(run) { ("is", "") } else { ("was", " at the end") };
+    match last.mode {
+        MotorAuthority::MODE_EMERGENCY_STOP => Some(format!("the robot {is} in emergency stop{end}")),
+        MotorAuthority::MODE_FAULTED => Some(match fault_of(last) {
+            Some(fault) if said.iter().any(|part| part.contains(&fault)) => {
+                format!("the robot {is} stopped by that fault{end}")
+            }
+            fault => format!("the robot {is} stopped by a fault{end}{}", in_brackets(fault)),
+        }),
+        _ => None,
+    }
+}
+
+/// What of the run is in its files.
+fn recording(run: &Gathered) -> (String, Grade) {
+    let report = &run.recording;
+    let mut lacks = Vec::new();
+    if report.unrecorded_s >= RunReport::LEAST_S {
+        lacks.push(format!("{:.1} s were not recorded", report.unrecorded_s));
+    }
+    for (seconds, which) in run.unrecorded_ends_s.iter().zip(ENDS).filter(|(seconds, _)| **seconds > 0.0) {
+        lacks.push(format!("of the {which} {seconds:.1} s nothing was recorded"));
+    }
+    let lost: u64 = report.channels.iter().map(|channel| channel.lost).sum();
+    if lost > 0 {
+        let channels = report.channels.iter().filter(|channel| channel.lost > 0).count();
+        lacks.push(format!("{lost} samples of {channels} channels are missing"));
+    }
+    let short = !lacks.is_empty();
+    lacks.extend(report.files.iter().filter_map(|file| lack_of(file, short)));
+    // Nothing is known to be missing, but a recovery closed these files.
+    let last = report.files.len().saturating_sub(1);
+    let mended = report.files.iter().enumerate().filter(|(_, file)| !short && is_mended(file));
+    let mended: Vec<String> = mended.map(|(at, file)| mended_words(file, at == last)).collect();
+    if report.silent_s > 0 {
+        lacks.insert(0, format!("nothing has been written for {} s, although a recorder holds it", report.silent_s));
+        lacks.extend(mended);
+        return (format!("the run is not being recorded ({})", lacks.join("; ")), Grade::Remarks);
+    }
+    let sentence = match (lacks.is_empty(), mended.is_empty(), report.recording) {
+        (true, true, true) => return ("the run is still being recorded".to_owned(), Grade::Good),
+        (true, true, false) if report.healthy => return ("the recording is complete".to_owned(), Grade::Good),
+        (true, true, false) => format!("the recording is not whole ({})", report.verdict.join("; ")),
+        (true, false, true) => format!("the run is still being recorded ({})", mended.join("; ")),
+        (true, false, false) => format!("no gap is known in the recording ({})", mended.join("; ")),
+        (false, _, live) => {
+            lacks.extend(mended);
+            let lacks = lacks.join("; ");
+            if live {
+                format!("the run is still being recorded, but {lacks}")
+            } else {
+                format!("the recording is not whole ({lacks})")
+            }
+        }
+    };
+    (sentence, Grade::Remarks)
+}
+
+fn name_of(file: &FileReport) -> String {
+    file.path.file_name().unwrap_or_default().to_string_lossy().into_owned()
+}
+
+/// A recovery closed it, and found no damage inside.
+fn is_mended(file: &FileReport) -> bool {
+    file.recovered && file.finished && file.damage.iter().all(|damage| damage.torn_end)
+}
+
+/// What is known of the end of a recovered file where no sample is missing by its number.
+fn mended_words(file: &FileReport, last: bool) -> String {
+    // Behind the last file, no number shows what is missing.
+    let missing = if last {
+        "at most the last half second before its recorder ended is missing, after a power cut the last two"
+    } else {
+        "by their numbers no samples are missing behind it"
+    };
+    format!("{} was recovered, and {missing}", name_of(file))
+}
+
+/// What a file lacks, if anything; `short`: samples are known to be missing.
+fn lack_of(file: &FileReport, short: bool) -> Option<String> {
+    let name = name_of(file);
+    let holes = file.damage.iter().filter(|damage| !damage.torn_end).count();
+    match file {
+        FileReport { recording: true, .. } => None,
+        _ if holes > 0 => Some(format!("{name} is damaged in {holes} places: run `nims recover`")),
+        FileReport { finished: false, .. } => Some(format!("{name} was not closed: run `nims recover`")),
+        FileReport { recovered: true, .. } if short => {
+            Some(format!("{name} was recovered, and what its recorder held last is missing"))
+        }
+        _ => None,
+    }
+}
+
+/// The number that leads, and its causes; nothing where there was no mission.
+fn steering(periods: &Periods) -> Option<String> {
+    match (periods.all(), periods.unsteered()) {
+        (0, _) => None,
+        (all, 0) => Some(format!("all {all} periods were steered")),
+        _ => Some(periods.words()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::report::gather::blank;
+    use crate::runs::tests::whole_file as file;
+    use messages::{ProcessState, put_text};
+    use runlog::ChannelReport;
+
+    /// A run whose mission stands at 43 % and whose robot is in `mode`.
+    fn run(state: u8, mode: u8) -> Gathered {
+        let (name, reason) = ("demo".to_owned(), String::new());
+        let mut run = blank();
+        run.mission = Some(Mission { state, name, progress: 0.43, reason, since_s: 10.0 });
+        run.authority = Some(MotorAuthority { mode, ..MotorAuthority::default() });
+        run.recording = RunReport { healthy: true, files: vec![file("run.mcap")], ..RunReport::default() };
+        run
+    }
+
+    fn records(run: &mut Gathered, silent_s: u64) {
+        (run.recording.recording, run.recording.silent_s, run.recording.healthy) = (true, silent_s, false);
+        run.recording.files = vec![FileReport { finished: false, recording: true, silent_s, ..file("run.mcap.part") }];
+    }
+
+    fn dies(run: &mut Gathered, name: &str, role: &str) {
+        let mut row = ProcessState { state: ProcessState::STATE_DIED, ..ProcessState::default() };
+        put_text(&mut row.name, name);
+        put_text(&mut row.role, role);
+        run.events.process(9.0, &row);
+    }
+
+    fn said(run: &Gathered, parts: &[&str]) -> Grade {
+        let verdict = verdict(run);
+        for part in parts {
+            assert!(verdict.sentence.contains(part), "{part}: {}", verdict.sentence);
+        }
+        verdict.grade
+    }
+
+    #[test]
+    fn a_mission_that_goes_no_further_says_why() {
+        type M = MotorAuthority;
+        type P = PlanStatus;
+        let run_ended = "was not at its end at 43 % when the recording ended";
+        // An emergency stop, of which the planner said nothing any more.
+        let stopped = run(P::STATE_RUNNING, M::MODE_EMERGENCY_STOP);
+        let why = format!("{run_ended} (emergency stop)");
+        let parts = [
+            why.as_str(),
+            "there was no fault, the robot was in emergency stop at the end and the recording is complete",
+        ];
+        assert_eq!(said(&stopped, &parts), Grade::Bad);
+        // Its supervisor is gone.
+        let mut alone = run(P::STATE_PAUSED, M::MODE_HOLDING);
+        alone.authority.as_mut().unwrap().faults = M::FAULT_SUPERVISOR_LOST;
+        let gone = "(the supervisor is gone, so the robot stopped and holds)";
+        said(&alone, &[&format!("was paused at 43 % when the recording ended {gone}")]);
+        records(&mut alone, 0);
+        assert_eq!(said(&alone, &[&format!("is paused at 43 % {gone}"), "still being recorded"]), Grade::Bad);
+        // A process died: motor-io, of which its last sample says nothing, and the estimator, which motor-io misses.
+        let mut dead = run(P::STATE_RUNNING, M::MODE_FOLLOWING);
+        dies(&mut dead, "motor-io", "motor-io");
+        said(&dead, &[&format!("{run_ended} (motor-io died)")]);
+        records(&mut dead, 0);
+        said(&dead, &["stands still at 43 % (motor-io died)"]);
+        assert_eq!(present(&dead), Some("stopped"));
+        let mut blind = run(P::STATE_PAUSED, M::MODE_HOLDING);
+        blind.authority.as_mut().unwrap().faults = M::FAULT_ESTIMATE_LOST;
+        dies(&mut blind, "estimator-a", "estimator");
+        said(&blind, &["was paused at 43 % when the recording ended (estimator-a died)"]);
+        // Nothing went wrong: it was ended.
+        let mut ended = run(P::STATE_PAUSED, M::MODE_HOLDING);
+        ended.ended_because = Some("Ctrl-C".to_owned());
+        said(&ended, &["when the recording ended (Ctrl-C)"]);
+    }
+
+    #[test]
+    fn a_mission_that_was_broken_off_names_the_fault_and_the_process() {
+        type M = MotorAuthority;
+        let mut faulted = run(PlanStatus::STATE_ABORTED, M::MODE_FAULTED);
+        faulted.mission.as_mut().unwrap().reason = "a fault stopped the robot; nims status names it".to_owned();
+        let mut last = faulted.authority.unwrap();
+        last.faults = M::FAULT_SLACK;
+        last.fault_cable[1] = 1;
+        faulted.authority = Some(last);
+        faulted.events.cycle(9.9, &last);
+        let parts = [
+            "broken off at 43 % (a line is slack or broken (cable 2))",
+            "the robot was stopped by that fault at the end",
+        ];
+        assert_eq!(said(&faulted, &parts), Grade::Bad);
+        let mut again = run(PlanStatus::STATE_ABORTED, M::MODE_DISARMED);
+        again.mission.as_mut().unwrap().reason = "the robot was disarmed or motor-io restarted".to_owned();
+        said(&again, &["broken off at 43 % (the robot was disarmed or motor-io restarted)"]);
+        dies(&mut again, "motor-io", "motor-io");
+        said(&again, &["broken off at 43 % (motor-io died)"]);
+    }
+
+    #[test]
+    fn a_run_that_is_being_recorded_is_told_as_it_is_now() {
+        let mut flown = run(PlanStatus::STATE_RUNNING, MotorAuthority::MODE_FOLLOWING);
+        records(&mut flown, 0);
+        assert_eq!(said(&flown, &["is being flown, 43 % of it are done", "nothing failed"]), Grade::Good);
+        assert_eq!(present(&flown), Some("being flown"));
+        let mut paused = run(PlanStatus::STATE_PAUSED, MotorAuthority::MODE_HOLDING);
+        records(&mut paused, 0);
+        said(&paused, &["\"demo\" is paused at 43 %", "the run is still being recorded"]);
+        assert_eq!(present(&paused), Some("paused"));
+        // A recorder that hangs holds its file and says nothing.
+        records(&mut flown, 12);
+        let parts = [
+            "was not at its end at 43 % when its recorder wrote last",
+            "there was no fault and the run is not being recorded (nothing has been written for 12 s",
+        ];
+        assert_eq!(said(&flown, &parts), Grade::Remarks);
+        assert_eq!(present(&flown), None);
+    }
+
+    #[test]
+    fn a_recovered_file_lacks_something_only_where_something_is_missing() {
+        let mut run = run(PlanStatus::STATE_DONE, MotorAuthority::MODE_HOLDING);
+        let recovered = FileReport { recovered: true, ..file("run.mcap") };
+        run.recording.files = vec![recovered.clone(), file("run-0002.mcap")];
+        run.recording.healthy = false;
+        let parts =
+            ["no gap is known in the recording (run.mcap was recovered, and by their numbers no samples are missing"];
+        assert_eq!(said(&run, &parts), Grade::Remarks);
+        run.recording.files = vec![recovered];
+        said(&run, &["run.mcap was recovered, and at most the last half second before its recorder ended is missing"]);
+        // Less than what a sentence states is not said.
+        run.recording.unrecorded_s = 0.04;
+        said(&run, &["no gap is known"]);
+        run.recording.unrecorded_s = 0.06;
+        said(&run, &["not whole (0.1 s were not recorded; run.mcap was recovered, and what its recorder held last"]);
+        assert_eq!(at_least(&run), "", "another channel lacks it");
+        let channel = ChannelReport {
+            name: "motor/authority".to_owned(),
+            schema: String::new(),
+            messages: 1,
+            bytes: 1,
+            rate_hz: None,
+            first_s: 0.0,
+            last_s: 0.0,
+            longest_silence_s: 0.0,
+            lost: 6,
+            gaps: 1,
+            unrecorded_s: 0.06,
+            refused: None,
+        };
+        run.recording.channels.push(channel);
+        assert_eq!(at_least(&run), "at least ");
+    }
+}

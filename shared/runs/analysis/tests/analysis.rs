@@ -1,0 +1,236 @@
+//! The demonstration's report against a run that is made here, so that every error in it is known.
+#![allow(clippy::unwrap_used, clippy::expect_used)]
+
+use analysis::accuracy::{Analysis, analyse};
+use analysis::report::report;
+use cable_robot::profile::ProfileLimits;
+use cable_robot::{Path, Profile, Segment, Vector3};
+use messages::{ControlStatus, Message, MotorAuthority, NodeEstimate, PlanMotion, TruthNode};
+use robot_state::Periods;
+use runlog::{ChannelId, ChannelSpec, RunClock, RunWriter};
+use segments::segment_message;
+
+const PERIOD_NS: u64 = 10_000_000;
+/// Estimate and truth are this far beside the setpoint, m.
+const ESTIMATE_OFF_M: f64 = 0.003;
+const TRUTH_OFF_M: f64 = 0.004;
+
+fn stamped<T: Message>(mut sample: T, cycle: u64, stamp_ns: u64) -> T {
+    let header = sample.header_mut();
+    (header.cycle, header.seq, header.stamp_ns) = (cycle, cycle, stamp_ns);
+    sample
+}
+
+#[test]
+fn errors_are_measured_over_moving_cycles_at_the_time_of_each_sample() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer =
+        RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
+    let channels = [
+        writer.add_channel(&ChannelSpec::of::<PlanMotion>("plan/motion")).unwrap(),
+        writer.add_channel(&ChannelSpec::of::<MotorAuthority>("motor/authority")).unwrap(),
+        writer.add_channel(&ChannelSpec::of::<NodeEstimate>("node/estimate/a")).unwrap(),
+        writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap(),
+        writer.add_channel(&ChannelSpec::of::<ControlStatus>("control/status/a")).unwrap(),
+    ];
+    let path = Path::line(Vector3::new(4.0, 3.0, 0.5), Vector3::new(5.0, 3.0, 0.5));
+    let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.4)).unwrap();
+    let segment = Segment { id: 7, path, profile, start_s: 1.0 };
+    let motion = PlanMotion { current: segment_message(&segment), motion: 1, ..Default::default() };
+    let mut write = |channel: usize, stamp_ns: u64, sample: &[u8]| {
+        writer.write(channels[channel], 1, stamp_ns, stamp_ns, sample).unwrap();
+    };
+    write(0, 1, bytemuck::bytes_of(&stamped(motion, 1, 1)));
+
+    // One second at rest before, and one after: what is wrong then does not count.
+    let cycles = ((profile.duration() + 2.0) * 100.0) as u64;
+    let mut moving = 0;
+    for cycle in 1..=cycles {
+        let stamp = cycle * PERIOD_NS;
+        let plan_time_s = cycle as f64 * 0.01;
+        let target = segment.setpoint(plan_time_s);
+        let counts = !target.at_rest && target.velocity.norm() > 1e-3;
+        moving += u64::from(counts);
+        let authority = MotorAuthority {
+            plan_time_s,
+            plan_rate: 1.0,
+            period_s: 0.01,
+            mode: MotorAuthority::MODE_FOLLOWING,
+            motion: 1,
+            periods: 6,
+            lost_answer: 1,
+            lost_computer: 2,
+            lost_resync: 3,
+            ..Default::default()
+        };
+        write(1, stamp, bytemuck::bytes_of(&stamped(authority, cycle, stamp)));
+        let off = if counts { ESTIMATE_OFF_M } else { 1.0 };
+        let position = target.position + Vector3::new(0.0, off, 0.0);
+        let estimate = NodeEstimate { position_m: position.into(), valid: 1, ..Default::default() };
+        write(2, stamp, bytemuck::bytes_of(&stamped(estimate, cycle, stamp)));
+        let chosen = ControlStatus { tension_n: [10.0; 8], valid: 1, cable_count: 3, ..Default::default() };
+        write(4, stamp, bytemuck::bytes_of(&stamped(chosen, cycle, stamp)));
+        // Truth comes in the middle between two cycles, when the setpoint is half a cycle further.
+        let between = segment.setpoint(plan_time_s + 0.005).position + Vector3::new(0.0, 0.0, TRUTH_OFF_M);
+        let mut truth = TruthNode { position_m: between.into(), cable_count: 3, ..Default::default() };
+        truth.tension_n[..3].copy_from_slice(&[10.0, 11.9, if cycle % 2 == 0 { 8.1 } else { 7.9 }]);
+        write(3, stamp + 5_000_000, bytemuck::bytes_of(&stamped(truth, 0, stamp + 5_000_000)));
+    }
+    writer.finish(&Default::default()).unwrap();
+
+    let found = analyse(folder.path()).unwrap();
+    assert_eq!(found.cycles, cycles);
+    let wanted = Periods { computer: 2, resync: 3, answer: 1, ..Periods::default() };
+    assert_eq!((found.periods, found.periods.unsteered(), found.periods.all()), (wanted, 6, 6));
+    assert_eq!(found.estimate.samples as u64, moving);
+    let close = |found: f64, wanted: f64| (found - wanted).abs() < 1e-6;
+    assert!(close(found.estimate.rms_m, ESTIMATE_OFF_M) && close(found.estimate.max_m, ESTIMATE_OFF_M));
+    let truth = found.truth.unwrap();
+    assert_eq!(truth.samples as u64, moving);
+    assert!(close(truth.rms_m, TRUTH_OFF_M) && close(truth.max_m, TRUTH_OFF_M), "{truth:?}");
+    let tensions = found.tensions.unwrap();
+    assert!((tensions.as_chosen - 0.5).abs() < 0.01, "every other sample is 2.1 N off");
+    assert!(close(tensions.worst_n, 2.1) && tensions.least_n == 7.9 && tensions.greatest_n == 11.9);
+}
+
+#[test]
+fn a_run_in_which_nothing_moved_is_said_to_be_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut writer =
+        RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
+    let channel = writer.add_channel(&ChannelSpec::of::<MotorAuthority>("motor/authority")).unwrap();
+    let rest = stamped(MotorAuthority { period_s: 0.01, ..Default::default() }, 1, PERIOD_NS);
+    writer.write(channel, 1, 1, 1, bytemuck::bytes_of(&rest)).unwrap();
+    writer.finish(&Default::default()).unwrap();
+    let sentence = analyse(folder.path()).unwrap_err().to_string();
+    assert!(sentence.contains("nothing moved"), "{sentence}");
+}
+
+/// A run in the making: the same leg is flown in several motions and lives, with gaps where the test wants them.
+struct Tape {
+    folder: tempfile::TempDir,
+    writer: RunWriter,
+    channels: [ChannelId; 4],
+    segment: Segment,
+    stamp_ns: u64,
+    seq: u64,
+}
+
+impl Tape {
+    /// Along a line of a metre in about 5.5 s.
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut writer =
+            RunWriter::create(&folder.path().join("run.mcap"), RunClock::now(), &Default::default(), &[]).unwrap();
+        let channels = [
+            writer.add_channel(&ChannelSpec::of::<PlanMotion>("plan/motion")).unwrap(),
+            writer.add_channel(&ChannelSpec::of::<MotorAuthority>("motor/authority")).unwrap(),
+            writer.add_channel(&ChannelSpec::of::<NodeEstimate>("node/estimate/a")).unwrap(),
+            writer.add_channel(&ChannelSpec::of::<TruthNode>("truth/node")).unwrap(),
+        ];
+        let path = Path::line(Vector3::new(4.0, 3.0, 0.5), Vector3::new(5.0, 3.0, 0.5));
+        let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.4)).unwrap();
+        let segment = Segment { id: 7, path, profile, start_s: 0.0 };
+        Self { folder, writer, channels, segment, stamp_ns: 0, seq: 0 }
+    }
+
+    fn write<T: Message>(&mut self, channel: usize, mut sample: T, life: u64, cycle: u64, stamp_ns: u64) {
+        let header = sample.header_mut();
+        (header.life, header.cycle, header.seq, header.stamp_ns) = (life, cycle, self.seq, stamp_ns);
+        self.writer.write(self.channels[channel], self.seq, stamp_ns, stamp_ns, bytemuck::bytes_of(&sample)).unwrap();
+    }
+
+    /// The cycles of a motion, at 100 Hz from the plan time that the first one has; only truth is there outside of `recorded`.
+    fn motion(&mut self, life: u64, first_cycle: u64, motion: u32, recorded: impl Fn(u64) -> bool) {
+        let plan = PlanMotion { current: segment_message(&self.segment), motion, epoch: motion, ..Default::default() };
+        self.write(0, plan, life, 0, self.stamp_ns + 1);
+        for at in 0..(100.0 * self.segment.profile.duration()) as u64 + 20 {
+            self.stamp_ns += PERIOD_NS;
+            self.seq += 1;
+            let (plan_time_s, stamp_ns) = (at as f64 * 0.01, self.stamp_ns);
+            if recorded(at) {
+                let authority = MotorAuthority {
+                    plan_time_s,
+                    plan_rate: 1.0,
+                    period_s: 0.01,
+                    mode: MotorAuthority::MODE_FOLLOWING,
+                    motion,
+                    epoch: motion,
+                    ..Default::default()
+                };
+                self.write(1, authority, life, first_cycle + at, stamp_ns);
+                let position_m = self.segment.setpoint(plan_time_s).position.into();
+                let estimate = NodeEstimate { position_m, valid: 1, ..Default::default() };
+                self.write(2, estimate, life, first_cycle + at, stamp_ns);
+            }
+            let mut position = self.segment.setpoint(plan_time_s + 0.005).position;
+            position.z += TRUTH_OFF_M;
+            let truth = TruthNode { position_m: position.into(), cable_count: 3, ..Default::default() };
+            self.write(3, truth, 0, 0, stamp_ns + 5_000_000);
+        }
+    }
+
+    /// The analysis, and the report as JSON and in words.
+    fn finish(self) -> (Analysis, serde_json::Value, String) {
+        self.writer.finish(&Default::default()).unwrap();
+        let run = self.folder.path().to_path_buf();
+        let command::Output { value, words, .. } = report(std::slice::from_ref(&run), None).unwrap();
+        (analyse(&run).unwrap(), value["runs"][0].clone(), words)
+    }
+}
+
+#[test]
+fn what_was_not_recorded_makes_no_error_and_no_path() {
+    let mut tape = Tape::new();
+    // The first motion is lost in the middle of its leg, and the next one is seen from the middle of its own on.
+    tape.motion(1, 1, 1, |at| at < 250);
+    tape.motion(1, 1001, 2, |at| at >= 250);
+    let segment = tape.segment;
+    let (found, value, words) = tape.finish();
+    let truth = found.truth.unwrap();
+    assert!(truth.max_m < TRUTH_OFF_M + 1e-6, "{truth:?}");
+    // Path counts where time does: 2.5 s of one leg, and the rest of the other.
+    let at_m = |time_s: f64| segment.setpoint(time_s).path_s_m;
+    let legs = value["legs"].as_array().unwrap();
+    let flown: Vec<f64> = legs.iter().map(|leg| leg["flown_m"].as_f64().unwrap()).collect();
+    assert_eq!(flown.len(), 2);
+    assert!((flown[0] - at_m(2.49)).abs() < 1e-6 && (flown[1] - (1.0 - at_m(2.5))).abs() < 1e-6, "{flown:?}");
+    assert!(legs[0]["complete"] == false && legs[1]["complete"] == true);
+    let sum = value["flown_m"].as_f64().unwrap();
+    assert!((sum - flown[0] - flown[1]).abs() < 1e-9, "{sum}");
+    assert!(words.contains("at least 1.0 m of path in at least 5 s of motion"), "{words}");
+}
+
+#[test]
+fn a_gap_inside_a_leg_counts_neither_as_path_nor_as_time() {
+    let mut tape = Tape::new();
+    tape.motion(1, 1, 1, |at| !(200..300).contains(&at));
+    let segment = tape.segment;
+    let (found, value, _) = tape.finish();
+    let at_m = |time_s: f64| segment.setpoint(time_s).path_s_m;
+    let flown_m = value["legs"][0]["flown_m"].as_f64().unwrap();
+    assert!((flown_m - (1.0 - at_m(3.0) + at_m(1.99))).abs() < 1e-6, "{flown_m} m");
+    assert!(value["legs"][0]["complete"] == true);
+    let all_s = segment.profile.duration();
+    assert!((found.moving_s - (all_s - 1.01)).abs() < 0.03, "{} s of {all_s} s", found.moving_s);
+    // A sample or two that are missing are no gap.
+    let mut tape = Tape::new();
+    tape.motion(1, 1, 1, |at| !(200..203).contains(&at));
+    let (found, value, _) = tape.finish();
+    assert!((value["legs"][0]["flown_m"].as_f64().unwrap() - 1.0).abs() < 1e-6);
+    assert!(found.truth.unwrap().max_m < TRUTH_OFF_M + 1e-6);
+}
+
+#[test]
+fn a_life_that_begins_early_takes_nothing_from_the_one_before() {
+    let mut tape = Tape::new();
+    // The second life counts its cycles from 1 while those of the first are still waited for.
+    tape.motion(1_000, 1, 1, |_| true);
+    tape.motion(2_000, 1, 2, |_| true);
+    let one = (100.0 * tape.segment.profile.duration()) as usize;
+    let (found, value, _) = tape.finish();
+    assert!(found.estimate.samples >= 2 * (one - 3) && found.estimate.max_m < 1e-9, "{:?}", found.estimate);
+    assert!(found.truth.unwrap().max_m < TRUTH_OFF_M + 1e-6, "{:?}", found.truth);
+    assert!((value["flown_m"].as_f64().unwrap() - 2.0).abs() < 1e-6);
+    assert!(found.track.windows(2).all(|pair| pair[0].time_s < pair[1].time_s));
+}

@@ -1,0 +1,206 @@
+//! The configuration that a run was recorded with, as it stands in the run file, and what is changed of it.
+
+use super::Changes;
+use command::{Answer, Failure};
+use config::{BoxFile, RobotFile};
+use controller::{ControllerConfig, Law};
+use estimator::{EstimatorConfig, Method};
+use motor_io::{Core, CoreConfig};
+use runlog::Attachment;
+use std::borrow::Cow;
+use std::fs;
+use std::path::Path;
+use toml::{Table, Value};
+
+/// Names under which the recorder keeps the configuration.
+const BOX: &str = "box.toml";
+const ROBOT: &str = "robot.toml";
+/// Tables of the robot file; every other key is one of the box file.
+const ROBOT_TABLES: [&str; 4] = ["robot", "lines", "motor", "site"];
+
+/// What the deciding parts are made from.
+#[derive(Debug, Clone)]
+pub(super) struct Configuration {
+    file: BoxFile,
+    robot: RobotFile,
+    core: CoreConfig,
+    /// The law, or the method, is not the one that a process had been started with.
+    law_changed: bool,
+    method_changed: bool,
+    /// What is changed of the controllers' and the estimators' sections.
+    sections_changed: Vec<(String, String)>,
+}
+
+impl Configuration {
+    /// As recorded, with these changes.
+    ///
+    /// # Errors
+    /// The run holds no configuration, or it cannot be used, or a change cannot.
+    pub(super) fn of(attachments: &[Attachment], changes: &Changes) -> Answer<Self> {
+        let folder = tempfile::tempdir().map_err(Failure::not_now)?;
+        // A name is a name of a file, not a way out of the folder.
+        for (attachment, name) in attachments.iter().filter_map(|one| Some((one, Path::new(&one.name).file_name()?))) {
+            fs::write(folder.path().join(name), &attachment.data).map_err(Failure::not_now)?;
+        }
+        let plain = |problem: &dyn std::fmt::Display| {
+            Failure::bad(problem.to_string().replace(&format!("{}/", folder.path().display()), "the run's "))
+        };
+        let table = |name: &str| -> Answer<Table> {
+            let text = fs::read_to_string(folder.path().join(name)).map_err(|_| {
+                Failure::BadInput(format!("the run file holds no {name}, so nothing can be computed again from it"))
+            })?;
+            text.parse().map_err(|error| plain(&format!("{name}: {error}")))
+        };
+        let (mut file, mut robot) = (table(BOX)?, table(ROBOT)?);
+        file.insert("robot".to_owned(), Value::String(ROBOT.to_owned()));
+        // What its sensors looked at is recorded, and not computed again.
+        if let Some(Value::Table(section)) = file.get_mut("motor_box") {
+            for key in ["ground", "scene"] {
+                section.remove(key); // `scene`: as older runs name it
+            }
+        }
+        for (key, value) in &changes.set {
+            let first = key.split('.').next().unwrap_or_default();
+            let into = if ROBOT_TABLES.contains(&first) { &mut robot } else { &mut file };
+            set(into, key, value)?;
+        }
+        let mut changed: Vec<&str> = changes.set.iter().map(|(key, _)| key.as_str()).collect();
+        if let Some(law) = &changes.law {
+            set(&mut file, "controller.law", law)?;
+            changed.push("controller.law");
+        }
+        for (name, table) in [(BOX, file), (ROBOT, robot)] {
+            let text = toml::to_string(&table).map_err(Failure::not_now)?;
+            fs::write(folder.path().join(name), text).map_err(Failure::not_now)?;
+        }
+        let file = BoxFile::load(&folder.path().join(BOX)).map_err(|error| plain(&error))?;
+        let robot = file.robot_file().map_err(|error| plain(&error))?;
+        let core = CoreConfig::from_files(&file, &robot).map_err(|error| plain(&error))?;
+        let this = Self {
+            core,
+            law_changed: changed.contains(&"controller.law"),
+            method_changed: changed.contains(&"estimator.method"),
+            sections_changed: changes.set.iter().filter(|(key, _)| is_of_a_section(key)).cloned().collect(),
+            file,
+            robot,
+        };
+        this.controller_config(1, None).map_err(|error| plain(&format!("[controller] {error}")))?;
+        this.estimator_config(1, None).map_err(|error| plain(&format!("[estimator] {error}")))?;
+        Ok(this)
+    }
+
+    /// How many cables.
+    pub(super) fn cables(&self) -> usize {
+        self.core.cable_count()
+    }
+
+    /// The deciding part of motor-io.
+    pub(super) fn core(&self) -> Core {
+        Core::new(self.core.clone())
+    }
+
+    /// The estimator of that life, by the method that its estimates name and the parameters that it said it works with.
+    pub(super) fn estimator(&self, incarnation: u32, method: u8, said: Option<&str>) -> Option<EstimatorConfig> {
+        let method = Method::name_of(method)?;
+        self.with_sections(said)?.estimator_config(incarnation, Some(method)).ok()
+    }
+
+    /// The controller of that life, with the law that its answers name and the parameters that it said it works with.
+    pub(super) fn controller(&self, incarnation: u32, law: u8, said: Option<&str>) -> Option<ControllerConfig> {
+        let law = Law::name_of(law)?;
+        self.with_sections(said)?.controller_config(incarnation, Some(law)).ok()
+    }
+
+    /// Time in which a controller fades from old parameters to new ones, s.
+    pub(super) fn fade_s(&self) -> f64 {
+        self.file.arbiter.fade_s
+    }
+
+    /// With the sections that a process said it works with, and what is changed of them; `None` if they are none.
+    fn with_sections(&self, said: Option<&str>) -> Option<Cow<'_, Self>> {
+        let Some(said) = said else { return Some(Cow::Borrowed(self)) };
+        let mut sections: Table = said.parse().ok()?;
+        for (key, value) in &self.sections_changed {
+            set(&mut sections, key, value).ok()?;
+        }
+        let mut with = self.clone();
+        let mut take = |name: &str| sections.remove(name);
+        if let Some(section) = take("controller") {
+            let law = with.file.controller.law;
+            with.file.controller = section.try_into().ok()?;
+            if self.law_changed {
+                with.file.controller.law = law;
+            }
+        }
+        if let Some(section) = take("estimator") {
+            let method = with.file.estimator.method;
+            with.file.estimator = section.try_into().ok()?;
+            if self.method_changed {
+                with.file.estimator.method = method;
+            }
+        }
+        Some(Cow::Owned(with))
+    }
+
+    fn estimator_config(&self, incarnation: u32, method: Option<&str>) -> anyhow::Result<EstimatorConfig> {
+        let mut section = self.file.estimator.clone();
+        if let Some(method) = method.filter(|_| !self.method_changed) {
+            method.clone_into(&mut section.method);
+        }
+        Ok(EstimatorConfig::of(&section, self.robot.robot()?, incarnation)?)
+    }
+
+    fn controller_config(&self, incarnation: u32, law: Option<&str>) -> anyhow::Result<ControllerConfig> {
+        let mut file = self.file.clone();
+        if let Some(law) = law.filter(|_| !self.law_changed) {
+            law.clone_into(&mut file.controller.law);
+        }
+        ControllerConfig::of(&file, &self.robot, incarnation)
+    }
+}
+
+fn is_of_a_section(key: &str) -> bool {
+    key.starts_with("controller.") || key.starts_with("estimator.")
+}
+
+/// Puts a value, written as in a configuration file or as a bare word, where its dotted key says.
+fn set(table: &mut Table, key: &str, value: &str) -> Answer {
+    let value = match format!("value = {value}").parse::<Table>() {
+        Ok(mut read) => read.remove("value").unwrap_or_else(|| Value::String(value.to_owned())),
+        Err(_) => Value::String(value.to_owned()),
+    };
+    let mut at = table;
+    let mut names = key.split('.').peekable();
+    while let Some(name) = names.next() {
+        if names.peek().is_none() {
+            at.insert(name.to_owned(), value);
+            break;
+        }
+        let inner = at.entry(name).or_insert_with(|| Value::Table(Table::new()));
+        let Value::Table(inner) = inner else {
+            return Err(Failure::BadInput(format!("--set {key}: `{name}` is no table of the configuration")));
+        };
+        at = inner;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_read_as_in_a_file_and_bare_words_are_texts() {
+        let mut table: Table = "name = \"x\"\n[controller]\nhorizon_cycles = 20".parse().unwrap();
+        for (key, value) in
+            [("controller.horizon_cycles", "30"), ("controller.law", "preview"), ("estimator.prior", "[0.5, 0.5]")]
+        {
+            set(&mut table, key, value).unwrap();
+        }
+        let wanted =
+            "name = \"x\"\n[controller]\nhorizon_cycles = 30\nlaw = \"preview\"\n[estimator]\nprior = [0.5, 0.5]";
+        assert_eq!(table, wanted.parse::<Table>().unwrap());
+        let why = set(&mut table, "name.inner", "1").unwrap_err().to_string();
+        assert_eq!(why, "--set name.inner: `name` is no table of the configuration");
+    }
+}

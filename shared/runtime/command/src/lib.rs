@@ -1,0 +1,22 @@
+//! What every command shares: how it fails, what it prints, and the values of its arguments.
+//!
+//! A tool owns its arguments and one function `run(&Args) -> Result<Output, Failure>`; a program parses, calls it and prints once
+//! ([`main`]).
+//!
+//! Invariants:
+//! * Exit code 0: answered (also "not feasible", which is an answer); 2: bad input; 1: it could not be done now.
+//! * A failure is one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
+//! * Behind [`values`], a number is finite and a point has two or three coordinates.
+#![forbid(unsafe_code)]
+
+mod failure;
+mod output;
+pub mod points;
+mod program;
+mod signals;
+pub mod values;
+
+pub use failure::{Answer, Failure};
+pub use output::{Output, print_line};
+pub use program::main;
+pub use signals::{SIGNAL, StopFlag, stop_flag};

@@ -1,0 +1,67 @@
+//! Which process a law or a method is: the standard program, or a `[[process]]` of the system file.
+
+use crate::{BoxFile, LAWS, METHODS, ProcessSection, Role};
+
+impl BoxFile {
+    /// The `[[process]]` that this name of a law or a method means; `None` for one that the standard program has itself.
+    ///
+    /// # Errors
+    /// There is neither, or the entry has another role.
+    pub fn process_for(&self, role: Role, law: &str) -> Result<Option<&ProcessSection>, String> {
+        if let Some(section) = self.process.iter().find(|section| section.name == law) {
+            if section.role == role {
+                return Ok(Some(section));
+            }
+            let (is, wanted) = (section.role.name(), role.name());
+            return Err(format!("the process \"{law}\" of the box file has the role {is}, not {wanted}"));
+        }
+        let known: &[&str] = match role {
+            Role::Controller => &LAWS,
+            Role::Estimator => &METHODS,
+            _ => return Ok(None),
+        };
+        if known.contains(&law) {
+            return Ok(None);
+        }
+        let quoted: Vec<String> = known.iter().map(|name| format!("\"{name}\"")).collect();
+        let others: Vec<&str> =
+            self.process.iter().filter(|other| other.role == role).map(|other| other.name.as_str()).collect();
+        let or = if others.is_empty() {
+            ", or the name of a [[process]] of that role, of which the box file has none".to_owned()
+        } else {
+            format!(", or of the box file {}", others.join(", "))
+        };
+        let (role, accepted) = (role.name(), quoted.join(", "));
+        Err(format!("nothing was started: the {role} has no \"{law}\"; accepted: {accepted}{or}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::Path;
+
+    #[test]
+    fn a_law_is_the_standard_programs_own_or_an_entry_of_the_system_file() {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems/demo3.toml");
+        let mut file = BoxFile::load(&path).unwrap();
+        let own = "name = \"mine\"\nrole = \"controller\"\ncommand = [\"mine\"]\n";
+        file.process = vec![toml::from_str(own).unwrap()];
+        for law in LAWS {
+            assert!(file.process_for(Role::Controller, law).unwrap().is_none(), "{law}");
+        }
+        for method in METHODS {
+            assert!(file.process_for(Role::Estimator, method).unwrap().is_none(), "{method}");
+        }
+        let mine = file.process_for(Role::Controller, "mine").unwrap();
+        assert_eq!(mine.map(|found| found.name.as_str()), Some("mine"));
+        for (role, law) in [
+            (Role::Controller, "pid"),
+            (Role::Controller, "kalman"),
+            (Role::Estimator, "ukf"),
+            (Role::Estimator, "mine"),
+        ] {
+            assert!(file.process_for(role, law).is_err(), "{law}");
+        }
+    }
+}

@@ -1,0 +1,11 @@
+//! The state of a robot as plain data, and in sentences: for whatever shows it.
+//!
+//! Invariants:
+//! * No clock, no I/O, no bus: samples in, data and words out.
+//! * Each mode, fault, verdict, phase and cause has its sentence here and nowhere else.
+#![forbid(unsafe_code)]
+
+pub mod periods;
+pub mod sentences;
+
+pub use periods::Periods;

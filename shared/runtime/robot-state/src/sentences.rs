@@ -1,0 +1,373 @@
+//! What happened and what to do, one sentence per mode, fault and verdict: for whoever shows the robot's state.
+
+use messages::faults::{Faults, OF_CABLES, OF_UNITS};
+use messages::{CONTROLLERS, MotorAuthority, MotorSlots, MotorState, ROLES};
+use std::fmt;
+
+/// Every fault: its bit, what is the case, what to do about it.
+pub const FAULTS: [(u32, &str, &str); 21] = [
+    (MotorAuthority::FAULT_LOST_UNIT, "a drive unit does not answer", "check its power and its cable, then reset"),
+    (
+        MotorAuthority::FAULT_UNIT_REBOOT,
+        "a drive unit was restarted and has lost its count",
+        "check the supply, reset, then look where the node is and confirm the position or zero",
+    ),
+    (
+        MotorAuthority::FAULT_STALL,
+        "a motor pushes hard and its line does not move, so this cable was let go",
+        "free the line, check the encoder, reset, then look where the node is and confirm the position or zero",
+    ),
+    (
+        MotorAuthority::FAULT_SLACK,
+        "a line is slack or broken",
+        "look for what carries the node, jog the line taut or mend it, then reset",
+    ),
+    (MotorAuthority::FAULT_OVER_TENSION, "a line is too tight", "jog it out, check the calibration, then reset"),
+    (MotorAuthority::FAULT_OVER_CURRENT, "a motor draws too much current", "look for what blocks the line, then reset"),
+    (
+        MotorAuthority::FAULT_RUNAWAY,
+        "an encoder counts against the command, so this cable was let go",
+        "check the encoder's plug and the sign of counts_per_m, reset, then look where the node is and confirm the position or zero",
+    ),
+    (
+        MotorAuthority::FAULT_ENCODER_JUMP,
+        "an encoder has jumped",
+        "check its plug, reset, then look where the node is and confirm the position or zero",
+    ),
+    (MotorAuthority::FAULT_DRIVE_ERROR, "a drive unit reports an error", "see its status bits, then reset"),
+    (
+        MotorAuthority::FAULT_COMMAND_LOST,
+        "the controller stopped answering, so the robot stopped and holds",
+        "when nims status shows it again, resume; if it does not come back, end nims up and start it again",
+    ),
+    (MotorAuthority::FAULT_LENGTH_LIMIT, "a line has reached its length limit", "reset, then move back inside"),
+    (
+        MotorAuthority::FAULT_ESTIMATE_LOST,
+        "there is no valid estimate of the position, so the robot stopped and holds",
+        "when nims status shows the estimator again, resume; if it does not come back, end nims up and start it again",
+    ),
+    (MotorAuthority::FAULT_SUPPLY, "the supply voltage is low", "charge or change the battery, then reset"),
+    (
+        MotorAuthority::FAULT_LONG_GAP,
+        "this machine had no time for the drives, so the robot stopped where it was",
+        "look for what else runs on it; after up to a second the robot goes on by itself, after more it holds, and resume goes on",
+    ),
+    (
+        MotorAuthority::FAULT_EMERGENCY_INPUT,
+        "the emergency stop button of a drive unit is pressed, or its wire is broken",
+        "see that nobody is in danger, release it, then reset",
+    ),
+    (
+        MotorAuthority::FAULT_SUPERVISOR_LOST,
+        "the supervisor is gone, so the robot stopped and holds",
+        "start nims up again, confirm the position, arm, and run the mission with --continue",
+    ),
+    (
+        MotorAuthority::FAULT_PLANNER_LOST,
+        "the planner is gone, so the robot holds after what was planned",
+        "when nims status shows it again, start a new motion; if it does not come back, end nims up and start it again",
+    ),
+    (
+        MotorAuthority::FAULT_COMMAND_REFUSED,
+        "the controller's commands were no numbers or far beyond the limits, so the robot stopped and holds",
+        "look at the controller's log, swap to another controller, then resume",
+    ),
+    (
+        MotorAuthority::FAULT_DIVERGING,
+        "the commands moved the node away from its set point",
+        "reset, see that the node is where nims status says and zero it where it is not, then swap to another controller or estimator",
+    ),
+    (
+        MotorAuthority::FAULT_OFF_START,
+        "the planned motion does not begin where the lines say that the node is, so it is not started",
+        "compare the estimators in nims status, restart the one that is off, then ask again",
+    ),
+    (
+        MotorAuthority::FAULT_COMPUTER,
+        "the computer was busy with other things and did not give the robot's programs the processor in time",
+        "end what else runs on it, or permit real-time priority (`nims doctor` says how); up to a second of it the robot waits for, after \
+         more it holds, and resume goes on",
+    ),
+];
+
+/// One sentence per fault in `bits`: what is the case and what to do.
+pub fn fault_sentences(bits: u32) -> impl Iterator<Item = String> {
+    each_fault(bits).map(|(_, sentence)| sentence)
+}
+
+fn each_fault(bits: u32) -> impl Iterator<Item = (u32, String)> {
+    FAULTS.iter().filter(move |(bit, _, _)| bits & bit != 0).map(|(bit, what, cure)| {
+        let mut chars = what.chars();
+        let first = chars.next().map(|c| c.to_uppercase().to_string()).unwrap_or_default();
+        (*bit, format!("{first}{}: {cure}.", chars.as_str()))
+    })
+}
+
+/// The sentences of a sample's faults; one of cables or of units ends with those that are named.
+#[must_use]
+pub fn faults_of(authority: &MotorAuthority) -> Vec<String> {
+    let place = |bit: u32| match bit {
+        bit if bit & OF_CABLES != 0 => named(&authority.fault_cable, "cable"),
+        bit if bit & OF_UNITS != 0 => named(&authority.fault_unit, "unit"),
+        _ => String::new(),
+    };
+    each_fault(authority.faults).map(|(bit, text)| format!("{}{}.", text.trim_end_matches('.'), place(bit))).collect()
+}
+
+/// The marked ones by their numbers, in parentheses: ` (units 1, 2)`; empty without any.
+#[must_use]
+pub fn named(marks: &[u8; 8], what: &str) -> String {
+    let numbers: Vec<String> =
+        marks.iter().enumerate().filter(|(_, mark)| **mark == 1).map(|(i, _)| (i + 1).to_string()).collect();
+    match numbers.as_slice() {
+        [] => String::new(),
+        [one] => format!(" ({what} {one})"),
+        several => format!(" ({what}s {})", several.join(", ")),
+    }
+}
+
+/// So many bytes of faults stand in one answer; of more, `nims status` has the sentences.
+const LISTED: usize = 360;
+
+/// What is the case, each with its cure; for use inside a sentence, without allocation.
+#[derive(Debug, Clone, Copy)]
+pub struct FaultList<'a>(pub &'a Faults);
+
+impl fmt::Display for FaultList<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (mut written, mut left_out) = (0, 0);
+        for (bit, what, cure) in FAULTS.iter().filter(|(bit, _, _)| self.0.bits & bit != 0) {
+            if written > 0 && written + what.len() + cure.len() > LISTED {
+                left_out += 1;
+                continue;
+            }
+            let separator = if written > 0 { ", and " } else { "" };
+            write!(f, "{separator}{what}")?;
+            if bit & OF_UNITS != 0 {
+                named_in(f, "unit", &self.0.units)?;
+            } else if bit & OF_CABLES != 0 {
+                named_in(f, "cable", &self.0.cables)?;
+            }
+            write!(f, " ({cure})")?;
+            written += separator.len() + what.len() + cure.len();
+        }
+        if left_out > 0 {
+            write!(f, "; and {left_out} more, which nims status names with their cures")?;
+        }
+        Ok(())
+    }
+}
+
+/// ` on unit 1`, ` on units 1, 2`; nothing where none is named.
+fn named_in(f: &mut fmt::Formatter<'_>, what: &str, named: &[bool]) -> fmt::Result {
+    let plural = if named.iter().filter(|named| **named).count() > 1 { "s" } else { "" };
+    let mut separator = "";
+    for (i, _) in named.iter().enumerate().filter(|(_, named)| **named) {
+        match separator {
+            "" => write!(f, " on {what}{plural} {}", i + 1)?,
+            separator => write!(f, "{separator}{}", i + 1)?,
+        }
+        separator = ", ";
+    }
+    Ok(())
+}
+
+/// The mode's name, as commands print it.
+#[must_use]
+pub fn mode_name(mode: u8) -> &'static str {
+    match mode {
+        MotorAuthority::MODE_DISARMED => "disarmed",
+        MotorAuthority::MODE_HOLDING => "holding",
+        MotorAuthority::MODE_JOGGING => "jogging",
+        MotorAuthority::MODE_FOLLOWING => "following",
+        MotorAuthority::MODE_STOPPING => "stopping",
+        MotorAuthority::MODE_FAULTED => "faulted",
+        MotorAuthority::MODE_EMERGENCY_STOP => "emergency stop",
+        _ => "unknown",
+    }
+}
+
+/// What the mode means for who stands beside the robot.
+#[must_use]
+pub fn mode_sentence(mode: u8) -> &'static str {
+    match mode {
+        MotorAuthority::MODE_DISARMED => "The drives are off; arm to hold the lines.",
+        MotorAuthority::MODE_HOLDING => "The drives hold the lines, and nothing moves.",
+        MotorAuthority::MODE_JOGGING => "One cable moves slowly.",
+        MotorAuthority::MODE_FOLLOWING => "The robot follows its motion.",
+        MotorAuthority::MODE_STOPPING => "The robot is coming to rest.",
+        MotorAuthority::MODE_FAULTED => "The robot is stopped by a fault and holds; remove the cause, then reset.",
+        MotorAuthority::MODE_EMERGENCY_STOP => "Emergency stop: nothing moves until reset.",
+        _ => "This mode is unknown to this program; it is of another version than motor-io.",
+    }
+}
+
+/// What a verdict on a command means.
+#[must_use]
+pub fn verdict_sentence(verdict: u8) -> &'static str {
+    match verdict {
+        MotorAuthority::VERDICT_NONE => "No command has ever arrived in this slot.",
+        MotorAuthority::VERDICT_ACCEPTED => "The command is good.",
+        MotorAuthority::VERDICT_STALE => "The command answers an earlier cycle.",
+        MotorAuthority::VERDICT_EPOCH => "The command was computed before the last arm, stop, fault, reset or zero.",
+        MotorAuthority::VERDICT_INCARNATION => "The controller was started again while the robot moved.",
+        MotorAuthority::VERDICT_NOT_FINITE => "The command holds something that is no number.",
+        MotorAuthority::VERDICT_OUT_OF_LIMITS => "The command is far beyond the cable speed limit.",
+        MotorAuthority::VERDICT_NO_ESTIMATE => "The controller has no valid estimate to answer for.",
+        MotorAuthority::VERDICT_ABSENT => "No command has arrived for this cycle.",
+        MotorAuthority::VERDICT_SEGMENT => "The command follows another motion than the robot.",
+        MotorAuthority::VERDICT_LIFE => "The command was computed for a motor-io that has ended.",
+        _ => "This verdict is unknown to this program; it is of another version than motor-io.",
+    }
+}
+
+/// Roles with slots, by their index.
+pub const ROLE_NAMES: [&str; ROLES] = ["controller", "estimator"];
+
+/// The phase of a slot, as commands print it.
+#[must_use]
+pub fn phase_name(phase: u8) -> &'static str {
+    match phase {
+        MotorSlots::PHASE_EMPTY => "empty",
+        MotorSlots::PHASE_ATTACHED => "attached",
+        MotorSlots::PHASE_SHADOW => "shadow",
+        MotorSlots::PHASE_QUALIFIED => "qualified",
+        MotorSlots::PHASE_SWITCHING => "switching",
+        MotorSlots::PHASE_ACTIVE => "active",
+        MotorSlots::PHASE_PROBATION => "probation",
+        MotorSlots::PHASE_QUARANTINED => "quarantined",
+        _ => "unknown",
+    }
+}
+
+/// What last cost a slot its trust, as the rest of a sentence that begins with who it is; empty for nothing.
+#[must_use]
+pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
+    match cause {
+        MotorSlots::CAUSE_NONE => "",
+        MotorSlots::CAUSE_ABSENT => "stopped answering",
+        MotorSlots::CAUSE_RESTARTED => "was started again",
+        MotorSlots::CAUSE_NOT_FINITE => "gave something that is no number",
+        MotorSlots::CAUSE_OUT_OF_LIMITS => "asked for velocities far beyond the limit",
+        MotorSlots::CAUSE_APART if role == CONTROLLERS => "commanded something else than the one in charge",
+        MotorSlots::CAUSE_APART => "put the node somewhere else than the one in charge",
+        MotorSlots::CAUSE_NOT_VALID => "answered without a valid result",
+        MotorSlots::CAUSE_PROBATION => "missed a cycle just after it had taken over",
+        _ => "failed in a way unknown to this program",
+    }
+}
+
+/// Why a slot is no standby, and what to do: the rest of a sentence that begins with who it is.
+#[derive(Debug, Clone, Copy)]
+pub struct WhyNot {
+    /// Index of the role.
+    pub role: usize,
+    /// Its phase.
+    pub phase: u8,
+    /// What last cost it its trust.
+    pub cause: u8,
+    /// Of a controller: the verdict on its last command.
+    pub verdict: u8,
+    /// For how long it has answered well, s.
+    pub well_s: f64,
+    /// For how long it has to, s.
+    pub qualify_s: f64,
+    /// Of a controller: how far it would move the node off its path, m, and within which time, s.
+    pub moves_off: Option<(f64, f64)>,
+}
+
+impl fmt::Display for WhyNot {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { role, cause, well_s, qualify_s, .. } = *self;
+        let failed = cause_phrase(role, cause);
+        match self.phase {
+            MotorSlots::PHASE_EMPTY if failed.is_empty() => f.write_str("is not running; start one first"),
+            MotorSlots::PHASE_EMPTY => write!(f, "is not running: it {failed}; start one first"),
+            MotorSlots::PHASE_ATTACHED if role == CONTROLLERS && self.verdict != MotorAuthority::VERDICT_ACCEPTED => {
+                let verdict = verdict_sentence(self.verdict).trim_end_matches('.');
+                write!(f, "has no good answer yet ({verdict}); ask again when it has")
+            }
+            MotorSlots::PHASE_ATTACHED => {
+                f.write_str("has no good answer beside the one in charge yet; ask again when it has")
+            }
+            MotorSlots::PHASE_SHADOW if well_s == 0.0 && !failed.is_empty() => {
+                write!(f, "does not qualify: it {failed}")?;
+                if let Some((off_m, within_s)) = self.moves_off.filter(|_| cause == MotorSlots::CAUSE_APART) {
+                    write!(f, " and would move the node {off_m:.2} m off its path within {within_s:.1} s")?;
+                }
+                f.write_str("; look at its log and its configuration, or swap where the robot holds")
+            }
+            MotorSlots::PHASE_SHADOW => {
+                write!(f, "has answered well for {well_s:.1} of {qualify_s:.1} s; ask again in a second")
+            }
+            MotorSlots::PHASE_QUARANTINED => {
+                write!(f, "was set aside because it came and went: it {failed}; admit it again with nims swap --admit")
+            }
+            _ => f.write_str("is being swapped"),
+        }
+    }
+}
+
+/// How far the position can be trusted, and what to do.
+#[must_use]
+pub fn position_sentence(position_known: u8) -> &'static str {
+    match position_known {
+        MotorState::POSITION_KNOWN => "The position is known.",
+        MotorState::POSITION_FROM_BEFORE_THE_CUT => {
+            "The position is the one kept from before motor-io was started: look where the node is, then confirm it (nims confirm-position) or zero (nims zero)."
+        }
+        _ => "The position is unknown: zero where the node is (nims zero).",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_fault_bit_has_its_own_sentence() {
+        let all = FAULTS.iter().fold(0, |all, (bit, _, _)| all | bit);
+        assert_eq!(all, messages::faults::HARD | messages::faults::STOPS);
+        assert_eq!(FAULTS.len() as u32, all.count_ones());
+        let sentences: std::collections::BTreeSet<String> = fault_sentences(all).collect();
+        assert_eq!(sentences.len(), FAULTS.len());
+        assert!(sentences.iter().all(|s| s.starts_with(|c: char| c.is_uppercase()) && s.ends_with('.')));
+    }
+
+    #[test]
+    fn the_cables_and_units_are_named() {
+        let mut authority = MotorAuthority { faults: MotorAuthority::FAULT_SLACK, ..Default::default() };
+        authority.fault_cable[1] = 1;
+        assert_eq!(
+            faults_of(&authority),
+            [
+                "A line is slack or broken: look for what carries the node, jog the line taut or mend it, then reset (cable 2)."
+            ]
+        );
+    }
+
+    #[test]
+    fn units_and_cables_stand_only_behind_what_is_of_units_and_cables() {
+        let mut authority = MotorAuthority {
+            faults: MotorAuthority::FAULT_LOST_UNIT | MotorAuthority::FAULT_SLACK | MotorAuthority::FAULT_LONG_GAP,
+            ..Default::default()
+        };
+        (authority.fault_unit[0], authority.fault_unit[1], authority.fault_cable[2]) = (1, 1, 1);
+        let said = faults_of(&authority);
+        assert!(said[0].ends_with("(units 1, 2).") && said[1].ends_with("(cable 3)."), "{said:?}");
+        assert!(said[2].ends_with("goes on."), "{said:?}");
+        // Every fault of the drives or the lines is one or the other, and none is both. That of the commands is neither.
+        let of_neither = MotorAuthority::FAULT_DIVERGING;
+        assert_eq!((OF_UNITS | OF_CABLES | of_neither, OF_UNITS & OF_CABLES), (messages::faults::HARD, 0));
+    }
+
+    #[test]
+    fn every_mode_and_verdict_has_a_sentence() {
+        for mode in 0..=6 {
+            assert!(!mode_sentence(mode).contains("unknown"));
+        }
+        for verdict in 0..=10 {
+            assert!(!verdict_sentence(verdict).contains("another version"));
+        }
+    }
+}

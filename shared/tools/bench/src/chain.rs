@@ -1,0 +1,178 @@
+//! `chain`: what a cycle of motor-io, estimator and controller computes, as a share of the period; and the tensions in it beside the
+//! usual way to get them, a pseudo-inverse by singular value decomposition.
+
+use super::figures::{Ratio, Spread, record};
+use super::{Settings, Watch, flight};
+use bus::clock::now_ns;
+use cable_robot::{Distribution, Robot, StructureMatrix, Vector3, tension};
+use command::{Answer, Failure};
+use controller::Seen;
+use lockstep::{Chain, Cycle, Scenario};
+use nalgebra::Matrix3x4;
+use runtime::Timing;
+use serde::Serialize;
+use std::hint::black_box;
+
+/// Positions at which tensions are computed, of a flight.
+const POSES: usize = 64;
+/// Passes over all positions for each flight.
+const PASSES: usize = 50;
+/// Both ways agree this far, N.
+const AGREE_N: f64 = 1e-6;
+/// Below this, a singular value counts as none.
+const RANK: f64 = 1e-12;
+
+/// What was found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Found {
+    /// How many lines the robot has.
+    pub cables: usize,
+    /// A cycle of the whole chain.
+    pub ours: Spread,
+    /// Its median as a share of the period.
+    pub median_share: f64,
+    /// Its tail as a share of the period.
+    pub p999_share: f64,
+    /// The tensions of four lines.
+    pub tensions: Tensions,
+}
+
+/// The tensions that hold the node at one position.
+#[derive(Debug, Clone, Serialize)]
+pub struct Tensions {
+    /// Ours, within the limits of each line.
+    pub ours: Spread,
+    /// By a pseudo-inverse, which knows no limits.
+    pub plain: Spread,
+    /// Pseudo-inverse over ours.
+    pub ratio: Ratio,
+}
+
+/// Measures for so many seconds.
+///
+/// # Errors
+/// It was stopped, or the law or the method of the box file cannot be used.
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+    let scenario = flight::scenario(settings).map_err(Failure::bad)?;
+    let cycles = flight::fly(&scenario).map_err(Failure::not_now)?;
+    let poses = Poses::of(&scenario.robot, &cycles)?;
+    let (mut ours, mut tensions) = (Timing::new(), [Timing::new(), Timing::new()]);
+    let end_ns = now_ns() + (seconds * 1e9) as u64;
+    loop {
+        feed(&scenario, &cycles, &mut ours)?;
+        for _ in 0..PASSES {
+            poses.time(&mut tensions);
+        }
+        watch.look();
+        watch.go_on()?;
+        if now_ns() >= end_ns {
+            break;
+        }
+    }
+    let ours = Spread::of(&ours);
+    let [limited, unlimited] = tensions.map(|timing| Spread::of(&timing).divided(poses.at.len() as u64));
+    Ok(Found {
+        cables: scenario.robot.cable_count(),
+        ours,
+        median_share: ours.median_s / scenario.period_s,
+        p999_share: ours.p999_s / scenario.period_s,
+        tensions: Tensions { ours: limited, plain: unlimited, ratio: Ratio::of(&unlimited, &limited) },
+    })
+}
+
+/// The whole flight to a fresh chain, each cycle by the clock.
+fn feed(scenario: &Scenario, cycles: &[Cycle], timing: &mut Timing) -> Answer {
+    let mut chain = Chain::new(scenario).map_err(Failure::bad)?;
+    for cycle in cycles {
+        let begin_ns = now_ns();
+        black_box(chain.core.decide(&cycle.input));
+        black_box(chain.core.observe(&cycle.input));
+        black_box(chain.estimator.step(&cycle.state, Some(&cycle.authority)));
+        black_box(chain.controller.step(&Seen {
+            estimates: [Some(&cycle.estimate), None],
+            motion: Some(&cycle.motion),
+            authority: Some(&cycle.authority),
+            state: Some(&cycle.state),
+        }));
+        record(timing, begin_ns, now_ns());
+    }
+    Ok(())
+}
+
+/// Where tensions are computed, and for what.
+struct Poses {
+    robot: Robot,
+    weight_n: Vector3<f64>,
+    at: Vec<Vector3<f64>>,
+}
+
+impl Poses {
+    /// Positions of the flight at which no limit counts, so that both ways have to find the same.
+    fn of(robot: &Robot, cycles: &[Cycle]) -> Answer<Self> {
+        let weight_n = robot.wrench_n(&Vector3::zeros());
+        let all = cycles.iter().step_by((cycles.len() / POSES).max(1)).map(|cycle| Vector3::from(cycle.truth_m));
+        let mut poses = Self { robot: *robot, weight_n, at: all.collect() };
+        let [low, high] = robot.tension_limits_n();
+        let within = |at: &Vector3<f64>| {
+            let found = poses.by_pseudo_inverse(at);
+            found.is_some_and(|found| found.iter().all(|tension| (low..=high).contains(tension)))
+        };
+        let at: Vec<Vector3<f64>> = poses.at.iter().copied().filter(within).collect();
+        poses.at = at;
+        if poses.at.is_empty() || !poses.at.iter().all(|at| poses.apart_n(at) <= AGREE_N) {
+            return Err(Failure::NotNow(format!(
+                "tensions at {} positions are not those of a pseudo-inverse within {AGREE_N} N",
+                poses.at.len()
+            )));
+        }
+        Ok(poses)
+    }
+
+    fn within_limits(&self, at: &Vector3<f64>) -> Option<[f64; 4]> {
+        let structure = StructureMatrix::at(self.robot.anchors(), at).ok()?;
+        let limits_n = self.robot.tension_limits_n();
+        let found = tension::distribute(&structure, &self.weight_n, limits_n, Distribution::LeastNorm).ok()?;
+        found.tensions_n.get(..4)?.try_into().ok()
+    }
+
+    fn by_pseudo_inverse(&self, at: &Vector3<f64>) -> Option<[f64; 4]> {
+        let anchors = self.robot.anchors();
+        let pulls = [0, 1, 2, 3].map(|cable| (anchors[cable] - at).normalize());
+        let inverse = Matrix3x4::from_columns(&pulls).pseudo_inverse(RANK).ok()?;
+        Some((inverse * self.weight_n).into())
+    }
+
+    /// How far both are from each other, N.
+    fn apart_n(&self, at: &Vector3<f64>) -> f64 {
+        let (Some(ours), Some(plain)) = (self.within_limits(at), self.by_pseudo_inverse(at)) else { return f64::NAN };
+        ours.iter().zip(plain).fold(0.0, |most: f64, (ours, plain)| most.max((ours - plain).abs()))
+    }
+
+    /// One pass over all positions each way.
+    fn time(&self, [ours, plain]: &mut [Timing; 2]) {
+        let begin_ns = now_ns();
+        for at in &self.at {
+            black_box(self.within_limits(black_box(at)));
+        }
+        let between_ns = now_ns();
+        for at in &self.at {
+            black_box(self.by_pseudo_inverse(black_box(at)));
+        }
+        record(ours, begin_ns, between_ns);
+        record(plain, between_ns, now_ns());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn both_ways_find_the_same_tensions_along_most_of_the_flight() {
+        let scenario = flight::scenario(&Settings::default()).unwrap();
+        let cycles = flight::fly(&scenario).unwrap();
+        let poses = Poses::of(&scenario.robot, &cycles).unwrap();
+        assert!(poses.at.len() > POSES / 2, "{}", poses.at.len());
+        assert!(poses.at.iter().all(|at| poses.apart_n(at) <= AGREE_N));
+    }
+}

@@ -1,0 +1,276 @@
+//! `disk`: the samples of a flight into a run file, made safe as often as the recorder does it, beside plain writes of the same bytes
+//! with the same rhythm. Both in turns.
+
+use super::figures::{Ratio, Spread, record};
+use super::place::Scratch;
+use super::{Settings, Watch, flight};
+use bus::clock::{SECOND_NS, now_ns};
+use command::{Answer, Failure};
+use lockstep::Cycle;
+use runlog::{ChannelId, ChannelSpec, RunClock, RunError, RunWriter, free_bytes};
+use runtime::Timing;
+use rustix::fs::{Access, access, statfs};
+use serde::Serialize;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::Path;
+use std::time::Duration;
+
+/// Samples that go to the disk each way at most, bytes: enough to see it work, too little to wear a memory card.
+const MOST_BYTES: u64 = 64 << 20;
+/// Between two looks at whether the disk has confirmed.
+const LOOK: Duration = Duration::from_micros(200);
+
+/// What was found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Found {
+    /// Into a run file.
+    pub ours: Way,
+    /// Plain writes.
+    pub plain: Way,
+    /// Plain over ours, of the time that half a second of a robot takes.
+    pub ratio: Ratio,
+    /// What a robot of this rate has to say, MB/s.
+    pub needed_mb_s: f64,
+    /// Share of the samples' size that the run file has.
+    pub compressed_to: f64,
+    /// The folder lies in memory, so that this says nothing about a disk.
+    pub in_memory: bool,
+}
+
+/// One way of writing.
+#[derive(Debug, Clone, Serialize)]
+pub struct Way {
+    /// Samples written and made safe per second, MB/s.
+    pub mb_s: f64,
+    /// Time for what the recorder gathers between two flushes, until the disk has confirmed it.
+    #[serde(flatten)]
+    pub batch: Spread,
+    /// How long `fdatasync` took in it.
+    pub sync: Spread,
+}
+
+/// Whether the folder can be used: it is there, and has more room than the recorder leaves free.
+///
+/// # Errors
+/// Bad input without such a folder; not now without room.
+pub fn check(settings: &Settings) -> Answer {
+    let runs = &settings.runs;
+    let folder = runs.display();
+    if !runs.is_dir() {
+        return Err(Failure::BadInput(format!("there is no folder {folder}: name one with --runs DIR")));
+    }
+    if access(runs, Access::WRITE_OK | Access::EXEC_OK).is_err() {
+        return Err(Failure::NotNow(format!(
+            "this user may not write to {folder}: name another folder with --runs DIR"
+        )));
+    }
+    let free = free_bytes(runs).map_err(|error| Failure::NotNow(format!("{folder} cannot be looked at: {error}")))?;
+    room(free, settings.least_bytes).map_err(|sentence| Failure::NotNow(format!("{folder} {sentence}")))
+}
+
+/// Whether so much free space is enough.
+fn room(free: u64, least: u64) -> Result<(), String> {
+    let wanted = least.saturating_add(2 * MOST_BYTES);
+    if free >= wanted {
+        return Ok(());
+    }
+    let megabytes = |bytes: u64| bytes as f64 * 1e-6;
+    Err(format!(
+        "has {:.0} MB left, and below {:.0} MB nothing is measured: move old runs away, or name another folder with --runs DIR",
+        megabytes(free),
+        megabytes(wanted)
+    ))
+}
+
+/// Measures for so many seconds.
+///
+/// # Errors
+/// It was stopped, or the disk refuses.
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+    let scenario = flight::scenario(settings).map_err(Failure::bad)?;
+    let cycles = flight::fly(&scenario).map_err(Failure::not_now)?;
+    let bytes_per_cycle: usize = flight::said(&cycles[0]).iter().map(|(_, sample)| sample.len()).sum();
+    let at_once = ((settings.flush_s * settings.rate_hz).round() as usize).clamp(1, cycles.len());
+    let scratch = Scratch::make(&settings.runs)?;
+    let mut run = Run::begin(scratch.folder()).map_err(Failure::not_now)?;
+    let mut plain = Plain::begin(scratch.folder()).map_err(refused)?;
+    let end_ns = now_ns() + (seconds * 1e9) as u64;
+    let mut bytes = 0;
+    let batches = cycles.chunks_exact(at_once).cycle();
+    for (turn, batch) in batches.enumerate() {
+        // The one that comes first finds the disk at rest.
+        if turn % 2 == 0 {
+            run.write(batch, watch)?;
+            plain.write(batch).map_err(refused)?;
+        } else {
+            plain.write(batch).map_err(refused)?;
+            run.write(batch, watch)?;
+        }
+        bytes += (bytes_per_cycle * batch.len()) as u64;
+        watch.look();
+        watch.go_on()?;
+        if now_ns() >= end_ns || bytes >= MOST_BYTES {
+            break;
+        }
+    }
+    let (in_file, ours, plain) = (run.writer.bytes(), run.times.found(bytes), plain.times.found(bytes));
+    let ratio = Ratio::of(&plain.batch, &ours.batch);
+    let needed_mb_s = bytes_per_cycle as f64 * settings.rate_hz * 1e-6;
+    let compressed_to = in_file as f64 / bytes as f64;
+    Ok(Found { ours, plain, ratio, needed_mb_s, compressed_to, in_memory: in_memory(&settings.runs) })
+}
+
+fn in_memory(folder: &Path) -> bool {
+    statfs(folder).is_ok_and(|found| found.f_type as u32 == commissioning::doctor::TMPFS)
+}
+
+fn refused(error: std::io::Error) -> Failure {
+    Failure::NotNow(format!("the disk refuses what is written to it: {error}"))
+}
+
+/// Of one way.
+struct Times {
+    batch: Timing,
+    sync: Timing,
+    total_ns: u64,
+}
+
+impl Times {
+    fn new() -> Self {
+        Self { batch: Timing::new(), sync: Timing::new(), total_ns: 0 }
+    }
+
+    fn note(&mut self, writing_ns: u64, sync_ns: u64) {
+        record(&mut self.batch, 0, writing_ns + sync_ns);
+        record(&mut self.sync, 0, sync_ns);
+        self.total_ns += writing_ns + sync_ns;
+    }
+
+    fn found(&self, bytes: u64) -> Way {
+        let seconds = self.total_ns.max(1) as f64 / SECOND_NS as f64;
+        Way { mb_s: bytes as f64 * 1e-6 / seconds, batch: Spread::of(&self.batch), sync: Spread::of(&self.sync) }
+    }
+}
+
+/// A run file, which is never finished.
+struct Run {
+    writer: RunWriter,
+    channels: Vec<ChannelId>,
+    seq: u64,
+    times: Times,
+}
+
+impl Run {
+    fn begin(folder: &Path) -> Result<Self, RunError> {
+        let clock = RunClock::now();
+        let mut writer = RunWriter::create(&folder.join("run.mcap"), clock, &BTreeMap::new(), &[])?;
+        let channels = channels().into_iter().map(|spec| writer.add_channel(&spec)).collect::<Result<_, _>>()?;
+        Ok(Self { writer, channels, seq: 0, times: Times::new() })
+    }
+
+    /// Writes a batch, and waits until the disk has it. The recorder does not wait: its file is synchronised by a thread of its own.
+    fn write(&mut self, batch: &[Cycle], watch: &Watch) -> Answer {
+        let syncs = |writer: &RunWriter| (writer.sync_report().done, writer.sync_report().failed);
+        self.settle(watch)?;
+        let before = syncs(&self.writer);
+        let begin_ns = now_ns();
+        for cycle in batch {
+            self.seq += 1;
+            for ((header, sample), channel) in flight::said(cycle).into_iter().zip(&self.channels) {
+                self.writer.write(*channel, self.seq, now_ns(), header.stamp_ns, sample).map_err(Failure::not_now)?;
+            }
+        }
+        self.writer.flush().map_err(Failure::not_now)?;
+        let writing_ns = now_ns() - begin_ns;
+        while syncs(&self.writer) == before {
+            std::thread::sleep(LOOK);
+            watch.go_on()?;
+        }
+        let report = self.writer.sync_report();
+        if report.failing {
+            return Err(Failure::NotNow("the disk does not confirm what it is given".to_owned()));
+        }
+        self.times.note(writing_ns, report.last_ns);
+        Ok(())
+    }
+
+    /// Waits for what the beginning of the file has asked for.
+    fn settle(&self, watch: &Watch) -> Answer {
+        while self.writer.sync_report().done + self.writer.sync_report().failed == 0 {
+            std::thread::sleep(LOOK);
+            watch.go_on()?;
+        }
+        Ok(())
+    }
+}
+
+fn channels() -> Vec<ChannelSpec> {
+    let specs = [
+        ChannelSpec::of::<messages::MotorInput>,
+        ChannelSpec::of::<messages::MotorState>,
+        ChannelSpec::of::<messages::MotorAuthority>,
+        ChannelSpec::of::<messages::MotorSlots>,
+        ChannelSpec::of::<messages::NodeEstimate>,
+        ChannelSpec::of::<messages::MotorCommand>,
+        ChannelSpec::of::<messages::ControlStatus>,
+        ChannelSpec::of::<messages::Energy>,
+    ];
+    specs.iter().zip(flight::CHANNELS).map(|(spec, name)| spec(name)).collect()
+}
+
+/// A plain file.
+struct Plain {
+    file: BufWriter<File>,
+    times: Times,
+}
+
+impl Plain {
+    fn begin(folder: &Path) -> std::io::Result<Self> {
+        Ok(Self { file: BufWriter::new(File::create_new(folder.join("plain"))?), times: Times::new() })
+    }
+
+    fn write(&mut self, batch: &[Cycle]) -> std::io::Result<()> {
+        let begin_ns = now_ns();
+        for (_, sample) in batch.iter().flat_map(flight::said) {
+            self.file.write_all(sample)?;
+        }
+        self.file.flush()?;
+        let written_ns = now_ns();
+        self.file.get_ref().sync_data()?;
+        self.times.note(written_ns - begin_ns, now_ns() - written_ns);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn room_is_what_the_recorder_leaves_free_and_both_files() {
+        let wanted = 500_000_000 + 2 * MOST_BYTES;
+        assert_eq!(room(wanted, 500_000_000), Ok(()));
+        let sentence = room(wanted - 1, 500_000_000).unwrap_err();
+        assert!(sentence.contains("634 MB") && sentence.contains("--runs"), "{sentence}");
+        assert!(room(u64::MAX, u64::MAX).is_ok() && room(0, 0).is_err());
+    }
+
+    #[test]
+    fn speeds_are_bytes_over_all_the_time() {
+        let mut times = Times::new();
+        times.note(1_000_000, 3_000_000);
+        times.note(2_000_000, 14_000_000);
+        let way = times.found(2_000_000);
+        assert!((way.mb_s - 100.0).abs() < 1e-9, "{way:?}");
+        assert_eq!((way.batch.count, way.batch.worst_s, way.sync.worst_s), (2, 0.016, 0.014));
+    }
+
+    #[test]
+    fn every_channel_has_its_own_type() {
+        let cycle = &flight::fly(&flight::scenario(&Settings::default()).unwrap()).unwrap()[0];
+        let sizes: Vec<usize> = channels().iter().map(|spec| spec.size).collect();
+        assert_eq!(sizes, flight::said(cycle).map(|(_, sample)| sample.len()));
+    }
+}

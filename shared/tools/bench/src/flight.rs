@@ -1,0 +1,131 @@
+//! A flight to measure with: four lines between uneven poles, computed in lockstep, with everything that each cycle decided.
+
+use super::Settings;
+use anyhow::{Context, Result, ensure};
+use cable_robot::{Robot, RobotParts};
+use controller::Law;
+use estimator::Method;
+use lockstep::{Cycle, Lockstep, Scenario};
+use messages::Header;
+use planner::Mission;
+use plant::PlantConfig;
+
+/// Four poles as an installation in a wood would have them: nothing symmetric, m.
+const ANCHORS_M: [[f64; 3]; 4] = [[0.0, 0.0, 6.0], [10.4, 0.3, 6.3], [9.7, 8.9, 5.8], [-0.5, 9.4, 6.1]];
+/// Corners of the square that is flown, m.
+const PATH_M: [[f64; 3]; 4] = [[2.5, 2.5, 4.0], [7.5, 2.5, 4.0], [7.5, 7.5, 4.0], [2.5, 7.5, 4.0]];
+/// Mass of the node, kg.
+const NODE_MASS_KG: f64 = 2.0;
+/// Least and largest tension, N.
+const LIMITS_N: [f64; 2] = [1.0, 150.0];
+/// Speed of the node, m/s.
+const SPEED_M_S: f64 = 0.2;
+/// Cycles of the flight; after the first second the node moves.
+const CYCLES: usize = 1000;
+/// Delay and lag of the drives, s.
+const DRIVES_S: [f64; 2] = [0.030, 0.040];
+/// Encoder counts per metre of line: a wheel of 15 mm radius with 1024 counts per turn.
+const COUNTS_PER_M: f64 = 10_865.0;
+
+/// What is flown.
+///
+/// # Errors
+/// The law or the method of the box file cannot be used.
+pub fn scenario(settings: &Settings) -> Result<Scenario> {
+    let robot = Robot::new(RobotParts {
+        anchors_m: ANCHORS_M.to_vec(),
+        node_mass_kg: NODE_MASS_KG,
+        tension_limits_n: LIMITS_N,
+        speed_limit_m_s: 0.5,
+        acceleration_limit_m_s2: 0.5,
+        stiffness_n: Some(6000.0),
+        routed_length_m: Some(vec![6.0; ANCHORS_M.len()]),
+        ..RobotParts::default()
+    })?;
+    let [start_m, ..] = PATH_M;
+    let mut plant = PlantConfig::new(ANCHORS_M.to_vec(), start_m);
+    plant.node.mass_kg = NODE_MASS_KG;
+    plant.start_limits_n = LIMITS_N;
+    [plant.drive.delay_s, plant.drive.lag_s] = DRIVES_S;
+    plant.idlers.iter_mut().for_each(|idler| idler.counts_per_m = COUNTS_PER_M);
+    let points: Vec<String> = PATH_M[1..].iter().map(|point| format!("{point:?}")).collect();
+    let mission = format!(
+        "name = \"bench\"\nspeed_m_s = {}\n[[leg]]\npolyline = {{ points_m = [{}] }}\n",
+        SPEED_M_S,
+        points.join(", ")
+    );
+    let period_s = 1.0 / settings.rate_hz;
+    Ok(Scenario {
+        robot,
+        plant,
+        mission: Mission::parse(&mission)?,
+        period_s,
+        law: Law::of(&settings.controller)?,
+        horizon: (2.0 * DRIVES_S.iter().sum::<f64>() / period_s).round() as u32 + 3,
+        method: Method::of(&settings.estimator)?,
+        stretch: true,
+        distribution: robot.default_distribution(),
+        longest_s: 300.0,
+    })
+}
+
+/// Flies it, cycle by cycle.
+///
+/// # Errors
+/// It cannot be flown.
+pub fn fly(scenario: &Scenario) -> Result<Vec<Cycle>> {
+    let mission = scenario.mission.clone();
+    let mut lockstep = Lockstep::new(scenario.clone())?;
+    lockstep.zero_and_arm()?;
+    lockstep.run(&mission).context("the planner refused the mission")?;
+    let cycles = (0..CYCLES).map(|_| lockstep.cycle()).collect::<Result<Vec<_>>>()?;
+    let commanded = cycles.iter().filter(|cycle| cycle.command.valid[0] == 1 && cycle.control.valid == 1).count();
+    ensure!(commanded > CYCLES / 2, "the flight has only {commanded} commands");
+    Ok(cycles)
+}
+
+/// What a cycle says on the bus, and the recorder writes: channel, size, and the bytes by [`said`].
+pub const CHANNELS: [&str; 8] = [
+    "motor/input",
+    "motor/state",
+    "motor/authority",
+    "motor/slots",
+    "node/estimate/a",
+    "motor/command/a",
+    "control/status/a",
+    "energy",
+];
+
+/// The samples of a cycle in the order of [`CHANNELS`], each with its header.
+pub fn said(cycle: &Cycle) -> [(&Header, &[u8]); CHANNELS.len()] {
+    fn one<T: messages::Message>(sample: &T) -> (&Header, &[u8]) {
+        (sample.header(), bytemuck::bytes_of(sample))
+    }
+    [
+        one(&cycle.input),
+        one(&cycle.state),
+        one(&cycle.authority),
+        one(&cycle.slots),
+        one(&cycle.estimate),
+        one(&cycle.command),
+        one(&cycle.control),
+        one(&cycle.energy),
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn it_can_be_flown_at_every_rate_that_a_box_may_have() {
+        for rate_hz in [10.0, 100.0, 250.0] {
+            let settings = Settings { rate_hz, ..Settings::default() };
+            let cycles = fly(&scenario(&settings).unwrap()).unwrap();
+            let tensions = cycles.iter().flat_map(|cycle| cycle.truth_n.iter().copied().collect::<Vec<_>>());
+            assert!(tensions.fold(f64::INFINITY, f64::min) > 0.0, "a line is slack at {rate_hz} Hz");
+            let moved = cycles.iter().map(|cycle| cycle.truth_m[0]).fold(f64::NEG_INFINITY, f64::max);
+            assert!(moved > PATH_M[0][0] + 0.1, "{moved}");
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! `bus`: a sample as large as `motor/state` to another process and back, over our bus as the control chain does it, and over a pair of
+//! Unix datagram sockets between the same two processes. Both one after the other, once per millisecond.
+
+use super::figures::{Ratio, Spread, record};
+use super::peer::{self, BACK, THERE};
+use super::place::PrivateDomain;
+use super::{Settings, Watch, scheduling};
+use bus::clock::{Pacer, now_ns};
+use bus::{Bus, Publisher, Subscriber, Waiter};
+use command::{Answer, Failure};
+use messages::{Message, MotorState};
+use runtime::Timing;
+use serde::Serialize;
+use std::io::ErrorKind;
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixDatagram;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::Duration;
+
+/// Between two pairs of round trips, ns: long enough for both processes to fall asleep, as they do in the control chain.
+const PAUSE_NS: u64 = 1_000_000;
+/// Before anything is counted: connecting costs once.
+const WARM_UP: u64 = 20;
+/// Between two looks at whether the peer still lives.
+const LOOK: Duration = Duration::from_millis(200);
+/// So many looks without an answer from a peer that lives, and it is given up. A machine may stand still in between for any time.
+const PATIENCE: u32 = 150;
+
+/// What was found.
+#[derive(Debug, Clone, Serialize)]
+pub struct Found {
+    /// Size of the sample, bytes.
+    pub sample_bytes: usize,
+    /// Round trips over our bus.
+    pub ours: Spread,
+    /// Round trips over datagram sockets.
+    pub plain: Spread,
+    /// Sockets over ours.
+    pub ratio: Ratio,
+    /// How both processes were scheduled.
+    pub scheduling: scheduling::Reached,
+}
+
+/// The other process; ended when this is dropped.
+struct Peer {
+    child: Child,
+    socket: UnixDatagram,
+}
+
+impl Peer {
+    /// Starts this program again.
+    fn start(domain: &PrivateDomain) -> Answer<Self> {
+        let cannot = |error: std::io::Error| Failure::NotNow(format!("the other process cannot be started: {error}"));
+        let (socket, theirs) = UnixDatagram::pair().map_err(cannot)?;
+        socket.set_read_timeout(Some(LOOK)).map_err(cannot)?;
+        let own = std::env::current_exe().map_err(cannot)?;
+        let child = Command::new(own)
+            .args([peer::COMMAND, domain.domain().name()])
+            .stdin(Stdio::piped()) // by whose end it knows that nobody waits for it any more
+            .stdout(Stdio::from(OwnedFd::from(theirs)))
+            .stderr(Stdio::null())
+            .spawn()
+            .map_err(cannot)?;
+        Ok(Self { child, socket })
+    }
+
+    /// Whether to go on waiting, after so many looks.
+    fn patient(&mut self, looks: u32, watch: &Watch) -> Answer {
+        watch.go_on()?;
+        if let Ok(Some(status)) = self.child.try_wait() {
+            return Err(ended(&status));
+        }
+        if looks < PATIENCE { Ok(()) } else { Err(Failure::NotNow("the other process does not answer".to_owned())) }
+    }
+
+    /// What an error of the socket comes from: nobody holds its other end any more.
+    fn lost(&mut self, error: &std::io::Error) -> Failure {
+        // It is about to end, if it has not yet.
+        let _ = self.child.kill();
+        match self.child.wait() {
+            Ok(status) => ended(&status),
+            Err(_) => Failure::NotNow(format!("the other process cannot be reached over its socket: {error}")),
+        }
+    }
+
+    /// The next datagram.
+    fn receive(&mut self, buffer: &mut [u8], watch: &Watch) -> Answer<usize> {
+        for looks in 0.. {
+            match self.socket.recv(buffer) {
+                Ok(bytes) => return Ok(bytes),
+                Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
+                    self.patient(looks, watch)?;
+                }
+                Err(error) => return Err(self.lost(&error)),
+            }
+        }
+        Err(Failure::NotNow("the other process does not answer".to_owned()))
+    }
+
+    /// Waits until it listens.
+    fn ready(&mut self, watch: &Watch) -> Answer {
+        let mut said = [0; 512];
+        let bytes = self.receive(&mut said, watch)?;
+        match &said[..bytes] {
+            said if said == peer::READY => Ok(()),
+            sentence => Err(Failure::NotNow(format!("the other process: {}", String::from_utf8_lossy(sentence)))),
+        }
+    }
+}
+
+fn ended(status: &ExitStatus) -> Failure {
+    Failure::NotNow(format!("the other process ended before everything was measured ({status})"))
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        // It may have ended by itself.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Our side of the bus.
+struct Ports {
+    there: Publisher<MotorState>,
+    back: Subscriber<MotorState>,
+    waiter: Waiter,
+}
+
+impl Ports {
+    fn open(bus: &Bus) -> Answer<Self> {
+        Ok(Self { there: bus.publisher(THERE)?, back: bus.subscriber(BACK)?, waiter: bus.waiter(&[BACK])? })
+    }
+
+    fn round(&mut self, number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> {
+        let mut sample = sample(number);
+        let begin_ns = now_ns();
+        self.there.send(&mut sample)?;
+        for looks in 0.. {
+            self.waiter.wait_until(Some(now_ns() + LOOK.as_nanos() as u64))?;
+            while let Some(back) = self.back.receive()? {
+                if back.header().cycle == number {
+                    return Ok((begin_ns, now_ns()));
+                }
+            }
+            if now_ns().saturating_sub(begin_ns) > LOOK.as_nanos() as u64 {
+                peer.patient(looks, watch)?;
+            }
+        }
+        Err(Failure::NotNow("the other process does not answer".to_owned()))
+    }
+}
+
+fn sample(number: u64) -> MotorState {
+    let mut sample = MotorState { cable_count: 4, ..MotorState::default() };
+    sample.header_mut().cycle = number;
+    sample
+}
+
+fn by_socket(number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> {
+    let (sample, mut back) = (sample(number), MotorState::default());
+    let begin_ns = now_ns();
+    if let Err(error) = peer.socket.send(bytemuck::bytes_of(&sample)) {
+        return Err(peer.lost(&error));
+    }
+    while back.header().cycle != number {
+        peer.receive(bytemuck::bytes_of_mut(&mut back), watch)?;
+    }
+    Ok((begin_ns, now_ns()))
+}
+
+/// Measures for so many seconds.
+///
+/// # Errors
+/// It was stopped, the other process ended, or there is no room in shared memory.
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+    let wanted = ((seconds * 1e9 / PAUSE_NS as f64).round() as u64).max(1);
+    // Dropped after the thread has ended, in which the ports live.
+    let domain = PrivateDomain::make()?;
+    let quiet = Watch::quiet(watch.stop());
+    std::thread::scope(|scope| {
+        let measured = scope.spawn(|| trips(settings, &domain, wanted, &quiet));
+        while !measured.is_finished() {
+            watch.look();
+            std::thread::sleep(Watch::LOOK);
+        }
+        measured.join().map_err(|_| Failure::NotNow("the thread that measures ended early".to_owned()))?
+    })
+}
+
+/// In a thread of its own, whose scheduling the other process inherits.
+fn trips(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch) -> Answer<Found> {
+    let (scheduling, _awake) = scheduling::apply(&settings.realtime);
+    let mut peer = Peer::start(domain)?;
+    peer.ready(watch)?;
+    let bus = Bus::join(domain.domain(), "bench")?;
+    let mut ports = Ports::open(&bus)?;
+    let (mut ours, mut plain) = (Timing::new(), Timing::new());
+    let (mut pacer, mut passed) = (Pacer::new(PAUSE_NS), 0);
+    for number in 1_u64.. {
+        passed += 1 + pacer.next().skipped;
+        // Whoever comes second finds the other process awake a moment ago: each is it every other time.
+        let first_ours = number % 2 == 0;
+        let mut trip = None;
+        if first_ours {
+            trip = Some(ports.round(number, &mut peer, watch)?);
+        }
+        let by_socket = by_socket(number, &mut peer, watch)?;
+        let (begin_ns, end_ns) = match trip {
+            Some(trip) => trip,
+            None => ports.round(number, &mut peer, watch)?,
+        };
+        if number <= WARM_UP {
+            passed = 0;
+            continue;
+        }
+        record(&mut ours, begin_ns, end_ns);
+        record(&mut plain, by_socket.0, by_socket.1);
+        watch.go_on()?;
+        if passed >= wanted {
+            break;
+        }
+    }
+    let (ours, plain) = (Spread::of(&ours), Spread::of(&plain));
+    let ratio = Ratio::of(&plain, &ours);
+    Ok(Found { sample_bytes: size_of::<MotorState>(), ours, plain, ratio, scheduling })
+}

@@ -1,0 +1,245 @@
+//! `nims calibrate`: a file of measurements in, anchors with their deviations out, or a refusal in plain words.
+
+mod file;
+pub mod places;
+mod words;
+
+pub use file::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
+
+use cable_robot::calibration::{self, AnchorCovariance, Calibration, Holdout, Method};
+use clap::ValueEnum;
+use command::values::above_zero;
+use command::{Answer, Failure, Output};
+use serde_json::{Value, json};
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+/// `nims calibrate`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Measurements file; configs/measurements holds commented examples.
+    pub measurements: PathBuf,
+    /// Which way.
+    #[arg(long, value_enum, default_value = "survey")]
+    pub method: CalibrationMethod,
+    /// Write the calibration, its covariance and the measurements to this new file.
+    #[arg(long, value_name = "FILE")]
+    pub out: Option<PathBuf>,
+    /// Do not calibrate, but say where to hold the node for so many points, and how well the anchors will be known then.
+    #[arg(long, value_name = "COUNT", value_parser = clap::value_parser!(u8).range(3..), conflicts_with = "out")]
+    pub plan: Option<u8>,
+    /// With --plan: about how high the pulleys are, m, where the measurements do not tell it yet.
+    #[arg(long, value_name = "M", value_parser = above_zero, requires = "plan")]
+    pub height: Option<f64>,
+}
+
+/// Ways to calibrate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum CalibrationMethod {
+    /// x and y by ranges between plumb lines, heights by lengths to points of the reference plane.
+    Survey,
+    /// Everything at once by maximum likelihood; optionally scale and zeros of the lengths, and outliers.
+    Joint,
+    /// Every anchor from points with known positions.
+    Gps,
+}
+
+/// `nims calibrate`.
+///
+/// # Errors
+/// A file that cannot be used, measurements that determine nothing, or a result that cannot be written.
+pub fn run(asked: &Args) -> Answer<Output> {
+    if let Some(out) = asked.out.as_deref().filter(|out| out.exists()) {
+        let out = out.display();
+        return Err(Failure::BadInput(format!("{out} is there already; name a new file, or move that one away")));
+    }
+    let path = asked.measurements.as_path();
+    let file: File = config::toml_file::load(path).map_err(Failure::bad)?;
+    let method = match asked.method {
+        CalibrationMethod::Survey => Method::Survey,
+        CalibrationMethod::Joint => Method::Joint,
+        CalibrationMethod::Gps => Method::Gps,
+    };
+    let refuse = |why: String| Failure::bad(format!("{}: {why}", path.display()));
+    if let Some(count) = asked.plan {
+        let measured = file.measurements(method).map_err(refuse)?;
+        let (value, words) = places::places(&measured, method, count.into(), asked.height)
+            .map_err(|refusal| Failure::bad(format!("{}: {refusal}", path.display())))?;
+        return Ok(Output { aside: words, ..Output::json(value) });
+    }
+    let Judged { value, words, covariance } = judge(&file, method).map_err(refuse)?;
+    if let Some(out) = &asked.out {
+        write(out, path, &value, &covariance)?;
+    }
+    Ok(Output { aside: words, ..Output::json(value) })
+}
+
+/// What the measurements of a file come to.
+pub struct Judged {
+    /// The answer as JSON.
+    pub value: Value,
+    /// The same for people; the last line is the verdict.
+    pub words: String,
+    /// Of the anchors.
+    pub covariance: AnchorCovariance,
+}
+
+/// Calibrates, checks by points left out, and judges.
+///
+/// # Errors
+/// One clause, without the file's name: what cannot be used, or why these measurements do not determine the anchors.
+pub fn judge(file: &File, method: Method) -> Result<Judged, String> {
+    let measured = file.measurements(method)?;
+    let numbers = file.used(method);
+    let found = calibration::calibrate(&measured, method).map_err(|e| e.to_string())?;
+    let holdout = calibration::hold_out(&measured, method).map_err(|e| e.to_string())?;
+    let verdict = words::verdict(&found, &measured, &numbers);
+    let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
+    value["counts_per_m"] = json!(file.counts_per_m);
+    let words = words::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
+    Ok(Judged { value, words, covariance: found.covariance })
+}
+
+fn name(method: Method) -> &'static str {
+    match method {
+        Method::Survey => "survey",
+        Method::Joint => "joint",
+        Method::Gps => "gps",
+    }
+}
+
+fn answer(found: &Calibration, numbers: &[usize], holdout: Option<&Holdout>, verdict: &str) -> Value {
+    let outliers: Vec<_> = found
+        .outliers
+        .iter()
+        .map(|o| json!({ "cable": o.cable + 1, "point": numbers.get(o.point).unwrap_or(&o.point) + 1, "residual_m": o.residual_m }))
+        .collect();
+    json!({
+        "method": name(found.method),
+        "anchors_m": found.anchors_m,
+        "anchor_std_m": found.covariance.std_m(),
+        "points_m": found.points_m,
+        "rms_residual_m": (!found.residuals_m.is_empty()).then(|| found.rms_residual_m()),
+        "holdout_rms_m": holdout.map(|h| h.rms_m),
+        "holdout_position_rms_m": holdout.map(|h| h.position_rms_m),
+        "scale": found.scale,
+        "scale_std": found.scale_std,
+        "offsets_m": found.offsets_m.to_vec(),
+        "offset_std_m": found.offset_std_m.to_vec(),
+        "noise_ratio": found.noise_ratio,
+        "widened_by": found.widened_by,
+        "outliers": outliers,
+        "verdict": verdict,
+    })
+}
+
+/// The calibration as a file of its own, with the measurements it comes from.
+fn write(out: &Path, measurements: &Path, value: &Value, covariance: &AnchorCovariance) -> Answer {
+    let cannot = |why: String| Failure::NotNow(format!("{} cannot be written: {why}", out.display()));
+    let raw: toml::Table = config::toml_file::load(measurements).map_err(Failure::bad)?;
+    let mut table = toml::Table::new();
+    table.insert("date".to_owned(), toml::Value::String(runlog::utc(bus::clock::unix_ns())));
+    for (key, value) in value.as_object().into_iter().flatten() {
+        // TOML has no null: what is not known is not there.
+        if !value.is_null() {
+            table.insert(key.clone(), toml::Value::try_from(value).map_err(|e| cannot(e.to_string()))?);
+        }
+    }
+    let rows: Vec<Vec<f64>> = covariance.matrix().row_iter().map(|row| row.iter().copied().collect()).collect();
+    table.insert("covariance_m2".to_owned(), toml::Value::try_from(rows).map_err(|e| cannot(e.to_string()))?);
+    table.insert("measurements".to_owned(), toml::Value::Table(raw));
+    let body = toml::to_string(&table).map_err(|e| cannot(e.to_string()))?;
+    let head =
+        "# A calibration. covariance_m2 is that of x1, y1, z1, x2, .. in m²; what the gauge fixes has rows of zeros.\n";
+    // Never over a file that appeared meanwhile.
+    let mut file = std::fs::File::create_new(out).map_err(|e| cannot(e.to_string()))?;
+    file.write_all(format!("{head}{body}").as_bytes()).and_then(|()| file.sync_all()).map_err(|e| cannot(e.to_string()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn calibrated(text: &str, method: CalibrationMethod) -> Answer<Value> {
+        let folder = tempfile::tempdir().unwrap();
+        let measurements = folder.path().join("site.toml");
+        std::fs::write(&measurements, text).unwrap();
+        run(&Args { measurements, method, out: None, plan: None, height: None }).map(|output| output.value)
+    }
+
+    const RANGES: &str = "[[range]]\nfrom = 1\nto = 3\nm = 10.0\n[[range]]\nfrom = 1\nto = 2\nm = 8.0\n\
+        [[range]]\nfrom = 2\nto = 3\nm = 6.0\n";
+
+    /// Lengths from (0, 0, 3), (8, 0, 3), (8, 6, 3).
+    fn point(x: f64, y: f64) -> String {
+        let length = |a: f64, b: f64| ((a - x).powi(2) + (b - y).powi(2) + 9.0).sqrt();
+        format!("[[point]]\nlengths_m = [{}, {}, {}]\n", length(0.0, 0.0), length(8.0, 0.0), length(8.0, 6.0))
+    }
+
+    fn example() -> String {
+        format!("{RANGES}{}{}{}{}", point(1.0, 0.5), point(7.5, 0.5), point(7.5, 5.0), point(5.0, 2.0))
+    }
+
+    #[test]
+    fn a_file_becomes_anchors_with_deviations() {
+        for method in [CalibrationMethod::Survey, CalibrationMethod::Joint] {
+            let found = calibrated(&example(), method).unwrap();
+            for (i, expected) in [[0.0, 0.0, 3.0], [8.0, 0.0, 3.0], [8.0, 6.0, 3.0]].iter().enumerate() {
+                for k in 0..3 {
+                    assert!((found["anchors_m"][i][k].as_f64().unwrap() - expected[k]).abs() < 1e-6, "{found}");
+                }
+                assert!(found["anchor_std_m"][i][2].as_f64().unwrap() > 0.001);
+            }
+            assert!(found["rms_residual_m"].as_f64().unwrap() < 1e-6);
+            assert_eq!(found["points_m"].as_array().unwrap().len(), 4);
+            assert!(found["holdout_rms_m"].is_number() || found["holdout_rms_m"].is_null());
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_refused_in_one_sentence_that_names_the_file() {
+        let line = format!("{RANGES}{}{}{}", point(1.0, 1.0), point(2.0, 1.0), point(5.0, 1.0));
+        let two = format!("{RANGES}{}{}", point(1.0, 1.0), point(2.0, 3.0));
+        let cases = [
+            (line, "line"),
+            (two, "at least three"),
+            (String::new(), "no measurements"),
+            (example().replace("m = 8.0", "m = 80.0"), "no triangle"),
+            (example().replace("from = 2", "from = 0"), "count from 1"),
+            (example().replace("from = 2", "from = 3"), "two different anchors"),
+            (format!("side = 2\n{}", example()), "side is 2"),
+            (format!("sigma_length_m = nan\n{}", example()), "standard deviation"),
+            (format!("sigma = 1.0\n{}", example()), "unknown field `sigma`"),
+            (format!("{}[[point]]\nlengths_m = [5.0, 5.0]\n", example()), "2 lengths for 3 cables"),
+            (format!("{}[[point]]\nlengths_m = [5.0, 5.0, -1.0]\n", example()), "is -1"),
+            (format!("{}[[height]]\nanchor = 2\nm = 0.0\n", example()), "height of anchor 2"),
+        ];
+        for (text, expected) in cases {
+            let failure = calibrated(&text, CalibrationMethod::Survey).unwrap_err();
+            assert_eq!(failure.exit_code(), 2);
+            let sentence = failure.to_string();
+            assert!(sentence.contains(expected) && sentence.contains("site.toml"), "{sentence}");
+            assert_eq!(sentence.lines().count(), 1);
+        }
+        let failure = calibrated(&example(), CalibrationMethod::Gps).unwrap_err().to_string();
+        assert!(failure.contains("known positions"), "{failure}");
+    }
+
+    #[test]
+    fn the_calibration_file_holds_all_of_it_and_is_never_overwritten() {
+        let folder = tempfile::tempdir().unwrap();
+        let (measurements, out) = (folder.path().join("site.toml"), folder.path().join("calibration.toml"));
+        std::fs::write(&measurements, example()).unwrap();
+        let method = CalibrationMethod::Survey;
+        let asked = Args { measurements, method, out: Some(out.clone()), plan: None, height: None };
+        run(&asked).unwrap();
+        let written: toml::Table = toml::from_str(&std::fs::read_to_string(&out).unwrap()).unwrap();
+        assert_eq!(written["method"].as_str(), Some("survey"));
+        assert_eq!(written["covariance_m2"].as_array().unwrap().len(), 9);
+        assert_eq!(written["measurements"]["point"].as_array().unwrap().len(), 4);
+        assert!(written["date"].as_str().unwrap().ends_with("UTC"));
+        let before = std::fs::read(&out).unwrap();
+        assert_eq!(run(&asked).unwrap_err().exit_code(), 2);
+        assert_eq!(std::fs::read(&out).unwrap(), before);
+    }
+}

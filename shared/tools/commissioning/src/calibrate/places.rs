@@ -1,0 +1,119 @@
+//! Before the points are measured: where to hold the node for them, and how well the anchors will be known then.
+
+use cable_robot::calibration::placement::{corners, predict};
+use cable_robot::calibration::{CalibrationError, Measurements, Method, calibrate, survey_network};
+use command::{Answer, Failure};
+use serde_json::{Value, json};
+use std::fmt::Write as _;
+
+/// How near the corners, as a share of their distance from the middle: closer a line hangs loose.
+const REACH: f64 = 0.9;
+
+/// `count` places for the node, with the lengths to expect there, and the deviations of the anchors that points there will give.
+/// `height_m` stands for heights that nothing in the file tells.
+///
+/// # Errors
+/// Ranges that place no anchor, heights that nothing tells, or places that would not do.
+pub fn places(measured: &Measurements, method: Method, count: usize, height_m: Option<f64>) -> Answer<(Value, String)> {
+    let anchors = anchors(measured, method, height_m)?;
+    let points = spots(&anchors, count);
+    let expected = predict(&anchors, &points, measured, method).map_err(Failure::bad)?;
+    let mut words = String::new();
+    let mut rows = Vec::new();
+    for (k, at) in points.iter().enumerate() {
+        let near = k % anchors.len() + 1;
+        let lengths = lengths(&anchors, at);
+        let read: Vec<String> = lengths.iter().map(|length| format!("{length:.2}")).collect();
+        let _ = writeln!(
+            words,
+            "point {}: on the floor near the corner of anchor {near}, at x {:.2}, y {:.2} m; the lines read about {} m there",
+            k + 1,
+            at[0],
+            at[1],
+            read.join(", ")
+        );
+        rows.push(json!({ "near_anchor": near, "position_m": [at[0], at[1], 0.0], "lengths_m": lengths }));
+    }
+    for (i, std) in expected.std_m().iter().enumerate() {
+        let _ = writeln!(words, "anchor {}: x ±{:.4}, y ±{:.4}, z ±{:.4} m to expect", i + 1, std[0], std[1], std[2]);
+    }
+    words.push_str("points may lie a step beside these places: what counts is that they are near the corners\n");
+    Ok((json!({ "points": rows, "expected_anchor_std_m": expected.std_m() }), words))
+}
+
+/// The first `count` places, x and y in m: the first ones stay where they are if there are more.
+#[must_use]
+pub fn spots(anchors: &[[f64; 3]], count: usize) -> Vec<[f64; 2]> {
+    let flat: Vec<[f64; 2]> = anchors.iter().map(|a| [a[0], a[1]]).collect();
+    corners(&flat, count, REACH)
+}
+
+/// What the lines show with the node on the floor at x and y, m.
+#[must_use]
+pub fn lengths(anchors: &[[f64; 3]], at: &[f64; 2]) -> Vec<f64> {
+    let length =
+        |anchor: &[f64; 3]| ((anchor[0] - at[0]).powi(2) + (anchor[1] - at[1]).powi(2) + anchor[2].powi(2)).sqrt();
+    anchors.iter().map(length).collect()
+}
+
+/// Where the anchors are, as far as the file tells: by its points where they determine it, else by its ranges, with the heights that
+/// were measured directly or are said to be about right.
+fn anchors(measured: &Measurements, method: Method, height_m: Option<f64>) -> Answer<Vec<[f64; 3]>> {
+    match calibrate(measured, method) {
+        Ok(found) => return Ok(found.anchors_m),
+        Err(CalibrationError::RankDeficient(_)) => {}
+        Err(error) => return Err(Failure::bad(error)),
+    }
+    let survey = survey_network(measured.cable_count, &measured.ranges, &measured.sides).map_err(Failure::bad)?;
+    let height_of = |anchor: usize| measured.heights.iter().find(|h| h.anchor == anchor).map(|h| h.m).or(height_m);
+    let placed = survey.anchors_xy_m.iter().enumerate();
+    placed.map(|(i, [x, y])| height_of(i).map(|z| [*x, *y, z])).collect::<Option<_>>().ok_or_else(|| {
+        Failure::bad(
+            "nothing tells yet how high the pulleys are; say about how high with --height, e.g. --height 3".to_owned(),
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use cable_robot::CableVec;
+    use cable_robot::calibration::Range;
+
+    fn ranges() -> Measurements {
+        let mut measured = Measurements::new(3);
+        for (from, to, m) in [(0, 1, 9.8), (0, 2, 9.1), (1, 2, 9.4)] {
+            measured.ranges.push(Range { from, to, m, sigma_m: 0.003 });
+        }
+        measured
+    }
+
+    #[test]
+    fn what_is_promised_is_what_points_there_give() {
+        let (value, words) = places(&ranges(), Method::Survey, 9, Some(3.1)).unwrap();
+        assert!(words.lines().count() == 13 && words.contains("point 9"), "{words}");
+        // The points, measured as foreseen, give the deviations that were foreseen.
+        let mut measured = ranges();
+        for point in value["points"].as_array().unwrap() {
+            let lengths: Vec<f64> = serde_json::from_value(point["lengths_m"].clone()).unwrap();
+            measured.lengths_m.push(CableVec::from_slice(&lengths).unwrap());
+        }
+        let found = calibrate(&measured, Method::Survey).unwrap();
+        let promised: Vec<[f64; 3]> = serde_json::from_value(value["expected_anchor_std_m"].clone()).unwrap();
+        for (is, said) in found.covariance.std_m().iter().flatten().zip(promised.iter().flatten()) {
+            assert!((is - said).abs() < 1e-9, "{is} {said}");
+        }
+        assert!(found.anchors_m.iter().all(|anchor| (anchor[2] - 3.1).abs() < 1e-6));
+        // More points, less doubt; and with them the file itself tells the heights.
+        let (more, _) = places(&measured, Method::Survey, 36, None).unwrap();
+        let worst = |value: &Value| value["expected_anchor_std_m"][0][2].as_f64().unwrap();
+        assert!(worst(&more) < 0.6 * worst(&value), "{} {}", worst(&more), worst(&value));
+    }
+
+    #[test]
+    fn heights_that_nothing_tells_are_asked_for() {
+        let refusal = places(&ranges(), Method::Survey, 9, None).unwrap_err();
+        assert!(refusal.to_string().contains("--height"), "{refusal}");
+        assert_eq!(refusal.exit_code(), 2);
+    }
+}

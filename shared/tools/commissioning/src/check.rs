@@ -1,0 +1,537 @@
+//! `nims check`: what a configuration means for the robot, each finding with its cure.
+
+use cable_robot::energy::MotorTable;
+use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
+use command::{Answer, Failure, Output, points};
+use config::{BoxFile, CalibrationFile, GroundFile, PlannerSection, RobotFile, toml_file};
+use planner::mission::Mission;
+use planner::plan::{Plan, PlannerConfig};
+use sensor::SensorFile;
+use serde::Serialize;
+use serde_json::{Value, json};
+use std::path::{Path, PathBuf};
+
+/// Bytes of one cycle on the wire for a unit, with replies: speeds, encoders, currents; and once per port the slow slot.
+const UNIT_BYTES: f64 = 13.0 + 12.0 + 8.0;
+const SLOT_BYTES: f64 = 8.0;
+/// Exchanges of the same.
+const UNIT_EXCHANGES: f64 = 3.0;
+/// What an exchange costs besides its bytes on a native serial port: unit and host together, s.
+const TURNAROUND_S: f64 = 0.000_3;
+/// Part of a period that the bus may take, so that the control chain has the rest.
+const BUS_SHARE: f64 = 0.8;
+/// Anchors nearer to one line than this share of its length are warned of: lengths that are 5 mm off move the node 100 times as far.
+const SLENDER: f64 = 0.01;
+
+/// How bad it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Level {
+    /// Good to know.
+    Note,
+    /// It works, with less margin than it should have.
+    Warning,
+    /// It cannot work.
+    Error,
+}
+
+/// One thing to know about a configuration.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// How bad it is.
+    pub level: Level,
+    /// What is so.
+    pub finding: String,
+    /// What to do; empty for a note that asks for nothing.
+    pub cure: String,
+}
+
+/// A finding that asks for nothing.
+#[must_use]
+pub fn note(finding: String) -> Finding {
+    Finding { level: Level::Note, finding, cure: String::new() }
+}
+
+/// A finding that leaves less margin than there should be.
+#[must_use]
+pub fn warning(finding: String, cure: &str) -> Finding {
+    Finding { level: Level::Warning, finding, cure: cure.to_owned() }
+}
+
+/// A finding with which it cannot work.
+#[must_use]
+pub fn error(finding: String, cure: &str) -> Finding {
+    Finding { level: Level::Error, finding, cure: cure.to_owned() }
+}
+
+/// `nims check`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// The file.
+    pub config: PathBuf,
+    /// For a mission: the robot or system file it is meant for.
+    #[arg(long = "for", value_name = "CONFIG")]
+    pub on: Option<PathBuf>,
+}
+
+/// The findings; fails where one of them is an error.
+///
+/// # Errors
+/// A file that cannot be read or holds values that are not accepted: one sentence.
+pub fn run(args: &Args) -> Answer<Output> {
+    let found = check(&args.config, args.on.as_deref())?;
+    let errors = errors(&found);
+    let failure = (errors > 0).then(|| {
+        let file = args.config.display();
+        Failure::BadInput(format!("{file} cannot be used as it is: {errors} error(s), listed on stdout"))
+    });
+    Ok(Output::new(to_json(&found), to_words(&found)).failing(failure))
+}
+
+/// How many of the findings are errors.
+#[must_use]
+pub fn errors(findings: &[Finding]) -> usize {
+    findings.iter().filter(|finding| finding.level == Level::Error).count()
+}
+
+/// The findings about a file.
+///
+/// # Errors
+/// A file that cannot be read or holds values that are not accepted: one sentence.
+pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
+    match kind(path)? {
+        Kind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
+        Kind::Box => {
+            let file = BoxFile::load(path).map_err(Failure::bad)?;
+            can_be_built(&file)?;
+            let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
+            findings.extend(box_file(&file)?);
+            Ok(findings)
+        }
+        Kind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
+        Kind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
+        Kind::Mission => {
+            let mission = Mission::read(path).map_err(Failure::bad)?;
+            let Some(on) = on else {
+                let legs = mission.leg.len();
+                return Ok(vec![note(format!(
+                    "mission \"{}\" has {legs} legs; with --for BOX.toml it is also flown on paper",
+                    mission.name
+                ))]);
+            };
+            Ok(vec![match kind(on)? {
+                Kind::Box => {
+                    let file = BoxFile::load(on).map_err(Failure::bad)?;
+                    let start = file.motor_box.as_ref().map(|section| section.start_m.position_m);
+                    let robot = file.robot_file().map_err(Failure::bad)?;
+                    let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
+                    flown(&mission, &robot, &file.planner, distribution, start)
+                }
+                _ => {
+                    let robot = RobotFile::load(on).map_err(Failure::bad)?;
+                    let distribution = robot.robot().map_err(Failure::bad)?.default_distribution();
+                    flown(&mission, &robot, &PlannerSection::default(), distribution, None)
+                }
+            }?])
+        }
+    }
+}
+
+/// Whether the processes of a box accept its files: what only they check shows before anything is started.
+///
+/// # Errors
+/// The first that does not, in its own words.
+pub fn can_be_built(file: &BoxFile) -> Answer {
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    motor_io::CoreConfig::from_files(file, &robot).map_err(Failure::bad)?;
+    chain_can_be_built(file, &robot)
+}
+
+/// The same of controller and estimator alone.
+///
+/// # Errors
+/// One sentence: which key, what is accepted.
+pub fn chain_can_be_built(file: &BoxFile, robot: &RobotFile) -> Answer {
+    controller::ControllerConfig::of(file, robot, 1)
+        .map_err(|error| Failure::BadInput(format!("[controller] {error}")))?;
+    let parts = robot.robot().map_err(Failure::bad)?;
+    estimator::EstimatorConfig::of(&file.estimator, parts, 1)
+        .map_err(|error| Failure::BadInput(format!("[estimator] {error}")))?;
+    Ok(())
+}
+
+/// Findings as JSON.
+#[must_use]
+pub fn to_json(findings: &[Finding]) -> Value {
+    json!({ "usable": usable(findings), "findings": findings })
+}
+
+/// Findings in words, a line each.
+#[must_use]
+pub fn to_words(findings: &[Finding]) -> String {
+    let lines: Vec<String> = findings
+        .iter()
+        .map(|finding| match (finding.level, finding.cure.as_str()) {
+            (Level::Note, _) => format!("note: {}", finding.finding),
+            (Level::Warning, cure) => format!("warning: {}; {cure}", finding.finding),
+            (Level::Error, cure) => format!("error: {}; {cure}", finding.finding),
+        })
+        .collect();
+    lines.join("\n")
+}
+
+/// Whether none of the findings is an error.
+#[must_use]
+pub fn usable(findings: &[Finding]) -> bool {
+    findings.iter().all(|finding| finding.level != Level::Error)
+}
+
+enum Kind {
+    Robot,
+    Box,
+    Mission,
+    Sensor,
+    Ground,
+}
+
+/// What kind of file it is, by the keys that only that kind has.
+fn kind(path: &Path) -> Answer<Kind> {
+    let table: toml::Table = toml_file::load(path).map_err(Failure::bad)?;
+    if table.contains_key("leg") {
+        Ok(Kind::Mission)
+    } else if table.contains_key("motor_io") || table.get("robot").is_some_and(toml::Value::is_str) {
+        Ok(Kind::Box)
+    } else if table.contains_key("robot") {
+        Ok(Kind::Robot)
+    } else if table.contains_key("port") {
+        Ok(Kind::Sensor)
+    } else if ["ground_m", "cylinder", "prism"].iter().any(|key| table.contains_key(*key)) {
+        Ok(Kind::Ground)
+    } else {
+        Err(Failure::BadInput(format!(
+            "{} is no configuration file: a robot file has [robot], a box file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
+            path.display()
+        )))
+    }
+}
+
+/// What a sensor file makes of its device.
+fn sensor(file: &SensorFile) -> Finding {
+    let (quantities, units) = file.words();
+    let values: Vec<String> =
+        quantities.iter().zip(&units).map(|(quantity, unit)| format!("{quantity} in {unit}")).collect();
+    note(format!(
+        "a sensor at {}, {} baud, that reads {}; plugged in as NAME it publishes sensor/NAME",
+        file.port,
+        file.baud,
+        values.join(", ")
+    ))
+}
+
+/// What stands in a ground.
+fn ground(file: &GroundFile) -> Finding {
+    let (cylinders, prisms) = (file.cylinder.len(), file.prism.len());
+    note(format!("a ground of {cylinders} cylinders and {prisms} prisms on the ground at {} m", file.ground_m))
+}
+
+/// Middle of the anchors' feet, at a quarter of the way up to the lowest anchor; of a node that floats between lines from
+/// above and below, the middle of the anchors.
+fn middle(robot: &Robot) -> Vector3<f64> {
+    let anchors = robot.anchors();
+    let mut centre = anchors.iter().sum::<Vector3<f64>>() / anchors.len() as f64;
+    let lowest = anchors.iter().map(|anchor| anchor.z).fold(f64::INFINITY, f64::min);
+    if robot.net_weight_n() == 0.0 {
+        return centre;
+    }
+    centre.z = robot.ground_m() + 0.25 * (lowest - robot.ground_m());
+    centre
+}
+
+/// Anchors that lie nearly on one line leave one direction of the node to chance.
+fn slender(robot: &Robot) -> Option<Finding> {
+    let [first, rest @ ..] = &robot.anchors()[..] else { return None };
+    let along = rest.iter().map(|p| p - first).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
+    let beside = rest.iter().map(|p| along.cross(&(p - first)).norm() / along.norm_squared()).fold(0.0, f64::max);
+    (!robot.is_planar() && beside < SLENDER).then(|| {
+        let (off_m, long_m) = (beside * along.norm(), along.norm());
+        warning(
+            format!("the anchors lie within {off_m:.3} m of one straight line of {long_m:.1} m, so the place of the node beside it is hardly known"),
+            "check anchors_m, or put one anchor farther from that line",
+        )
+    })
+}
+
+fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
+    let robot = file.robot().map_err(Failure::bad)?;
+    let distribution = robot.default_distribution();
+    let at = middle(&robot);
+    let place = points::in_words(&robot, &at);
+    let mut findings = Vec::new();
+    match tension::at(&robot, &at, &Vector3::zeros(), distribution) {
+        Ok(found) => {
+            let list: Vec<String> = found.tensions_n.iter().map(|value| format!("{value:.1}")).collect();
+            findings.push(note(format!("at rest in the middle, {place}, the lines carry {} N", list.join(", "))));
+            findings.push(sinking(&robot, &at, &found.tensions_n));
+            findings.push(ceiling(&robot, &at, distribution));
+        }
+        Err(why) => findings.push(error(
+            format!("the lines cannot hold the node in the middle of its own anchors, {place}: {why}"),
+            "check the units of anchors_m (metres), node_mass_kg (kilograms) and tension_limits_n (newtons)",
+        )),
+    }
+    findings.push(match robot.stiffness_n() {
+        Some(stiffness) => {
+            let longest = robot.routed_length_m().iter().fold(0.0_f64, |most, length| most.max(*length)) + 6.0;
+            let stretch = 1000.0 * 20.0 * longest / stiffness;
+            note(format!("20 N stretch {longest:.0} m of line by {stretch:.0} mm; that is corrected for"))
+        }
+        None => warning(
+            "the lines count as rigid: their stretch, some centimetres, becomes an error of the position".to_owned(),
+            "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",
+        ),
+    });
+    findings.extend(slender(&robot));
+    findings.extend(file.calibration.as_ref().map(calibrated));
+    findings.extend(robot.motor_table().map(|table| measured(&robot, table)));
+    let (fastest, tightest) = (robot.speed_limit_m_s(), robot.tension_limits_n()[1]);
+    let modelled = |_| robot.motor().current_a(tightest, fastest);
+    let current = robot.current().current_a(tightest, fastest).unwrap_or_else(modelled);
+    if current > file.motor.current_limit_a {
+        findings.push(warning(
+            format!(
+                "reeling in at {} m/s under {} N takes {current:.1} A, above current_limit_a = {} A",
+                robot.speed_limit_m_s(),
+                robot.tension_limits_n()[1],
+                file.motor.current_limit_a
+            ),
+            "lower tension_limits_n or speed_limit_m_s, or fit larger motors; slower and lighter moves are not affected",
+        ));
+    }
+    Ok(findings)
+}
+
+/// Which calibration, and how well it knows the anchors.
+fn calibrated(file: &CalibrationFile) -> Finding {
+    let (anchor, axis, std_m) = file.worst();
+    let mut sentence = format!(
+        "the anchors are of the calibration of {} ({}): {axis} of anchor {anchor} is known least, to ±{std_m:.3} m",
+        file.date, file.method
+    );
+    if file.scale_std > 0.0 {
+        let then = match file.true_counts_per_m() {
+            Some(counts) => format!("the robot's own, so it reckons with {counts:.1?} counts per metre instead"),
+            None => "not said to be the robot's own (counts_per_m), so its encoders are left as they are".to_owned(),
+        };
+        sentence.push_str(&format!(
+            "; the lengths read {:.4} ±{:.4} times the true ones, and were {then}",
+            file.scale, file.scale_std
+        ));
+    }
+    if file.verdict.starts_with("poor") {
+        return warning(sentence, "add points near the corners below the anchors and calibrate again before a mission");
+    }
+    note(sentence)
+}
+
+/// What a motor table covers of what the robot may do.
+fn measured(robot: &Robot, table: &MotorTable) -> Finding {
+    let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
+    let ([slowest, fastest], [loosest, tightest]) = (ends(table.speeds_m_s()), ends(table.tensions_n()));
+    let sentence = format!(
+        "the motor table covers {slowest} to {fastest} m/s and {loosest} to {tightest} N; what a move costs beyond is not known"
+    );
+    let limit = robot.speed_limit_m_s();
+    if slowest > -limit || fastest < limit {
+        let cure = "record runs that raise and lower loads as fast as speed_limit_m_s; slower moves are not affected";
+        return warning(sentence, cure);
+    }
+    note(sentence)
+}
+
+/// What happens when the drives stop feeding the motors: leads shorted, only the gear and the motor's own braking hold.
+fn sinking(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
+    let pays_out: Vec<f64> = tensions_n.iter().map(|tension| unpowered_m_s(robot, *tension)).collect();
+    let fastest = pays_out.iter().fold(0.0_f64, |most, speed| most.max(*speed));
+    if fastest == 0.0 {
+        let motor = robot.motor();
+        let most = robot.tension_limits_n()[1];
+        let beyond = match unpowered_m_s(robot, most) {
+            0.0 => "whatever the load".to_owned(),
+            speed => {
+                let holds = motor.coulomb_n / (1.0 - motor.gear_friction);
+                format!("up to {holds:.1} N per line; at {most} N a line would run out at {:.1} mm/s", 1000.0 * speed)
+            }
+        };
+        return note(format!("unpowered, the gears hold the node: sinking speed 0 mm/s ({beyond})"));
+    }
+    if robot.net_weight_n() == 0.0 {
+        return note(format!(
+            "unpowered, a line runs out at {:.1} mm/s until nothing pulls on it; the node floats",
+            1000.0 * fastest
+        ));
+    }
+    let node =
+        NodeJacobian::at(robot.anchors(), at).map_or(fastest, |jacobian| jacobian.node_velocity(&pays_out).norm());
+    warning(
+        format!(
+            "unpowered, a line runs out at {:.1} mm/s and the node sinks at {:.1} mm/s",
+            1000.0 * fastest,
+            1000.0 * node
+        ),
+        "support the node before `disarm`, before switching off and after a watchdog stop",
+    )
+}
+
+/// Speed at which a line runs out of a motor with shorted leads, m/s: the load less friction, against the motor's own braking.
+fn unpowered_m_s(robot: &Robot, tension_n: f64) -> f64 {
+    let motor = robot.motor();
+    let drives = tension_n - (motor.gear_friction * tension_n + motor.coulomb_n);
+    let braking = motor.viscous_n_s_m + motor.force_constant_n_a.powi(2) / motor.resistance_ohm;
+    drives.max(0.0) / braking
+}
+
+/// How high the node can go in the middle.
+fn ceiling(robot: &Robot, from: &Vector3<f64>, distribution: Distribution) -> Finding {
+    let mut at = *from;
+    while tension::at(robot, &at, &Vector3::zeros(), distribution).is_ok() {
+        at.z += 0.01;
+    }
+    note(format!("in the middle the node can go up to {:.2} m within tension_limits_n", at.z - 0.01))
+}
+
+fn box_file(file: &BoxFile) -> Answer<Vec<Finding>> {
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    let mut findings = Vec::new();
+    let (period, watchdog) = (file.period_s(), file.motor_io.watchdog_s);
+    let (cable, node) = (robot.cable_speed_limit_m_s(), robot.robot.speed_limit_m_s);
+    findings.push(note(format!(
+        "if motor-io dies, the drives stop after {watchdog} s: at most {:.0} mm of line at the robot's {node} m/s ({:.0} mm at the cable limit of {cable} m/s)",
+        1000.0 * watchdog * node,
+        1000.0 * watchdog * cable
+    )));
+    for (index, port) in file.motor_io.ports.iter().enumerate() {
+        let units = port.units.len() as f64;
+        let seconds = (units * UNIT_BYTES + SLOT_BYTES) * 10.0 / f64::from(port.baud)
+            + (units * UNIT_EXCHANGES + 1.0) * TURNAROUND_S;
+        let sentence =
+            format!("port {} needs {:.1} ms of each cycle of {:.1} ms", index + 1, 1000.0 * seconds, 1000.0 * period);
+        let cure = "lower rate_hz, raise baud (on the drives too), or give each unit a port of its own";
+        findings.push(if seconds > BUS_SHARE * period { error(sentence, cure) } else { note(sentence) });
+        if port.path.contains("{domain}") {
+            if file.motor_box.is_none() {
+                findings.push(error(
+                    format!("port {} is on the virtual motor box, and there is no [motor_box]", index + 1),
+                    "give the path of the real device, or add [motor_box]",
+                ));
+            }
+        } else if !Path::new(&port.path).exists() {
+            findings.push(error(
+                format!("port {}: there is no {}", index + 1, port.path),
+                "plug the drives in; stable names stand in /dev/serial/by-id",
+            ));
+        }
+    }
+    findings.extend(horizon(file));
+    if file.estimator.stretch != file.controller.stretch {
+        findings.push(warning(
+            "`stretch` differs between [estimator] and [controller]".to_owned(),
+            "set both alike, otherwise one corrects what the other does not know of",
+        ));
+    }
+    Ok(findings)
+}
+
+/// A horizon of the paper's law that does not fit the drives, where their delay and lag are known.
+pub fn horizon(file: &BoxFile) -> Option<Finding> {
+    let section = file.motor_box.as_ref()?;
+    let best = (2.0 * (section.delay_s + section.lag_s) / file.period_s() + 3.0).round() as usize;
+    let horizon = file.controller.horizon_cycles;
+    (horizon < best / 2 || horizon > 2 * best).then(|| {
+        warning(
+            format!("controller.horizon_cycles = {horizon} is far from 2 (delay + lag) / period + 3 = {best}"),
+            "a short horizon rings, a long one lags: set it near that number",
+        )
+    })
+}
+
+/// What a mission comes to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Flight {
+    /// Segments.
+    pub segments: usize,
+    /// Length of the path, m.
+    pub length_m: f64,
+    /// Duration, s.
+    pub duration_s: f64,
+    /// Loss in the motors by their model, J; `None` where a measured table does not cover the mission.
+    pub energy_j: Option<f64>,
+}
+
+impl Flight {
+    /// In words.
+    #[must_use]
+    pub fn words(&self) -> String {
+        let energy = self.energy_j.map_or(String::new(), |joules| format!(", about {joules:.0} J in the motors"));
+        format!("{} segments, {:.2} m, {:.1} s{energy}", self.segments, self.length_m, self.duration_s)
+    }
+}
+
+/// Plans a whole mission from a starting point, with the planner's own checks.
+///
+/// # Errors
+/// Where it breaks which limit, by how much.
+pub fn fly(mission: &Mission, file: &BoxFile, from: &[f64; 3]) -> Answer<Flight> {
+    let robot = file.robot_file().map_err(Failure::bad)?;
+    let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
+    plan(mission, &robot, &file.planner, distribution, from)
+}
+
+fn plan(
+    mission: &Mission,
+    robot: &RobotFile,
+    section: &PlannerSection,
+    distribution: Distribution,
+    from: &[f64; 3],
+) -> Answer<Flight> {
+    let robot = robot.robot().map_err(Failure::bad)?;
+    let config = PlannerConfig {
+        robot,
+        distribution,
+        speed_m_s: section.speed_m_s,
+        acceleration_m_s2: section.acceleration_m_s2,
+        check_step_m: section.check_step_m,
+    };
+    let plan = Plan::new(mission, &config, Vector3::from(*from), 0.0, 1).map_err(Failure::bad)?;
+    Ok(Flight {
+        segments: plan.segments.len(),
+        length_m: plan.length_m(),
+        duration_s: plan.end_s() - plan.start_s(),
+        energy_j: plan.energy_j(&config),
+    })
+}
+
+fn flown(
+    mission: &Mission,
+    robot: &RobotFile,
+    section: &PlannerSection,
+    distribution: Distribution,
+    start: Option<[f64; 3]>,
+) -> Answer<Finding> {
+    let checked = robot.robot().map_err(Failure::bad)?;
+    let from = match start {
+        Some(start) => start,
+        None => middle(&checked).into(),
+    };
+    Ok(match plan(mission, robot, section, distribution, &from) {
+        Ok(flight) => note(format!(
+            "mission \"{}\" can be flown from {}: {}",
+            mission.name,
+            points::in_words(&checked, &from.into()),
+            flight.words()
+        )),
+        Err(why) => error(
+            format!("mission \"{}\" cannot be flown: {why}", mission.name),
+            "move the points that it names, or fly slower",
+        ),
+    })
+}

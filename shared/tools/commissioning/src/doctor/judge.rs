@@ -1,0 +1,428 @@
+//! What the facts mean: findings, each with its cure. Pure.
+
+use super::machine::{DomainFound, Machine, PortFound, Runs};
+use crate::check::{Finding, error, note, warning};
+use std::path::PathBuf;
+
+/// What a robot takes of shared memory at most, bytes: the files of one with four lines, `nims top` looking on, add up to 63 MB.
+const MEMORY_BYTES: u64 = 128_000_000;
+/// Each channel that a process holds takes about five descriptors; the recorder holds all of them.
+const OPEN_FILES: u64 = 1024;
+/// A box has a dozen processes of a few threads each.
+const PROCESSES: u64 = 100;
+/// An adapter that holds answers back for longer than this costs a good part of a cycle, ms.
+const LATENCY_MS: u32 = 1;
+/// Recording takes about 1 MB/s: two hours of it, bytes.
+const TWO_HOURS_BYTES: u64 = 7_200_000_000;
+/// 2026-01-01, before which no version of this program was built, s since 1970.
+const NO_EARLIER_S: u64 = 1_767_225_600;
+
+/// Everything there is to say, the worst first.
+pub fn judge(machine: &Machine) -> Vec<Finding> {
+    let mut findings = Vec::new();
+    memory(machine, &mut findings);
+    for folder in &machine.open_folders {
+        findings.push(error(
+            format!("other users may enter {}, the folder of a domain, so it is not used", folder.display()),
+            &format!("make it private: `chmod 700 {}`", folder.display()),
+        ));
+    }
+    for domain in &machine.domains {
+        findings.extend(domain_found(domain));
+    }
+    limits(machine, &mut findings);
+    for port in &machine.ports {
+        findings.push(serial_port(port));
+    }
+    clocks(machine, &mut findings);
+    if let Some(busy) = machine.busy {
+        findings.push(match (busy.words(), busy.load) {
+            (Some(words), _) => warning(words, evidence::busy::CURE),
+            (None, Some(load)) => note(format!(
+                "processors: {}, and {} threads want to run ({:.1} on average over the last minute)",
+                load.processors, load.now, load.minute
+            )),
+            (None, None) => note(format!("processors: {}", machine.processors)),
+        });
+    }
+    if let Some(runs) = &machine.runs {
+        findings.push(disk(runs));
+        if !runs.open.is_empty() {
+            let number = runs.open.len();
+            findings.push(warning(
+                format!("other users may read {number} runs or files of the remembered position"),
+                &format!("if they shall not: `chmod -R go= {}`", paths(&runs.open)),
+            ));
+        }
+    }
+    if !machine.programs_missing.is_empty() {
+        findings.push(error(
+            format!("beside nims there is no {}", machine.programs_missing.join(", no ")),
+            "build all programs with `cargo build --workspace --bins`, or install them into one folder",
+        ));
+    }
+    findings.sort_by_key(|finding| std::cmp::Reverse(finding.level as u8));
+    findings
+}
+
+/// As arguments of a command, not all of a long list.
+fn paths(list: &[PathBuf]) -> String {
+    const MOST: usize = 4;
+    let named: Vec<String> = list.iter().take(MOST).map(|path| path.display().to_string()).collect();
+    named.join(" ") + if list.len() > MOST { " .." } else { "" }
+}
+
+fn megabytes(bytes: u64) -> String {
+    format!("{:.0} MB", bytes as f64 * 1e-6)
+}
+
+fn memory(machine: &Machine, findings: &mut Vec<Finding>) {
+    let memory = &machine.memory;
+    if !memory.is_tmpfs {
+        findings.push(error(
+            "/dev/shm is not there, or not in memory".to_owned(),
+            "mount it: `mount -t tmpfs -o mode=1777 tmpfs /dev/shm`",
+        ));
+    } else if !memory.is_writable {
+        findings.push(error("this user may not write to /dev/shm".to_owned(), "set its mode: `chmod 1777 /dev/shm`"));
+    } else if memory.free_bytes < MEMORY_BYTES {
+        findings.push(error(
+            format!(
+                "/dev/shm has {} left of {}, and a robot takes up to {}",
+                megabytes(memory.free_bytes),
+                megabytes(memory.size_bytes),
+                megabytes(MEMORY_BYTES)
+            ),
+            "remove what is not needed there, or enlarge it: `mount -o remount,size=512M /dev/shm` (in a container: --shm-size=512m)",
+        ));
+    } else {
+        findings.push(note(format!(
+            "shared memory: {} left of {}",
+            megabytes(memory.free_bytes),
+            megabytes(memory.size_bytes)
+        )));
+    }
+    if machine.user == 0 {
+        findings.push(warning(
+            "this is root, and what root leaves in shared memory nobody else can use or remove".to_owned(),
+            "run everything of a robot as one ordinary user",
+        ));
+    }
+    let (bytes, files) = machine.ownerless;
+    if files > 0 {
+        findings.push(warning(
+            format!("{files} files ({}) in /dev/shm belong to robots that are gone", megabytes(bytes)),
+            "while no robot runs: `find /dev/shm -maxdepth 1 -user $(id -u) -name 'nims????????_*' -delete`",
+        ));
+    }
+}
+
+fn domain_found(domain: &DomainFound) -> Option<Finding> {
+    let DomainFound { name, folder, open, alive, dead, is_run } = domain;
+    let folder = folder.display();
+    if let Some(first) = open.first() {
+        let more = if open.len() > 1 { format!(" and {} more", open.len() - 1) } else { String::new() };
+        return Some(error(
+            format!("other users may read or write {}{more} of the domain `{name}`, and so the robot", first.display()),
+            &format!("take that away: `chmod go= {}`", paths(open)),
+        ));
+    }
+    Some(match (*is_run, alive.is_empty(), *dead) {
+        (true, _, 0) => note(format!("a robot runs in the domain `{name}`: {}", alive.join(", "))),
+        (true, _, dead) => warning(
+            format!("in the running domain `{name}` {dead} dead processes have left traces"),
+            "the supervisor removes them within seconds; if this stays, end `nims up` and start it again",
+        ),
+        (false, false, _) => warning(
+            format!("in the domain `{name}` processes live without a supervisor: {}", alive.join(", ")),
+            "`nims up` with the same box ends them and cleans up; those that were started by hand, end by hand",
+        ),
+        (false, true, 0) => note(format!("the folder {folder} of the domain `{name}` is left over, and harmless")),
+        (false, true, dead) => warning(
+            format!("the domain `{name}` holds what {dead} killed processes have left"),
+            "`nims up` with the same box cleans up",
+        ),
+    })
+}
+
+fn limits(machine: &Machine, findings: &mut Vec<Finding>) {
+    let limits = &machine.limits;
+    if let Some(files) = limits.open_files.filter(|files| *files < OPEN_FILES) {
+        findings.push(error(
+            format!("a process may open {files} files, and the recorder needs {OPEN_FILES}"),
+            "`LimitNOFILE=4096` in the service unit, or `- nofile 4096` in /etc/security/limits.d",
+        ));
+    }
+    if let Some(processes) = limits.processes.filter(|processes| *processes < PROCESSES) {
+        findings.push(error(
+            format!("this user may have {processes} processes and threads, and a robot needs about {PROCESSES}"),
+            "`LimitNPROC=1000` in the service unit, or `- nproc 1000` in /etc/security/limits.d",
+        ));
+    }
+    match &machine.realtime_refused {
+        Some(refused) => findings.push(warning(
+            format!("the control chain will run without what [realtime] asks for: {refused}"),
+            "permit it as said, or take it out of [realtime]; without it other programs can make cycles late",
+        )),
+        None if limits.realtime_priority == Some(0) && machine.user != 0 => {
+            let asked = if machine.runs.is_some() { ", and the box does not ask for it" } else { "" };
+            findings.push(note(format!("real-time priority is not permitted to this user{asked}")));
+        }
+        None => {}
+    }
+}
+
+fn serial_port(port: &PortFound) -> Finding {
+    let PortFound { number, path, group, .. } = port;
+    if !port.exists {
+        return error(
+            format!("port {number}: there is no {path}"),
+            "plug the drives in; stable names stand in /dev/serial/by-id",
+        );
+    }
+    if !port.is_device {
+        return error(format!("port {number}: {path} is no serial device"), "correct `path` in the box file");
+    }
+    if !port.is_usable {
+        return error(
+            format!("port {number}: this user may not read and write {path}, which belongs to group {group}"),
+            &format!("`sudo usermod -aG $(getent group {group} | cut -d: -f1) $USER`, then log in again"),
+        );
+    }
+    match port.latency_ms.filter(|latency| *latency > LATENCY_MS) {
+        Some(latency) if !port.latency_is_writable => warning(
+            format!(
+                "port {number}: the adapter of {path} holds answers back for {latency} ms, and this user may not change that"
+            ),
+            "a udev rule: SUBSYSTEM==\"usb-serial\", ATTR{latency_timer}=\"1\"",
+        ),
+        _ => note(format!("port {number}: {path} can be used")),
+    }
+}
+
+fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
+    if machine.unix_s < NO_EARLIER_S {
+        findings.push(warning(
+            "the calendar clock is not set, so run folders and files will bear a wrong date".to_owned(),
+            "set it with `timedatectl set-time`, or connect a network or a clock module",
+        ));
+    }
+    // Read at every stamp: these two take microseconds each time, and go through one register for all processors.
+    if ["hpet", "acpi_pm"].contains(&machine.clock_source.as_str()) {
+        let better = machine
+            .clock_sources
+            .split_whitespace()
+            .find(|source| ["tsc", "arch_sys_counter", "kvm-clock"].contains(source));
+        findings.push(warning(
+            format!("the kernel's clock source is {}, which is slow to read", machine.clock_source),
+            &match better {
+                Some(better) => {
+                    format!("`echo {better} > /sys/devices/system/clocksource/clocksource0/current_clocksource`")
+                }
+                None => "a newer kernel or firmware may offer tsc; late cycles are counted in `nims status`".to_owned(),
+            },
+        ));
+    }
+    let slow: Vec<&str> =
+        machine.governors.iter().map(String::as_str).filter(|governor| *governor != "performance").collect();
+    if let Some(first) = slow.first() {
+        findings.push(warning(
+            format!(
+                "{} of {} processors change their speed ({first}), which delays wake-ups",
+                slow.len(),
+                machine.governors.len()
+            ),
+            "`cpupower frequency-set -g performance`",
+        ));
+    }
+    if machine.processors == 1 {
+        findings.push(warning(
+            "the machine has one processor, which the control chain shares with everything else".to_owned(),
+            "give the control chain a priority in [realtime], or use a machine with two processors",
+        ));
+    }
+}
+
+fn disk(runs: &Runs) -> Finding {
+    let Runs { folder, is_writable, free_bytes, least_bytes, .. } = runs;
+    let folder = folder.display();
+    if !is_writable {
+        return error(
+            format!("runs cannot be written to {folder}"),
+            "correct `runs` in the box file, or make the folder this user's",
+        );
+    }
+    if free_bytes < least_bytes {
+        return error(
+            format!(
+                "{folder} has {} left; below {} nothing is recorded",
+                megabytes(*free_bytes),
+                megabytes(*least_bytes)
+            ),
+            "move old runs away, or set `runs` in the box file to a larger disk",
+        );
+    }
+    let room = free_bytes - least_bytes;
+    if room < TWO_HOURS_BYTES {
+        return warning(
+            format!(
+                "{folder} has room for about {:.0} minutes of recording",
+                room as f64 / TWO_HOURS_BYTES as f64 * 120.0
+            ),
+            "move old runs away before a long mission",
+        );
+    }
+    note(format!("{folder} has {:.0} GB left for runs", *free_bytes as f64 * 1e-9))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::machine::{Limits, Memory};
+    use super::*;
+    use crate::check::Level;
+    use crate::check::usable;
+    use evidence::busy::Busy;
+
+    fn sound() -> Machine {
+        Machine {
+            user: 1000,
+            memory: Memory { is_tmpfs: true, is_writable: true, size_bytes: 1 << 30, free_bytes: 1 << 30 },
+            limits: Limits { open_files: Some(4096), realtime_priority: Some(95), processes: None },
+            ports: vec![PortFound {
+                number: 1,
+                path: "/dev/ttyUSB0".to_owned(),
+                exists: true,
+                is_device: true,
+                is_usable: true,
+                group: 20,
+                latency_ms: Some(1),
+                latency_is_writable: false,
+            }],
+            clock_source: "tsc".to_owned(),
+            clock_sources: "tsc hpet acpi_pm".to_owned(),
+            unix_s: NO_EARLIER_S + 1,
+            governors: vec!["performance".to_owned(); 4],
+            processors: 4,
+            runs: Some(Runs {
+                folder: "/var/lib/nims".into(),
+                is_writable: true,
+                free_bytes: 50_000_000_000,
+                least_bytes: 500_000_000,
+                open: Vec::new(),
+            }),
+            ..Machine::default()
+        }
+    }
+
+    #[test]
+    fn a_sound_machine_has_nothing_but_notes() {
+        let findings = judge(&sound());
+        assert!(findings.iter().all(|finding| finding.level == Level::Note), "{findings:?}");
+        assert!(findings.len() >= 3, "{findings:?}");
+    }
+
+    /// One thing wrong: exactly one finding more than a note, of that level, with those words and a cure.
+    fn found(level: Level, words: &[&str], change: impl Fn(&mut Machine)) {
+        let mut machine = sound();
+        change(&mut machine);
+        let findings = judge(&machine);
+        let bad: Vec<&Finding> = findings.iter().filter(|finding| finding.level != Level::Note).collect();
+        let [only] = bad.as_slice() else { panic!("{words:?}: {bad:?}") };
+        assert_eq!(only.level, level, "{only:?}");
+        assert_eq!(usable(&findings), level != Level::Error);
+        assert!(!only.cure.is_empty(), "{only:?}");
+        for word in words {
+            assert!(format!("{} {}", only.finding, only.cure).contains(word), "no {word:?} in {only:?}");
+        }
+        assert_eq!(findings[0], **only, "the worst comes first");
+    }
+
+    #[test]
+    fn each_thing_that_is_wrong_is_found_and_has_a_cure() {
+        found(Level::Error, &["/dev/shm", "mount -t tmpfs"], |machine| machine.memory.is_tmpfs = false);
+        found(Level::Error, &["/dev/shm", "chmod 1777"], |machine| machine.memory.is_writable = false);
+        found(Level::Error, &["64 MB left", "--shm-size"], |machine| {
+            (machine.memory.size_bytes, machine.memory.free_bytes) = (64_000_000, 64_000_000);
+        });
+        found(Level::Warning, &["root"], |machine| machine.user = 0);
+        found(Level::Warning, &["busy", "93 %", "[realtime]"], |machine| {
+            machine.busy = Some(Busy { pressure: Some(0.93), load: None });
+        });
+        found(Level::Warning, &["3 files (20 MB)", "find /dev/shm"], |machine| machine.ownerless = (20_000_000, 3));
+        found(Level::Error, &["256 files", "LimitNOFILE"], |machine| machine.limits.open_files = Some(256));
+        found(Level::Error, &["50 processes", "LimitNPROC"], |machine| machine.limits.processes = Some(50));
+        found(Level::Warning, &["priority 80", "[realtime]"], |machine| {
+            machine.realtime_refused = Some("SCHED_FIFO priority 80".to_owned());
+        });
+        found(Level::Error, &["port 1", "no /dev/ttyUSB0", "by-id"], |machine| machine.ports[0].exists = false);
+        found(Level::Error, &["no serial device"], |machine| machine.ports[0].is_device = false);
+        found(Level::Error, &["group 20", "usermod"], |machine| machine.ports[0].is_usable = false);
+        found(Level::Warning, &["16 ms", "udev", "latency_timer"], |machine| machine.ports[0].latency_ms = Some(16));
+        found(Level::Warning, &["calendar clock"], |machine| machine.unix_s = 12);
+        found(Level::Warning, &["hpet", "echo tsc"], |machine| machine.clock_source = "hpet".to_owned());
+        found(Level::Warning, &["1 of 4", "powersave", "cpupower"], |machine| {
+            machine.governors[2] = "powersave".to_owned();
+        });
+        found(Level::Warning, &["one processor"], |machine| machine.processors = 1);
+        let disk = |machine: &mut Machine, free: u64| {
+            if let Some(runs) = &mut machine.runs {
+                runs.free_bytes = free;
+            }
+        };
+        found(Level::Error, &["499 MB left", "nothing is recorded"], |machine| disk(machine, 499_000_000));
+        found(Level::Warning, &["60 minutes"], |machine| disk(machine, 500_000_000 + 3_600_000_000));
+        found(Level::Error, &["cannot be written"], |machine| {
+            if let Some(runs) = &mut machine.runs {
+                runs.is_writable = false;
+            }
+        });
+        found(Level::Error, &["no planner, no recorder", "cargo build"], |machine| {
+            machine.programs_missing = vec!["planner".to_owned(), "recorder".to_owned()];
+        });
+    }
+
+    #[test]
+    fn domains_are_told_apart() {
+        let domain = || DomainFound {
+            name: "demo3".to_owned(),
+            folder: "/dev/shm/nims-1000-demo3".into(),
+            ..Default::default()
+        };
+        let alive = || vec!["motor-io".to_owned()];
+        for quiet in [DomainFound { is_run: true, alive: alive(), ..domain() }, domain()] {
+            let finding = domain_found(&quiet).unwrap();
+            assert_eq!(finding.level, Level::Note, "{finding:?}");
+        }
+        found(Level::Warning, &["without a supervisor: motor-io", "nims up"], |machine| {
+            machine.domains.push(DomainFound { alive: alive(), ..domain() });
+        });
+        found(Level::Warning, &["2 killed processes", "nims up"], |machine| {
+            machine.domains.push(DomainFound { dead: 2, ..domain() });
+        });
+        found(Level::Warning, &["running domain", "1 dead"], |machine| {
+            machine.domains.push(DomainFound { dead: 1, alive: alive(), is_run: true, ..domain() });
+        });
+        found(
+            Level::Error,
+            &["other users", "1 more of the domain `demo3`", "chmod go= /dev/shm/a /dev/pts/3"],
+            |machine| {
+                machine.domains.push(DomainFound { open: vec!["/dev/shm/a".into(), "/dev/pts/3".into()], ..domain() });
+            },
+        );
+        found(Level::Error, &["other users", "chmod 700 /dev/shm/nims-1000-demo3"], |machine| {
+            machine.open_folders.push("/dev/shm/nims-1000-demo3".into());
+        });
+        found(Level::Warning, &["other users may read 5 runs", "chmod -R go= /r/0 /r/1 /r/2 /r/3 .."], |machine| {
+            let open = (0..5).map(|run| format!("/r/{run}").into()).collect();
+            machine.runs = machine.runs.take().map(|runs| Runs { open, ..runs });
+        });
+    }
+
+    #[test]
+    fn a_slow_adapter_that_will_be_set_right_is_no_finding() {
+        let mut machine = sound();
+        machine.ports[0].latency_ms = Some(16);
+        machine.ports[0].latency_is_writable = true;
+        assert!(judge(&machine).iter().all(|finding| finding.level == Level::Note));
+    }
+}

@@ -1,0 +1,33 @@
+//! `nims doctor`: whether this machine can run a robot, each finding with its cure. Looks only; changes nothing.
+
+mod judge;
+mod machine;
+mod probe;
+
+pub use probe::{TMPFS, where_it_will_be};
+
+use crate::check;
+use command::{Answer, Failure, Output};
+use config::BoxFile;
+use std::path::PathBuf;
+
+/// `nims doctor`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// System file, whose ports, runs folder and scheduling are looked at too.
+    pub config: Option<PathBuf>,
+}
+
+/// Looks at the machine, for a system or for any.
+///
+/// # Errors
+/// The system file cannot be used.
+pub fn run(args: &Args) -> Answer<Output> {
+    let path = args.config.as_deref().map(std::path::absolute).transpose().map_err(Failure::bad)?;
+    let file = path.as_deref().map(BoxFile::load).transpose().map_err(Failure::bad)?;
+    let found = judge::judge(&probe::probe(file.as_ref()));
+    let errors = check::errors(&found);
+    let failure = (errors > 0)
+        .then(|| Failure::NotNow(format!("{errors} error(s) on this machine would stop the robot, listed on stdout")));
+    Ok(Output::new(check::to_json(&found), check::to_words(&found)).failing(failure))
+}

@@ -1,0 +1,225 @@
+//! Finds the facts out, without changing anything.
+
+use super::machine::{DomainFound, Limits, Machine, Memory, PortFound, Runs};
+use bus::{Domain, clock};
+use client::Running;
+use config::{BoxFile, Role};
+use evidence::busy::Busy;
+use rustix::fs::{Access, access, statfs, statvfs};
+use rustix::process::{Pid, Resource, geteuid, getrlimit, test_kill_process};
+use std::fs;
+use std::os::unix::fs::{FileTypeExt, MetadataExt};
+use std::path::{Path, PathBuf};
+
+const SHARED_MEMORY: &str = "/dev/shm";
+/// `f_type` of tmpfs, statfs(2).
+pub const TMPFS: u32 = 0x0102_1994;
+
+/// This machine, as far as the box needs it; without a box, as far as any does.
+pub fn probe(file: Option<&BoxFile>) -> Machine {
+    let user = geteuid().as_raw();
+    let domains: Vec<Domain> = Domain::all();
+    Machine {
+        user,
+        memory: memory(),
+        ownerless: ownerless(&domains, user),
+        domains: domains.iter().map(domain_found).collect(),
+        limits: limits(),
+        realtime_refused: file.and_then(realtime_refused),
+        ports: file.map(ports).unwrap_or_default(),
+        clock_source: kernel("clocksource/clocksource0/current_clocksource"),
+        clock_sources: kernel("clocksource/clocksource0/available_clocksource"),
+        unix_s: clock::unix_ns() / 1_000_000_000,
+        governors: governors(),
+        processors: std::thread::available_parallelism().map_or(1, usize::from),
+        busy: Some(Busy::look()),
+        open_folders: Domain::open_folders(),
+        runs: file.map(runs),
+        programs_missing: programs_missing(file),
+    }
+}
+
+fn kernel(file: &str) -> String {
+    fs::read_to_string(Path::new("/sys/devices/system").join(file)).unwrap_or_default().trim().to_owned()
+}
+
+fn memory() -> Memory {
+    let room = statvfs(SHARED_MEMORY).ok();
+    Memory {
+        is_tmpfs: statfs(SHARED_MEMORY).is_ok_and(|found| found.f_type as u32 == TMPFS),
+        is_writable: access(SHARED_MEMORY, Access::READ_OK | Access::WRITE_OK | Access::EXEC_OK).is_ok(),
+        size_bytes: room.as_ref().map_or(0, |room| room.f_blocks.saturating_mul(room.f_frsize)),
+        free_bytes: room.as_ref().map_or(0, |room| room.f_bavail.saturating_mul(room.f_frsize)),
+    }
+}
+
+/// Files of this user that begin as a domain's do, and belong to none that has a folder: bytes and number.
+fn ownerless(domains: &[Domain], user: u32) -> (u64, usize) {
+    let ours = |name: &str| {
+        name.strip_prefix("nims")
+            .and_then(|rest| rest.split_once('_'))
+            .is_some_and(|(hash, _)| hash.len() == 8 && hash.bytes().all(|byte| byte.is_ascii_hexdigit()))
+            && !domains.iter().any(|domain| name.starts_with(domain.prefix()))
+    };
+    let mut found = (0, 0);
+    for entry in fs::read_dir(SHARED_MEMORY).into_iter().flatten().flatten() {
+        let Ok(data) = entry.metadata() else { continue };
+        if data.is_file() && data.uid() == user && entry.file_name().to_str().is_some_and(ours) {
+            found = (found.0 + data.blocks() * 512, found.1 + 1);
+        }
+    }
+    found
+}
+
+fn domain_found(domain: &Domain) -> DomainFound {
+    let runs =
+        |running: Running| Pid::from_raw(running.pid.cast_signed()).is_some_and(|pid| test_kill_process(pid).is_ok());
+    DomainFound {
+        name: domain.name().to_owned(),
+        folder: domain.root().to_owned(),
+        open: domain.open_to_others(),
+        alive: domain.alive().into_iter().map(|node| node.name).collect(),
+        dead: domain.dead(),
+        is_run: Running::of(domain).is_some_and(runs),
+    }
+}
+
+fn limits() -> Limits {
+    let most = |resource| getrlimit(resource).maximum;
+    Limits {
+        // every process raises its own limit as far as it may
+        open_files: most(Resource::Nofile),
+        realtime_priority: most(Resource::Rtprio),
+        processes: most(Resource::Nproc),
+    }
+}
+
+/// Tries what `[realtime]` asks for, in a thread that ends with it.
+fn realtime_refused(file: &BoxFile) -> Option<String> {
+    let section = file.realtime.clone();
+    let awake = section.idle_latency_us.and_then(|latency_us| runtime::realtime::stay_awake(latency_us).err());
+    let tried = std::thread::spawn(move || runtime::realtime::apply(&section, Role::MotorIo.name()).1).join();
+    tried.ok().flatten().or(awake)
+}
+
+fn ports(file: &BoxFile) -> Vec<PortFound> {
+    let ports = file.motor_io.ports.iter().enumerate();
+    ports
+        .filter(|(_, port)| !port.path.contains("{domain}"))
+        .map(|(index, port)| serial_port(index + 1, &port.path))
+        .collect()
+}
+
+fn serial_port(number: usize, path: &str) -> PortFound {
+    let found = fs::metadata(path).ok();
+    let timer = fs::canonicalize(path)
+        .ok()
+        .and_then(|device| Some(Path::new("/sys/class/tty").join(device.file_name()?).join("device/latency_timer")));
+    PortFound {
+        number,
+        path: path.to_owned(),
+        exists: found.is_some(),
+        is_device: found.as_ref().is_some_and(|found| found.file_type().is_char_device()),
+        is_usable: access(path, Access::READ_OK | Access::WRITE_OK).is_ok(),
+        group: found.as_ref().map_or(0, MetadataExt::gid),
+        latency_ms: timer.as_ref().and_then(|timer| fs::read_to_string(timer).ok()?.trim().parse().ok()),
+        latency_is_writable: timer.is_some_and(|timer| access(timer, Access::WRITE_OK).is_ok()),
+    }
+}
+
+fn governors() -> Vec<String> {
+    let cpus = fs::read_dir("/sys/devices/system/cpu").into_iter().flatten().flatten();
+    let files = cpus.map(|entry| entry.path().join("cpufreq/scaling_governor"));
+    files.filter_map(|file| Some(fs::read_to_string(file).ok()?.trim().to_owned())).collect()
+}
+
+/// A folder of runs may not be there yet; then the one counts in which it would be made.
+pub fn where_it_will_be(runs: &Path) -> PathBuf {
+    std::path::absolute(runs)
+        .unwrap_or_else(|_| runs.to_owned())
+        .ancestors()
+        .find(|folder| folder.exists())
+        .unwrap_or(Path::new("/"))
+        .to_path_buf()
+}
+
+fn runs(file: &BoxFile) -> Runs {
+    let there = where_it_will_be(&file.runs);
+    Runs {
+        folder: file.runs.clone(),
+        is_writable: there.is_dir() && access(&there, Access::WRITE_OK | Access::EXEC_OK).is_ok(),
+        free_bytes: statvfs(&there).map_or(0, |room| room.f_bavail.saturating_mul(room.f_frsize)),
+        least_bytes: file.recorder.min_free_bytes,
+        open: [file.runs.clone(), file.state_folder()].iter().flat_map(|folder| open_in(folder)).collect(),
+    }
+}
+
+/// What lies in a folder that other users may enter, and is open to them itself.
+fn open_in(folder: &Path) -> Vec<PathBuf> {
+    if !fs::metadata(folder).is_ok_and(|found| found.mode() & 0o011 != 0) {
+        return Vec::new();
+    }
+    let entries = fs::read_dir(folder).into_iter().flatten().flatten();
+    let open = entries.filter(|entry| entry.metadata().is_ok_and(|found| found.mode() & 0o077 != 0));
+    open.map(|entry| entry.path()).collect()
+}
+
+fn programs_missing(file: Option<&BoxFile>) -> Vec<String> {
+    let Ok(own) = std::env::current_exe() else { return Vec::new() };
+    let wanted = Role::STANDARD.iter().filter(|(_, role)| match (role, file) {
+        (Role::MotorBox, Some(file)) => file.motor_box.is_some(),
+        _ => true,
+    });
+    wanted.filter(|(name, _)| !own.with_file_name(name).is_file()).map(|(name, _)| (*name).to_owned()).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::os::unix::fs::PermissionsExt;
+
+    #[test]
+    fn this_machine_can_be_looked_at() {
+        let machine = probe(None);
+        assert!(machine.memory.is_tmpfs && machine.memory.size_bytes >= machine.memory.free_bytes);
+        assert!(machine.processors >= 1 && machine.unix_s > 1_700_000_000);
+    }
+
+    #[test]
+    fn what_lives_and_what_is_left_over_is_told_apart() {
+        let domain = Domain::for_test();
+        let bus = bus::Bus::join(&domain, "someone").unwrap();
+        let found = domain_found(&domain);
+        assert_eq!(found.alive, ["someone"]);
+        assert!(found.open.is_empty() && !found.is_run, "{found:?}");
+        drop(bus);
+        assert!(domain_found(&domain).alive.is_empty());
+    }
+
+    #[test]
+    fn what_others_may_read_is_found() {
+        let folder = tempfile::tempdir().unwrap();
+        let runs = folder.path().join("runs");
+        fs::create_dir(&runs).unwrap();
+        for (name, mode) in [("open", 0o750), ("private", 0o700)] {
+            fs::create_dir(runs.join(name)).unwrap();
+            fs::set_permissions(runs.join(name), fs::Permissions::from_mode(mode)).unwrap();
+        }
+        fs::set_permissions(&runs, fs::Permissions::from_mode(0o755)).unwrap();
+        assert_eq!(open_in(&runs), [runs.join("open")]);
+        fs::set_permissions(&runs, fs::Permissions::from_mode(0o700)).unwrap();
+        assert!(open_in(&runs).is_empty(), "nobody gets there");
+        assert!(open_in(&runs.join("absent")).is_empty());
+    }
+
+    #[test]
+    fn a_port_is_there_or_not_and_a_device_or_not() {
+        let absent = serial_port(1, "/dev/there-is-none");
+        assert!(!absent.exists && !absent.is_usable && absent.latency_ms.is_none());
+        let file = tempfile::NamedTempFile::new().unwrap();
+        let file = serial_port(2, file.path().to_str().unwrap());
+        assert!(file.exists && !file.is_device && file.is_usable);
+        let device = serial_port(3, "/dev/null");
+        assert!(device.exists && device.is_device && device.is_usable);
+    }
+}

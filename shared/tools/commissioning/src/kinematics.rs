@@ -1,0 +1,101 @@
+//! Mathematics without a running robot: `ik`, `fk`, `tension`.
+
+use crate::plan;
+use crate::plan::Method;
+use cable_robot::{Robot, Vector3, kinematics, tension};
+use command::values::{Numbers, numbers, point};
+use command::{Answer, Failure, Output, points};
+use config::{Point, RobotFile};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// `nims ik`.
+#[derive(Debug, clap::Args)]
+pub struct IkArgs {
+    /// Robot file.
+    #[arg(long)]
+    pub config: PathBuf,
+    /// Where the node is, m.
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
+    pub at: Point,
+}
+
+/// `nims fk`.
+#[derive(Debug, clap::Args)]
+pub struct FkArgs {
+    /// Robot file.
+    #[arg(long)]
+    pub config: PathBuf,
+    /// One length per cable, m.
+    #[arg(long, value_name = "A,B,..", value_parser = numbers, allow_hyphen_values = true)]
+    pub lengths: Numbers,
+}
+
+/// `nims tension`.
+#[derive(Debug, clap::Args)]
+pub struct TensionArgs {
+    /// Robot file.
+    #[arg(long)]
+    pub config: PathBuf,
+    /// Where the node is, m.
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
+    pub at: Point,
+    /// Acceleration of the node, m/s²; default: none.
+    #[arg(long, value_name = "AX,AY,AZ|AX,AZ", value_parser = point, allow_hyphen_values = true)]
+    pub accel: Option<Point>,
+    /// Which of the possible tensions; default: unique for as many cables as directions, least-norm for more.
+    #[arg(long, value_enum)]
+    pub method: Option<Method>,
+}
+
+/// The robot of a file. [`RobotFile::load`] refuses anchors that determine no position.
+fn robot(path: &Path) -> Answer<Robot> {
+    RobotFile::load(path).map_err(Failure::bad)?.robot().map_err(Failure::bad)
+}
+
+/// `nims ik`: straight lengths from the anchors, (6).
+///
+/// # Errors
+/// A robot file or a point that cannot be used.
+pub fn ik(asked: &IkArgs) -> Answer<Output> {
+    let robot = robot(&asked.config)?;
+    let lengths = kinematics::inverse_kinematics(robot.anchors(), &points::position(&robot, &asked.at)?.into());
+    Ok(Output::json(json!({ "lengths_m": lengths.to_vec() })))
+}
+
+/// `nims fk`: the position with these straight lengths; of two mirrored ones the lower.
+///
+/// # Errors
+/// A robot file that cannot be used, or lengths that no position has.
+pub fn fk(asked: &FkArgs) -> Answer<Output> {
+    let robot = robot(&asked.config)?;
+    let found = kinematics::forward_kinematics(robot.anchors(), &asked.lengths.0, None).map_err(Failure::bad)?;
+    let position = points::written(&robot, &found.position);
+    Ok(Output::json(json!({ "position_m": position, "residual_m": found.residual_rms_m })))
+}
+
+/// `nims tension`: tensions within the limits, or why there are none.
+///
+/// # Errors
+/// A robot file, pose or method that cannot be used.
+pub fn tension(asked: &TensionArgs) -> Answer<Output> {
+    let robot = robot(&asked.config)?;
+    let distribution = plan::distribution(asked.method, &robot);
+    let at = Vector3::from(points::position(&robot, &asked.at)?);
+    let acceleration = match &asked.accel {
+        Some(acceleration) => points::position(&robot, acceleration)?.into(),
+        None => Vector3::zeros(),
+    };
+    match tension::at(&robot, &at, &acceleration, distribution) {
+        Ok(found) => Ok(Output::json(json!({
+            "feasible": true,
+            "tensions_n": found.tensions_n.to_vec(),
+            "sum_n": found.tensions_n.iter().sum::<f64>(),
+            "norm_sq_n2": found.tensions_n.iter().map(|value| value * value).sum::<f64>(),
+        }))),
+        Err(why @ (tension::TensionError::Infeasible(_) | tension::TensionError::Singular)) => {
+            Ok(Output::json(json!({ "feasible": false, "why": why.to_string() })))
+        }
+        Err(error) => Err(Failure::bad(error)),
+    }
+}

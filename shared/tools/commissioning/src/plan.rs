@@ -1,0 +1,228 @@
+//! `nims plan`: what a move costs, and the parabola that costs least, without a running robot.
+
+use cable_robot::energy::optimum::{Precision, best};
+use cable_robot::energy::{Best, Bounds, Cost, EnergyError, Hoist, flight, parabola};
+use cable_robot::path::{Lateral, Parabola};
+use cable_robot::profile::ProfileLimits;
+use cable_robot::{Distribution, Path, Robot, Vector3};
+use clap::ValueEnum;
+use command::values::{finite, not_negative, point};
+use command::{Answer, Failure, Output, points};
+use config::{Point, RobotFile};
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// `nims plan`.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Robot file.
+    #[arg(long)]
+    pub config: PathBuf,
+    /// Where the move starts, m.
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
+    pub from: Point,
+    /// Where it ends, m.
+    #[arg(long, value_name = "X,Y,Z|X,Z", value_parser = point, allow_hyphen_values = true)]
+    pub to: Point,
+    /// Along which path; default: a line, or with --mu a parabola. A parabola without --mu and a lateral path are those that cost
+    /// least.
+    #[arg(long, value_enum)]
+    pub path: Option<PathKind>,
+    /// How much the parabola sags, 1/m.
+    #[arg(long, value_name = "PER_M", value_parser = finite, allow_negative_numbers = true)]
+    pub mu: Option<f64>,
+    /// What a second costs beside the losses in the motors, W.
+    #[arg(long, value_name = "W", value_parser = not_negative, allow_negative_numbers = true, default_value = "0")]
+    pub time_weight: f64,
+    /// Which of the possible tensions; default: unique for as many cables as directions, least-norm for more.
+    #[arg(long, value_enum)]
+    pub method: Option<Method>,
+    /// Cruise speed, m/s; default: the robot's limit.
+    #[arg(long, value_name = "M_S", value_parser = finite, allow_negative_numbers = true)]
+    pub speed: Option<f64>,
+    /// Reckon with a constant speed and no accelerations, as the paper does.
+    #[arg(long)]
+    pub constant_speed: bool,
+}
+
+/// Shape of a path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum PathKind {
+    /// Straight.
+    Line,
+    /// A parabola in a vertical plane.
+    Parabola,
+    /// Sags and swings sideways so that it loses least in the motors.
+    Lateral,
+}
+
+/// Which tensions are chosen among the possible.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Method {
+    /// The only ones (as many cables as directions).
+    Unique,
+    /// Least sum of squares.
+    LeastNorm,
+    /// Least sum.
+    MinSum,
+    /// Farthest from both limits.
+    Safest,
+}
+
+/// Simpson's intervals for the answer, and for the scan.
+const INTERVALS: [usize; 2] = [64, 16];
+
+/// Step of the check of the whole move, m, for the answer, and for the scan.
+const CHECK_M: [f64; 2] = [0.01, 0.1];
+
+/// How tensions are chosen, from what was asked for.
+pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
+    match method {
+        None => robot.default_distribution(),
+        Some(Method::Unique) => Distribution::Unique,
+        Some(Method::LeastNorm) => Distribution::LeastNorm,
+        Some(Method::MinSum) => Distribution::MinSum,
+        Some(Method::Safest) => Distribution::Safest,
+    }
+}
+
+/// Plans the move: the best parabola, the one asked for, or the line.
+///
+/// # Errors
+/// A robot file or arguments that cannot be used. A move that cannot be flown is an answer.
+pub fn run(asked: &Args) -> Answer<Output> {
+    planned(asked).map(Output::json)
+}
+
+fn planned(asked: &Args) -> Answer<Value> {
+    let robot = RobotFile::load(&asked.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
+    let speed_m_s = asked.speed.unwrap_or(robot.speed_limit_m_s());
+    if !(speed_m_s > 0.0 && speed_m_s <= robot.speed_limit_m_s()) {
+        return Err(Failure::BadInput(format!(
+            "--speed is {speed_m_s} m/s; accepted: above 0 and at most the robot's speed_limit_m_s of {} m/s",
+            robot.speed_limit_m_s()
+        )));
+    }
+    if asked.path == Some(PathKind::Lateral) && asked.mu.is_some() {
+        return Err(Failure::BadInput("--mu is for a parabola; leave it out, or ask for --path parabola".to_owned()));
+    }
+    let reckoning = Reckoning {
+        hoist: Hoist {
+            anchors: robot.anchors(),
+            planar: robot.is_planar(),
+            wrench_n: robot.wrench_n(&Vector3::zeros()),
+            drag_n_s2_m2: robot.drag_n_s2_m2(),
+            limits_n: robot.tension_limits_n(),
+            method: distribution(asked.method, &robot),
+            current: robot.current(),
+        },
+        robot: &robot,
+        speed_m_s,
+        constant: asked.constant_speed,
+    };
+    let ends = [points::position(&robot, &asked.from)?, points::position(&robot, &asked.to)?].map(Vector3::from);
+    let found = match asked.path {
+        Some(PathKind::Lateral) => reckoning.best_lateral(asked, ends),
+        _ => reckoning.best(asked, ends).map(|best| words(&best)),
+    };
+    match found {
+        Ok(found) => Ok(found),
+        Err(error @ EnergyError::BelowGround { .. }) => Ok(impossible(&error)),
+        Err(error) if error.is_of_the_path() => Ok(impossible(&error)),
+        Err(error) => Err(Failure::bad(error)),
+    }
+}
+
+fn impossible(why: &EnergyError) -> Value {
+    json!({ "feasible": false, "why": why.to_string() })
+}
+
+fn words(best: &Best) -> Value {
+    let Cost { energy_j, duration_s, length_m, peak_tension_n, peak_current_a, margin_n } = best.cost;
+    json!({
+        "feasible": true,
+        "mu_per_m": best.mu_per_m,
+        "length_m": length_m,
+        "duration_s": duration_s,
+        "energy_j": energy_j,
+        "mean_power_w": best.cost.mean_power_w(),
+        "peak_tension_n": peak_tension_n,
+        "peak_current_a": peak_current_a,
+        "margin_n": margin_n,
+        "line_energy_j": best.line.map(|line| line.energy_j),
+        "line_duration_s": best.line.map(|line| line.duration_s),
+    })
+}
+
+/// How a move is reckoned.
+struct Reckoning<'a> {
+    hoist: Hoist<'a>,
+    robot: &'a Robot,
+    speed_m_s: f64,
+    /// Quasi-static at constant speed, as the paper has it; otherwise from rest to rest with its accelerations.
+    constant: bool,
+}
+
+impl Reckoning<'_> {
+    fn best(&self, asked: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Best, EnergyError> {
+        let bounds = Bounds { ground_m: Some(self.robot.ground_m()), time_weight_w: asked.time_weight };
+        let shape = |mu_per_m| Parabola { from, to, mu_per_m };
+        match (asked.path, asked.mu) {
+            (Some(PathKind::Parabola), None) => best(&from, &to, &bounds, |path, precision| self.cost(path, precision)),
+            (_, mu) => {
+                parabola::mu_limit(&from, &to, self.robot.ground_m())?;
+                let mu_per_m = mu.unwrap_or(0.0);
+                let line = self.cost(&shape(0.0), Precision::Fine);
+                let cost = self.cost(&shape(mu_per_m), Precision::Fine)?;
+                Ok(Best { mu_per_m, cost, line: line.ok() })
+            }
+        }
+    }
+
+    /// The path that swings sideways too, found at constant speed as the planner finds it; the parabola where that costs less.
+    fn best_lateral(&self, asked: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Value, EnergyError> {
+        let found = flight::best_lateral(self.robot, self.hoist.method, &from, &to, self.speed_m_s, asked.time_weight)?;
+        let shape = |mu_per_m| Parabola { from, to, mu_per_m };
+        let line = self.cost(&shape(0.0), Precision::Fine).ok();
+        let Some((bow, _)) = found.lateral else {
+            let mu_per_m = found.parabola.mu_per_m;
+            return Ok(words(&Best { mu_per_m, cost: self.cost(&shape(mu_per_m), Precision::Fine)?, line }));
+        };
+        let constant = || self.hoist.bow_at_constant_speed(&bow, self.speed_m_s, INTERVALS[0]);
+        let cost = self.along(&Path::Lateral(Lateral::new(bow)), Precision::Fine, constant)?;
+        let mut value = words(&Best { mu_per_m: 0.0, cost, line });
+        value["mu_per_m"] = Value::Null;
+        value["down_m"] = json!(bow.down_m);
+        value["side_m"] = json!(bow.side_m);
+        Ok(value)
+    }
+
+    fn cost(&self, shape: &Parabola, precision: Precision) -> Result<Cost, EnergyError> {
+        parabola::check(shape)?;
+        let coarse = usize::from(precision == Precision::Coarse);
+        self.along(&flight::parabola_or_line(shape), precision, || {
+            self.hoist.constant_speed(shape, self.speed_m_s, INTERVALS[coarse])
+        })
+    }
+
+    /// Checks a path and reckons its cost: from rest to rest, or at `constant` speed.
+    fn along(
+        &self,
+        path: &Path,
+        precision: Precision,
+        constant: impl Fn() -> Result<Cost, EnergyError>,
+    ) -> Result<Cost, EnergyError> {
+        let coarse = usize::from(precision == Precision::Coarse);
+        let flown = |speed_m_s, acceleration_m_s2| {
+            let limits = ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2);
+            flight::flown(self.robot, self.hoist.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
+        };
+        if self.constant {
+            // It has no start and no end: it is checked as slowly as makes no accelerations.
+            flown(1e-3, 1e-3)?;
+            constant()
+        } else {
+            flown(self.speed_m_s, self.robot.acceleration_limit_m_s2())
+        }
+    }
+}

@@ -1,0 +1,359 @@
+use super::guide::{Guide, Reply, Then};
+use super::question::Question;
+use super::written;
+use crate::calibrate::{File, places};
+use cable_robot::calibration::{Method, calibrate};
+use nims_paper::random::Random;
+use proptest::prelude::*;
+use std::path::Path;
+
+/// Pulleys around a place, in the frame that a calibration has: the first at the origin, the second on the x axis.
+fn site(random: &mut Random, count: usize) -> Vec<[f64; 3]> {
+    let turn = if random.uniform() < 0.5 { 1.0 } else { -1.0 };
+    let begin = std::f64::consts::TAU * random.uniform();
+    let around: Vec<[f64; 3]> = (0..count)
+        .map(|i| {
+            let share = (i as f64 + 0.4 * random.uniform()) / count as f64;
+            let (angle, radius) = (begin + turn * std::f64::consts::TAU * share, 5.0 + 3.0 * random.uniform());
+            [radius * angle.cos(), radius * angle.sin(), 2.5 + 1.5 * random.uniform()]
+        })
+        .collect();
+    let (o, p) = (around[0], around[1]);
+    let d = (p[0] - o[0]).hypot(p[1] - o[1]);
+    let (c, s) = ((p[0] - o[0]) / d, (p[1] - o[1]) / d);
+    let turned = |a: &[f64; 3]| {
+        let (x, y) = (a[0] - o[0], a[1] - o[1]);
+        [c * x + s * y, c * y - s * x, a[2]]
+    };
+    around.iter().map(turned).collect()
+}
+
+/// A team that measures a site as well as people do.
+struct Team {
+    site: Vec<[f64; 3]>,
+    random: Random,
+    /// Measures a height directly, and leaves distances out, so often.
+    share: f64,
+    /// Types lengths one by one.
+    singly: bool,
+    /// Reads a line wrong at this place, once.
+    wrong_at: Option<usize>,
+    /// What it has typed already of the point it stands at.
+    reading: Vec<f64>,
+}
+
+impl Team {
+    fn new(seed: u64, count: usize) -> Self {
+        let mut random = Random::new(seed);
+        let site = site(&mut random, count);
+        Self { site, random, share: 0.3, singly: false, wrong_at: None, reading: Vec::new() }
+    }
+
+    fn answer(&mut self, question: &Question) -> String {
+        match *question {
+            Question::Pulleys => self.site.len().to_string(),
+            Question::Distance { needed: false, .. } if self.random.uniform() < self.share => String::new(),
+            Question::Distance { from, to, .. } => {
+                let (a, b) = (self.site[from - 1], self.site[to - 1]);
+                format!("{:.3}", (a[0] - b[0]).hypot(a[1] - b[1]) + 0.005 * self.random.normal())
+            }
+            Question::Side { pulley, from, to } => {
+                let [o, a, b] = [from, to, pulley].map(|k| self.site[k - 1]);
+                let cross = (a[0] - o[0]) * (b[1] - o[1]) - (a[1] - o[1]) * (b[0] - o[0]);
+                if cross > 0.0 { "l" } else { "Right" }.to_owned()
+            }
+            Question::Height { pulley } if self.random.uniform() < self.share => {
+                format!("{:.1} cm", 100.0 * (self.site[pulley - 1][2] + 0.01 * self.random.normal()))
+            }
+            Question::Height { .. } | Question::Points | Question::Finish => String::new(),
+            Question::About => "3".to_owned(),
+            Question::Lengths { place } => self.lengths(place),
+            Question::Doubt { .. } => "again".to_owned(),
+        }
+    }
+
+    fn lengths(&mut self, place: usize) -> String {
+        if self.reading.is_empty() {
+            let at = places::spots(&self.site, place + 1).pop().unwrap();
+            let at = [0, 1].map(|k| at[k] + 0.2 * self.random.normal());
+            self.reading = places::lengths(&self.site, &at).iter().map(|m| m + 0.01 * self.random.normal()).collect();
+            if self.wrong_at == Some(place) {
+                self.reading[1] += 0.5;
+                self.wrong_at = None;
+            }
+        }
+        if self.singly {
+            return format!("{:.3} m", self.reading.remove(0));
+        }
+        let all: Vec<String> = self.reading.drain(..).map(|m| format!("{m:.3}").replace('.', ",")).collect();
+        all.join(" ")
+    }
+
+    /// Everything typed until the end, and what is in the file then.
+    fn measure(&mut self) -> (Vec<String>, Guide) {
+        let (mut guide, mut typed) = (Guide::default(), Vec::new());
+        for _ in 0..200 {
+            let line = self.answer(guide.pending());
+            typed.push(line.clone());
+            let reply = guide.answer(&line);
+            if reply.then == Then::Finish {
+                return (typed, guide);
+            }
+            assert!(reply.changed, "{line:?} to {:?}: {}", guide.pending(), reply.said);
+        }
+        panic!("it never ends: {:?}", guide.pending());
+    }
+}
+
+fn text(file: &File) -> String {
+    written(file, Path::new("site.toml")).unwrap()
+}
+
+/// The guide that somebody gets who starts the command again.
+fn again(guide: &Guide) -> Guide {
+    Guide::resume(toml::from_str(&text(guide.file())).unwrap()).unwrap()
+}
+
+/// A day in the field with whatever happens there: answers, one of them nonsense, readings one by one, a wrong one, an early end.
+fn day(count: usize) -> Vec<String> {
+    let mut team = Team { singly: true, wrong_at: Some(5), ..Team::new(7, count) };
+    let (mut typed, _) = team.measure();
+    typed.insert(4, "a long way".to_owned());
+    typed.pop();
+    typed.extend(["4", "undo", "2"].map(str::to_owned));
+    typed
+}
+
+#[test]
+fn what_a_team_measures_is_as_good_as_the_guide_says() {
+    let (mut sites, mut outside, mut squares, mut count) = (0, 0, 0.0, 0.0);
+    for pulleys in [3, 4] {
+        for seed in 0..60 {
+            let mut team = Team::new(1000 * pulleys as u64 + seed, pulleys);
+            let (_, guide) = team.measure();
+            let found = calibrate(&guide.file().measurements(Method::Survey).unwrap(), Method::Survey).unwrap();
+            let off =
+                found.anchors_m.iter().zip(&team.site).zip(found.covariance.std_m()).flat_map(|((is, truth), std)| {
+                    (0..3).filter(move |k| std[*k] > 0.0).map(move |k| (is[k] - truth[k]) / std[k])
+                });
+            let off: Vec<f64> = off.collect();
+            assert_eq!(off.len(), 3 * pulleys - 3);
+            sites += 1;
+            outside += u32::from(off.iter().any(|off| off.abs() > 4.0));
+            squares += off.iter().map(|off| off * off).sum::<f64>();
+            count += off.len() as f64;
+            let worst = found.covariance.worst().2;
+            assert!(worst < 0.08, "{worst} m at seed {seed}");
+        }
+    }
+    println!("{outside} of {sites} sites beyond 4 deviations; mean square {:.2}", squares / count);
+    assert!(outside <= sites / 20, "{outside} of {sites}");
+    assert!((0.7..1.4).contains(&(squares / count)), "{}", squares / count);
+}
+
+#[test]
+fn broken_off_after_any_answer_it_ends_the_same() {
+    for count in [3, 4, 5] {
+        let typed = day(count);
+        let mut whole = Guide::default();
+        let mut broken = Guide::default();
+        for line in &typed {
+            let (one, other) = (whole.answer(line), broken.answer(line));
+            assert_eq!(one, other);
+            assert_eq!(text(whole.file()), text(broken.file()));
+            if one.changed {
+                broken = again(&broken);
+            }
+            assert_eq!((broken.pending(), broken.question()), (whole.pending(), whole.question()));
+        }
+        assert!(whole.file().doubt.len() == 1 && whole.file().point.len() >= 10, "{}", text(whole.file()));
+    }
+}
+
+#[test]
+fn every_answer_can_be_taken_back() {
+    for count in [3, 4, 6] {
+        let mut guide = Guide::default();
+        let mut answers = 0;
+        for line in day(count).iter().chain(&["done".to_owned()]).filter(|line| *line != "undo") {
+            let before = guide.clone();
+            let partly = |guide: &Guide| guide.file().setup.as_ref().unwrap().lengths_so_far_m.len();
+            if !guide.answer(line).changed {
+                continue;
+            }
+            answers += 1;
+            let mut back = guide.clone();
+            assert!(back.answer(" Undo ").changed);
+            if partly(&before) > 0 && partly(&guide) == 0 {
+                // A point that was typed number by number is taken back as a whole.
+                assert_eq!(back.file().point, before.file().point);
+                assert_eq!(partly(&back), 0);
+            } else {
+                assert_eq!(back, before, "after {line:?}");
+            }
+        }
+        assert!(answers > 30, "{answers}");
+        let mut steps = 0;
+        while guide.answer("undo").changed {
+            steps += 1;
+            assert_eq!(again(&guide), guide);
+            assert!(steps < 300);
+        }
+        assert_eq!(guide, Guide::default());
+        assert!(guide.answer("undo").said.contains("nothing"));
+    }
+}
+
+#[test]
+fn nonsense_is_refused_and_asked_again_at_every_question() {
+    let mut guide = Guide::default();
+    let mut lines = day(4);
+    lines.push("done".to_owned());
+    for line in &lines {
+        for nonsense in
+            ["-", "blah", "1e9", "nan", "-3", "0", "9999", "3 4 5 6 7 8 9 10 11", "\u{0}\u{7}", "ſ", "12 ft", "keep it"]
+        {
+            let mut tried = guide.clone();
+            let Reply { said, changed, then } = tried.answer(nonsense);
+            assert!(!changed && then == Then::Ask && !said.is_empty(), "{nonsense:?} to {:?}: {said}", guide.pending());
+            assert!(said.ends_with('.') && said.lines().count() == 1, "{said}");
+            assert_eq!(tried, guide);
+        }
+        guide.answer(line);
+    }
+    assert_eq!(guide.pending(), &Question::Finish);
+}
+
+#[test]
+fn distances_that_make_no_triangle_are_refused_by_name() {
+    let mut guide = Guide::default();
+    for line in ["3", "9.8", "9.1"] {
+        assert!(guide.answer(line).changed);
+    }
+    let said = guide.answer("25").said;
+    for name in ["1-2 (9.80 m)", "1-3 (9.10 m)", "2-3 (25.00 m)", "2-3 is longer", "undo"] {
+        assert!(said.contains(name), "{said}");
+    }
+    assert!(guide.answer("").said.contains("2-3"), "it is needed");
+    assert!(guide.answer("9,4").changed);
+    assert_eq!(guide.pending(), &Question::Side { pulley: 3, from: 1, to: 2 });
+    // Pulleys on one line hold nothing.
+    let mut flat = Guide::default();
+    for line in ["3", "5", "10"] {
+        flat.answer(line);
+    }
+    assert!(flat.answer("5").said.contains("one line"));
+    // Of four, one distance may be left out, and no more; six that contradict each other are spoken of.
+    let square = ["4", "10", "10", "14.142", "l", "14.142", "", "10"];
+    let mut guide = Guide::default();
+    for line in square {
+        assert!(guide.answer(line).changed, "{line} {}", guide.question());
+    }
+    assert_eq!(guide.pending(), &Question::Side { pulley: 4, from: 1, to: 3 });
+    let mut guide = Guide::default();
+    for line in &square[..6] {
+        guide.answer(line);
+    }
+    assert!(guide.answer("10.4").changed);
+    let said = guide.answer("10").said;
+    assert!(said.contains("do not quite fit"), "{said}");
+}
+
+#[test]
+fn a_point_that_does_not_fit_is_named_and_can_be_kept() {
+    for count in [3, 4] {
+        let mut team = Team { wrong_at: Some(6), share: 0.0, ..Team::new(3, count) };
+        let mut guide = Guide::default();
+        while !matches!(guide.pending(), Question::Doubt { .. }) {
+            assert_ne!(guide.pending(), &Question::Finish, "a wrong reading of half a metre went by");
+            let line = team.answer(guide.pending());
+            guide.answer(&line);
+        }
+        let Question::Doubt { place, doubtful } = guide.pending().clone() else { panic!() };
+        assert_eq!((place, doubtful.point), (6, 7), "{}", guide.question());
+        let mut kept = guide.clone();
+        let said = kept.answer("keep").said;
+        assert!(said.contains("known to"), "{said} {}", kept.question());
+        assert_eq!(kept.pending(), &Question::Lengths { place: 7 });
+        guide.answer("again");
+        assert_eq!(guide.pending(), &Question::Lengths { place: 6 });
+        let line = team.answer(guide.pending());
+        assert!(guide.answer(&line).said.contains("known to"));
+        assert_eq!(guide.pending(), &Question::Lengths { place: 7 });
+        assert_eq!(guide.file().used(Method::Survey), [0, 1, 2, 3, 4, 5, 7]);
+    }
+}
+
+#[test]
+fn a_wrong_height_is_thought_of_when_a_point_does_not_fit() {
+    let mut team = Team { share: 0.0, ..Team::new(5, 3) };
+    let mut guide = Guide::default();
+    while !matches!(guide.pending(), Question::Doubt { .. }) {
+        let line = match guide.pending() {
+            Question::Finish => panic!("a height that is wrong by 30 cm went by"),
+            Question::Height { pulley: 2 } => format!("{:.2}", team.site[1][2] + 0.3),
+            question => team.answer(question),
+        };
+        guide.answer(&line);
+    }
+    assert!(guide.question().contains("unless the height of pulley 2 is wrong"), "{}", guide.question());
+}
+
+#[test]
+fn lengths_that_cannot_be_or_are_far_off_are_spoken_of() {
+    let mut guide = Guide::default();
+    for line in ["3", "9.8", "9.1", "9.4", "l", "", "", "", "3", ""] {
+        assert!(guide.answer(line).changed);
+    }
+    assert!(guide.question().contains("foot of pulley 1"), "{}", guide.question());
+    assert!(guide.answer("3.0 3.0 9.2").said.contains("Lines 1 and 2 cannot meet"));
+    assert!(guide.answer("3.0 9.6").said.contains("type 3"));
+    assert!(guide.answer("done").said.contains("not enough"));
+    assert!(guide.answer("9.7 3.1 9.0").said.contains("Line 1 was expected"));
+}
+
+#[test]
+fn a_file_that_the_guide_did_not_write_is_not_gone_on_with() {
+    let cases = [
+        ("[[range]]\nfrom = 1\nto = 2\nm = 9.0\n", "[setup]"),
+        ("[setup]\npulleys = 9\n", "3 to 8"),
+        ("[setup]\npulleys = 3\n[[range]]\nfrom = 1\nto = 4\nm = 9.0\n", "pulley 4"),
+        ("[setup]\npulleys = 3\n[[point]]\nlengths_m = [1.0]\n", "one length for each"),
+        ("[setup]\npulleys = 3\n[[point]]\nlengths_m = [1.0, 2.0, 3.0]\n", "asked before"),
+        ("[setup]\npulleys = 3\n[[doubt]]\npoint = 1\nuse = true\nafter = 1\n", "[[doubt]]"),
+    ];
+    for (text, word) in cases {
+        let why = Guide::resume(toml::from_str(text).unwrap()).unwrap_err();
+        assert!(why.contains(word), "{why}");
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn whatever_is_typed_the_file_is_one_to_go_on_with(
+        lines in prop::collection::vec(
+            prop_oneof![
+                3 => "\\PC{0,12}",
+                6 => "[0-9]{1,2}([.,][0-9]{1,3})?( ?c?m)?",
+                3 => "([0-9]{1,2}\\.[0-9] ){3}",
+                2 => Just(String::new()),
+                2 => prop::sample::select(vec!["undo", "done", "keep", "again", "l", "r", "3", "4", "?"]).prop_map(str::to_owned),
+            ],
+            0..60,
+        ),
+    ) {
+        let mut guide = Guide::default();
+        for line in ["3", "9.8", "9.1", "9.4", "l"].map(str::to_owned).iter().chain(&lines) {
+            let before = guide.clone();
+            let reply = guide.answer(line);
+            prop_assert!(!guide.question().is_empty());
+            if reply.changed {
+                prop_assert_eq!(&again(&guide), &guide);
+            } else {
+                prop_assert_eq!(&before, &guide);
+            }
+        }
+    }
+}
