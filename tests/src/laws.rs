@@ -1,7 +1,7 @@
 //! The preview law against the paper's law, on the same flights.
 
 use anyhow::{Context, Result};
-use cable_robot::drive_lag::DriveLag;
+use cable_control::drive_lag::DriveLag;
 use config::ControllerSection;
 use controller::Law;
 

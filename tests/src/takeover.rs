@@ -1,7 +1,7 @@
 //! Swaps and deaths at instants of a mission: the flight is forked at each, and what happens is compared with what must hold.
 
 use anyhow::{Context, Result, ensure};
-use cable_robot::law::PFeedforward;
+use cable_control::law::PFeedforward;
 use config::EstimatorSection;
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};

@@ -4,7 +4,7 @@
 #[path = "../../shared/robot/cable-robot/tests/mathematics/counting/mod.rs"]
 mod counting;
 
-use cable_robot::law::PFeedforward;
+use cable_control::law::PFeedforward;
 use config::EstimatorSection;
 use controller::Law;
 use counting::allocations;

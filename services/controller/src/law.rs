@@ -1,7 +1,7 @@
 //! Control laws: from where the node is and should be to the velocity the cables answer with.
 
-use cable_robot::drive_lag::DriveLag;
-use cable_robot::law::{InputWeight, LqGain, PFeedforward};
+use cable_control::drive_lag::DriveLag;
+use cable_control::law::{InputWeight, LqGain, PFeedforward};
 use cable_robot::{CableVec, Matrix3, NodeJacobian, Vector3};
 use config::ControllerSection;
 use messages::ControlStatus;

@@ -1,7 +1,7 @@
 //! What a law is asked in a cycle, and the place for a law of one's own.
 
+use cable_control::law::PFeedforward;
 use cable_robot::elastic::Realisation;
-use cable_robot::law::PFeedforward;
 use cable_robot::{CableVec, Jacobian, Robot, Setpoint};
 use messages::NodeEstimate;
 

@@ -5,13 +5,13 @@
 //! and back in fractions of a second, so that no change of law or of model is a bump. It goes to 0
 //!
 //! * as long as there is no model: none configured, none identified yet;
-//! * while the misfit of the model ([`cable_robot::drive_lag`]) is above `misfit_limit`;
+//! * while the misfit of the model ([`cable_control::drive_lag`]) is above `misfit_limit`;
 //! * for the moment in which a newly identified model takes the old one's place.
 
-use cable_robot::drive_lag::{
+use cable_control::drive_lag::{
     CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record, Winch,
 };
-use cable_robot::preview::{Lead, Led, MAX_PREVIEW, PreviewError, PreviewGain, Twin};
+use cable_control::preview::{Lead, Led, MAX_PREVIEW, PreviewError, PreviewGain, Twin};
 use cable_robot::{CableVec, MAX_CABLES};
 use messages::{MotorAuthority, MotorState, NodeEstimate, SLOTS};
 use thiserror::Error;

@@ -3,7 +3,7 @@
 //! A command is sent at the beginning of a cycle and the encoder read some milliseconds later, so between two readings the
 //! drive had the command of the earlier cycle, as far as the filter's few milliseconds are concerned.
 
-use cable_robot::length_filter::{FilterSettings, LengthFilter, Verdict};
+use cable_control::length_filter::{FilterSettings, LengthFilter, Verdict};
 use messages::MotorState;
 
 use crate::estimator::BRIDGED_CYCLES;

@@ -1,6 +1,6 @@
 //! How the readings of one line become its length and velocity: the paper's motor model, or a Kalman filter.
 
-use cable_robot::length_filter::{FilterError, FilterSettings};
+use cable_control::length_filter::{FilterError, FilterSettings};
 use config::EstimatorSection;
 use messages::{MotorState, NodeEstimate};
 use thiserror::Error;

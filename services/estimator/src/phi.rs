@@ -1,6 +1,6 @@
 //! The paper's method for one line: step 1 of its section VI.
 
-use cable_robot::motor_model::PhiModel;
+use cable_control::motor_model::PhiModel;
 use messages::MotorState;
 
 use crate::estimator::BRIDGED_CYCLES;

@@ -210,7 +210,8 @@ impl Keeper {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use cable_robot::{Robot, RobotParts};
+    use cable_robot::Robot;
+    use cable_robot::RobotParts;
 
     fn config(height: f64) -> CoreConfig {
         let robot = Robot::new(RobotParts {

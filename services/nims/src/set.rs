@@ -11,6 +11,7 @@ use estimator::EstimatorConfig;
 use messages::{ProcessState, SystemConfig, text_of};
 use runtime::TUNED_CHANNEL;
 use serde_json::json;
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 /// `nims set`.
@@ -27,6 +28,8 @@ pub struct Args {
 const TAKEN_NS: u64 = 5_000_000_000;
 /// The parameter of which `nims check` warns where it does not fit the drives.
 const HORIZON: &str = "controller.horizon_cycles";
+/// The process table comes once a second; a stall of the machine may come between, ns.
+const TABLE_NS: u64 = 1_500_000_000;
 /// How long the supervisor may take to say what is set.
 const SAID: Duration = Duration::from_secs(1);
 
@@ -77,19 +80,45 @@ fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(BoxFile, BoxFile, Robot
 
 /// What else there is to know about a change: laws that do not use it, and a horizon that does not fit the drives.
 fn remarks(bus: &Bus, key: &str, before: &BoxFile, after: &BoxFile, robot: &RobotFile) -> Answer<String> {
+    let role = key.split('.').next().unwrap_or_default();
     let mut idle: Vec<String> = Vec::new();
-    let mut rows = bus.subscriber::<ProcessState>("system/process")?;
-    while let Some(row) = rows.receive()? {
-        let (role, law) = (text_of(&row.role), text_of(&row.law));
-        if row.pid != 0 && key.split('.').next() == Some(role.as_str()) {
-            let law = unchanged(&role, &law, before, after, robot);
-            idle.extend(law.filter(|law| !idle.contains(law)).as_slice().iter().cloned());
-        }
+    for law in laws_of(bus, role)? {
+        idle.extend(
+            unchanged(role, &law, before, after, robot)
+                .into_iter()
+                .filter(|law| !idle.contains(law))
+                .collect::<Vec<_>>(),
+        );
     }
     let idle = if idle.is_empty() { String::new() } else { format!("; {} does not use it", idle.join(" or ")) };
     let warning = check::horizon(after).filter(|_| key == HORIZON);
     let warning = warning.map_or(String::new(), |found| format!("; warning: {}; {}", found.finding, found.cure));
     Ok(idle + &warning)
+}
+
+/// The laws or methods of a role's processes by the process table; empty for one that is as configured.
+fn laws_of(bus: &Bus, role: &str) -> Answer<Vec<String>> {
+    let mut rows = bus.subscriber::<ProcessState>("system/process")?;
+    let alive = bus.domain().alive();
+    let (mut laws, give_up) = (BTreeMap::new(), clock::now_ns() + TABLE_NS);
+    let missing = |laws: &BTreeMap<String, String>| {
+        let names =
+            role_of(role).map(|role| [Slot::A, Slot::B].map(|slot| role.process_name(slot))).unwrap_or_default();
+        alive.iter().any(|node| names.contains(&node.name) && !laws.contains_key(&node.name))
+    };
+    while missing(&laws) && clock::now_ns() < give_up {
+        while let Some(row) = rows.receive()? {
+            if row.pid != 0 && text_of(&row.role) == role {
+                laws.insert(text_of(&row.name), text_of(&row.law));
+            }
+        }
+        clock::sleep_until(clock::now_ns() + 10_000_000);
+    }
+    Ok(laws.into_values().collect())
+}
+
+fn role_of(name: &str) -> Option<Role> {
+    [Role::Controller, Role::Estimator].into_iter().find(|role| role.name() == name)
 }
 
 /// The law or method of a process, where it is the same with the change as without it. What a program of one's own uses is not known.

@@ -79,6 +79,21 @@ fn failed(failure: &Failure) -> Value {
     json!({ "failed": failure.to_string(), "bad_input": matches!(failure, Failure::BadInput(_)) })
 }
 
+/// Whether every process accepts its part of the system file: what only they check shows before anything is started.
+fn accepted(config: &Path) -> Answer {
+    let nims = std::env::current_exe().map_err(Failure::not_now)?.with_file_name("nims");
+    if !nims.is_file() {
+        return Ok(());
+    }
+    let checked = Command::new(nims).args(["check", "--accepted"]).arg(config).stdin(Stdio::null()).output();
+    let checked = checked.map_err(Failure::not_now)?;
+    if checked.status.success() {
+        return Ok(());
+    }
+    let sentence = String::from_utf8_lossy(&checked.stderr);
+    Err(Failure::BadInput(sentence.trim().trim_start_matches("nims: ").to_owned()))
+}
+
 /// Has the page of a run made, by the command beside this program.
 fn page(run: &Path) -> Result<PathBuf, String> {
     let cure = || format!("`nims report {}` makes its page", run.display());
@@ -105,6 +120,7 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(Ending, Answer)> {
     let wanted =
         Wanted { box_path: &asked.config, run: asked.run.as_deref(), domain, mission: asked.mission.as_deref() };
     let began = clock::now_ns();
+    accepted(&asked.config)?;
     let stop = command::stop_flag()?;
     let reason = if asked.parent { reason_of_parent(&stop) } else { Arc::default() };
     let mut supervisor = Supervisor::start(&wanted, stop.clone())?;

@@ -9,7 +9,7 @@ mod recover;
 mod steps;
 
 use anyhow::{Context, Result, anyhow, bail};
-use cable_robot::law::PFeedforward;
+use cable_control::law::PFeedforward;
 use config::{EstimatorSection, PlannerSection};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
@@ -99,7 +99,7 @@ impl Parts {
         let section = EstimatorSection { method: "kalman".into(), ..EstimatorSection::default() };
         let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, .. } = PlannerSection::default();
         let [delay_s, lag_s] = case.motor_s;
-        let lag = cable_robot::drive_lag::DriveLag::new(delay_s, lag_s).map_err(|error| anyhow!("{error:?}"))?;
+        let lag = cable_control::drive_lag::DriveLag::new(delay_s, lag_s).map_err(|error| anyhow!("{error:?}"))?;
         let laws = [scenario.law, Law::PFeedforward(PFeedforward::new(2.0)?), crate::laws::law(Some(lag), true)?];
         Ok(Self {
             core: core_config(&scenario)?,

@@ -157,7 +157,7 @@ fn every_process_says_what_it_works_with() {
             let said = config_of(&robot, process).unwrap();
             assert!(parameters(&said).contains(word), "{process}: {}", parameters(&said));
             assert_eq!(text_of(&said.name), process);
-            let own = if process == "nims" { program.clone() } else { program.with_file_name(process) };
+            let own = program.with_file_name(if process == "nims" { "supervisor" } else { process });
             assert_eq!(text_of(&said.program_sha256), hash(&own), "{process}");
             assert!(text_of(&said.version).starts_with(env!("CARGO_PKG_VERSION")), "{process}");
             assert_eq!(text_of(&said.file), robot.run().join("resolved.toml").to_string_lossy(), "{process}");

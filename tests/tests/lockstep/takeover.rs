@@ -9,7 +9,7 @@ use nims_tests::takeover::{BLOWS, Tally, doubled, try_all};
 /// Laws that are swapped with the paper's, robots, missions, drives.
 fn cases() -> [(Case, Option<controller::Law>); 4] {
     let preview =
-        nims_tests::laws::law(Some(cable_robot::drive_lag::DriveLag::new(0.030, 0.040).unwrap()), true).unwrap();
+        nims_tests::laws::law(Some(cable_control::drive_lag::DriveLag::new(0.030, 0.040).unwrap()), true).unwrap();
     [
         (Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] }, None),
         (Case { robot: "lab4", mission: "polyline", motor_s: [0.030, 0.040] }, None),

@@ -1,6 +1,6 @@
 //! The controller against known positions and motions.
 
-use cable_robot::law::PFeedforward;
+use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{CableVec, Jacobian, NodeJacobian, Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
 use config::ControllerSection;

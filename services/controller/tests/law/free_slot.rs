@@ -1,6 +1,6 @@
 //! What is published on a slot that is not in charge changes no bit of what the slot in charge is answered.
 
-use cable_robot::law::PFeedforward;
+use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
 use config::ControllerSection;

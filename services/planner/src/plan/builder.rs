@@ -2,9 +2,8 @@
 
 use cable_robot::energy::flight;
 use cable_robot::motion::Report;
-use cable_robot::path;
 use cable_robot::profile::{Knot, MAX_KNOTS, ProfileError, ProfileLimits};
-use cable_robot::{Path, Profile, Segment, Vector3};
+use cable_robot::{Path, Profile, Segment, Vector3, path};
 use config::Point;
 
 use super::{MAX_SEGMENTS, Mark, Plan, PlanError, PlannerConfig, SHORTEST_S, THERE_M};

@@ -118,7 +118,9 @@ pub struct Forward {
 /// mirror solutions do not fit equally well, the lower one unless the upper one fits clearly better.
 ///
 /// ```
-/// use cable_robot::{Anchors, Vector3, kinematics::*};
+/// use crate::Anchors;
+/// use crate::Vector3;
+/// use crate::kinematics::*;
 /// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.1], [8.0, 8.0, 3.2], [0.0, 9.0, 3.3]])?;
 /// let p = Vector3::new(4.0, 4.5, 1.0);
 /// let found = forward_kinematics(&anchors, &inverse_kinematics(&anchors, &p), None)?;
@@ -151,16 +153,21 @@ pub fn forward_kinematics(
     least_squares(anchors, lengths_m, near)
 }
 
-pub(crate) struct Pair {
+/// Where three spheres meet.
+#[derive(Debug, Clone, Copy)]
+pub struct Pair {
     /// Both points; the same point twice where the spheres do not meet.
-    pub(crate) points: [Vector3<f64>; 2],
+    pub points: [Vector3<f64>; 2],
     /// Squared distance from the plane of the anchors; negative where the spheres do not meet.
-    pub(crate) height_squared: f64,
+    pub height_squared: f64,
 }
 
 /// Intersection of three spheres in the frame of their plane: solves (7)-(9) without (10)-(12)'s division by the
 /// horizontal distance of the anchors, which fails for anchors one above the other.
-pub(crate) fn trilaterate(a: [Vector3<f64>; 3], l: [f64; 3]) -> Result<Pair, KinematicsError> {
+///
+/// # Errors
+/// The centres lie on one line.
+pub fn trilaterate(a: [Vector3<f64>; 3], l: [f64; 3]) -> Result<Pair, KinematicsError> {
     let (p, q) = (a[1] - a[0], a[2] - a[0]);
     let normal = p.cross(&q);
     let longest = p.norm_squared().max(q.norm_squared()).max((q - p).norm_squared());

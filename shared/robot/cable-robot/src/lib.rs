@@ -2,14 +2,13 @@
 //! *anchors*) to winches. A planar robot moves in the x-z plane (y = 0) on two to eight lines; everything that takes
 //! [`Anchors`] or a [`Robot`] counts directions accordingly.
 //!
-//! Everything a control loop needs stands here, useful on its own: kinematics, tension distribution, elastic statics,
-//! motor models, length filter, control laws, paths, speed profiles and the check of a whole motion before it starts. Equation
-//! numbers in parentheses, like (14), are those of Borgstrom et al., "Design and Implementation of NIMS3D, a 3-D Cabled
+//! Kinematics, tension distribution, elastic statics, energy, paths, speed profiles and the check of a whole motion before it starts.
+//! Equation numbers in parentheses, like (14), are those of Borgstrom et al., "Design and Implementation of NIMS3D, a 3-D Cabled
 //! Robot for Actuated Sensing Applications", IEEE Transactions on Robotics 25 (2), 2009.
 //!
 //! # Invariants
-//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except [`calibration`]
-//!   and [`energy::fit`], which are offline work, where a [`Robot`] is built from its parts and where an error is turned into text.
+//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except where a [`Robot`] is built from its parts and
+//!   where an error is turned into text.
 //! * SI units, z up. Cable velocity is dL/dt: positive pays line out. Only [`motor`] speaks of reel-in speed.
 //! * Trigonometric and hyperbolic functions come from `libm`, and matrices have fixed sizes, so that the same input gives
 //!   the same bits on every processor.
@@ -42,21 +41,15 @@
 
 pub mod anchors;
 pub mod cables;
-pub mod calibration;
-pub mod drive_lag;
 pub mod elastic;
 pub mod energy;
 pub mod kinematics;
-pub mod law;
-pub mod length_filter;
 pub mod limits;
-mod linalg;
+pub mod linalg;
 pub mod motion;
 pub mod motor;
-pub mod motor_model;
 pub mod path;
 pub mod planar;
-pub mod preview;
 pub mod profile;
 pub mod robot;
 pub mod tension;

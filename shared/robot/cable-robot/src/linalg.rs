@@ -53,7 +53,7 @@ impl<const N: usize, const D: usize> Qr<N, D> {
 
 /// Columns of the 3 x n (pseudo-)inverse of the n x 3 matrix with these rows, or None where the rank is below three. In
 /// the plane the y of the rows is left out, the rank is two and the y of the columns 0.
-pub(crate) fn pseudo_inverse(rows: &[Vector3<f64>], planar: bool) -> Option<[Vector3<f64>; MAX_CABLES]> {
+pub fn pseudo_inverse(rows: &[Vector3<f64>], planar: bool) -> Option<[Vector3<f64>; MAX_CABLES]> {
     // Most robots have three or four cables, and theirs is solved in every cycle.
     match (rows.len() <= 4, planar) {
         (true, false) => inverse_columns::<4, 3>(rows, SPACE),
@@ -82,7 +82,7 @@ fn inverse_columns<const N: usize, const D: usize>(
 
 /// The shortest x with A x = b for the 3 x n matrix A of these columns, or None where its rank is below three; in the plane, where y is left
 /// out, below two.
-pub(crate) fn shortest(columns: &[Vector3<f64>], planar: bool, b: &Vector3<f64>) -> Option<CableVec> {
+pub fn shortest(columns: &[Vector3<f64>], planar: bool, b: &Vector3<f64>) -> Option<CableVec> {
     match (columns.len() <= 4, planar) {
         (true, false) => shortest_of::<4, 3>(columns, SPACE, b),
         (false, false) => shortest_of::<MAX_CABLES, 3>(columns, SPACE, b),
@@ -108,17 +108,18 @@ fn shortest_of<const N: usize, const D: usize>(
     Some(CableVec::from_fn(columns.len(), |i| x[i]))
 }
 
-pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
+/// Inner product of two slices of one length.
+pub fn dot(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 /// a bᵀ.
-pub(crate) fn outer(a: &Vector3<f64>, b: &Vector3<f64>) -> Matrix3<f64> {
+pub fn outer(a: &Vector3<f64>, b: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::from_columns(&[a * b.x, a * b.y, a * b.z])
 }
 
 /// Solves the symmetric positive definite system by Cholesky, or None where a pivot is not positive.
-pub(crate) fn solve_spd(m: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
+pub fn solve_spd(m: &Matrix3<f64>, b: &Vector3<f64>) -> Option<Vector3<f64>> {
     let l00 = positive_root(m[(0, 0)])?;
     let (l10, l20) = (m[(1, 0)] / l00, m[(2, 0)] / l00);
     let l11 = positive_root(m[(1, 1)] - l10 * l10)?;
@@ -139,6 +140,6 @@ fn positive_root(x: f64) -> Option<f64> {
 }
 
 /// Determinant of three columns.
-pub(crate) fn det3(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> f64 {
+pub fn det3(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> f64 {
     a.dot(&b.cross(c))
 }

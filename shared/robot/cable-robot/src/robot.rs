@@ -4,7 +4,8 @@ use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;
 
 use crate::energy::{Current, CurrentTable, MotorTable};
-use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY, motor::Motor};
+use crate::motor::Motor;
+use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY};
 
 /// Most keep-out boxes of a robot.
 pub const MAX_KEEP_OUT: usize = 8;

@@ -1,6 +1,6 @@
 //! `nims motor-table`: recorded runs of raising and lowering known loads in, a table of the motors' current out.
 
-use cable_robot::energy::fit::{Sample, covered, fit};
+use calibration::motor_fit::{Sample, covered, fit};
 use command::values::{Numbers, numbers};
 use command::{Answer, Failure, Output};
 use messages::{MotorAuthority, MotorState, NodeEstimate};

@@ -3,6 +3,7 @@
 //! motor-io's safety machine and arbiter work on `motor/input`, estimators on `motor/state` and the `motor/authority` that their estimates
 //! name, controllers on what `control/status` says they had seen, each with the parameters that it said it works with (`system/config/NAME`). Every part gets its recorded inputs, not what another part makes of them
 //! now: a difference stays where it arises. A process that was started on the way begins with its first sample.
+#![forbid(unsafe_code)]
 
 mod channel;
 mod command_line;

@@ -15,6 +15,8 @@ pub fn main<C: Parser>(
 ) -> ExitCode {
     let command = C::command();
     let name = command.get_name();
+    // `nims up` is a program of its own, and speaks as nims.
+    let speaker = name.split(' ').next().unwrap_or(name);
     let cli = match C::try_parse_from(args) {
         Ok(cli) => cli,
         Err(error) if error.exit_code() == 0 => {
@@ -23,7 +25,7 @@ pub fn main<C: Parser>(
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("{name}: {}", usage(&error, name));
+            eprintln!("{speaker}: {}", usage(&error, name));
             return ExitCode::from(2);
         }
     };
@@ -37,7 +39,7 @@ pub fn main<C: Parser>(
     match failure {
         None => ExitCode::SUCCESS,
         Some(failure) => {
-            eprintln!("{name}: {failure}");
+            eprintln!("{speaker}: {failure}");
             ExitCode::from(Failure::exit_code(&failure))
         }
     }

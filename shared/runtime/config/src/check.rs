@@ -152,7 +152,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     arbiter(&file.arbiter)?;
 
     choice("estimator.method", &file.estimator.method, &METHODS)?;
-    count("estimator.eta", file.estimator.eta, 2, cable_robot::motor_model::MAX_WINDOW)?;
+    count("estimator.eta", file.estimator.eta, 2, cable_control::motor_model::MAX_WINDOW)?;
     number("estimator.ridge", file.estimator.ridge, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
     for phi in file.estimator.prior {
         number("estimator.prior", phi, "two numbers of -2 to 2", |v| v.abs() <= 2.0)?;
@@ -169,7 +169,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
 
     choice("controller.law", &file.controller.law, &LAWS)?;
     number("controller.length_gain_per_s", file.controller.length_gain_per_s, "above 0, at most 50 per second", |v| {
-        v > 0.0 && v <= cable_robot::law::MAX_LENGTH_GAIN
+        v > 0.0 && v <= cable_control::law::MAX_LENGTH_GAIN
     })?;
     count("controller.horizon_cycles", file.controller.horizon_cycles, 1, 200)?;
     number("controller.state_weight", file.controller.state_weight, "0 to 1e9", |v| (0.0..=1e9).contains(&v))?;
@@ -177,7 +177,7 @@ pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> 
     choice("controller.distribution", &file.controller.distribution, &["least-norm", "min-sum", "safest"])?;
     number("controller.redundant_s", file.controller.redundant_s, "0.05 to 60 s", |v| (0.05..=60.0).contains(&v))?;
     number("controller.error_limit_m", file.controller.error_limit_m, "0.01 to 5 m", |v| (0.01..=5.0).contains(&v))?;
-    count("controller.preview_cycles", file.controller.preview_cycles, 2, cable_robot::preview::MAX_PREVIEW)?;
+    count("controller.preview_cycles", file.controller.preview_cycles, 2, cable_control::preview::MAX_PREVIEW)?;
     number("controller.move_penalty_s4", file.controller.move_penalty_s4, "1e-9 to 1 s⁴", |v| {
         (1e-9..=1.0).contains(&v)
     })?;

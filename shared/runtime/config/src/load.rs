@@ -6,7 +6,8 @@ use super::{
     devices,
 };
 use crate::toml_file::{self, ConfigError};
-use cable_robot::{Distribution, Robot, RobotParts, motor::Motor};
+use cable_robot::motor::Motor;
+use cable_robot::{Distribution, Robot, RobotParts};
 use std::path::{Path, PathBuf};
 
 impl RobotFile {

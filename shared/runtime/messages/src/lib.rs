@@ -13,6 +13,7 @@
 //! assert!(MotorState::type_name().starts_with("nims_msgs/MotorState/"));
 //! assert!(MotorState::schema().starts_with("nims_msgs/Header header\n"));
 //! ```
+#![forbid(unsafe_code)]
 
 // the macros name this crate as whoever uses them does
 extern crate self as messages;

@@ -5,6 +5,7 @@
 //! * Everything stands beside a peer that was measured in the same seconds, as medians, tails and a ratio: a time alone says as much
 //!   about what else the machine did.
 //! * Shared memory and files of a benchmark are its own; they are removed when it ends, and where it was killed by the next one.
+#![forbid(unsafe_code)]
 
 mod args;
 mod chain;

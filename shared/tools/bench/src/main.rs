@@ -21,7 +21,7 @@ fn main() -> ExitCode {
         return match peer::serve(&given.next().unwrap_or_default()) {
             Ok(()) => ExitCode::SUCCESS,
             Err(failure) => {
-                eprintln!("nims bench: {failure}");
+                eprintln!("nims: {failure}");
                 ExitCode::from(failure.exit_code())
             }
         };

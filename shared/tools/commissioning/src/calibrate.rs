@@ -6,7 +6,7 @@ mod words;
 
 pub use file::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
 
-use cable_robot::calibration::{self, AnchorCovariance, Calibration, Holdout, Method};
+use calibration::{self, AnchorCovariance, Calibration, Holdout, Method};
 use clap::ValueEnum;
 use command::values::above_zero;
 use command::{Answer, Failure, Output};

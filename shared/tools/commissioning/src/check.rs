@@ -72,6 +72,9 @@ pub struct Args {
     /// For a mission: the robot or system file it is meant for.
     #[arg(long = "for", value_name = "CONFIG")]
     pub on: Option<PathBuf>,
+    /// Only whether the processes of a system accept its file: what the supervisor asks before it starts anything.
+    #[arg(long, hide = true, conflicts_with = "on")]
+    pub accepted: bool,
 }
 
 /// The findings; fails where one of them is an error.
@@ -79,6 +82,10 @@ pub struct Args {
 /// # Errors
 /// A file that cannot be read or holds values that are not accepted: one sentence.
 pub fn run(args: &Args) -> Answer<Output> {
+    if args.accepted {
+        can_be_built(&BoxFile::load(&args.config).map_err(Failure::bad)?)?;
+        return Ok(Output::new(json!({ "accepted": true }), String::new()));
+    }
     let found = check(&args.config, args.on.as_deref())?;
     let errors = errors(&found);
     let failure = (errors > 0).then(|| {

@@ -4,7 +4,7 @@ use super::flight::{DRIVES, Drives, Flight, Track, oblique};
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use anyhow::Result;
-use cable_robot::motor_model::{PRIOR, PhiModel, RIDGE};
+use cable_control::motor_model::{PRIOR, PhiModel, RIDGE};
 use plot::{Axis, Chart, GREY, Legend, Look, Picture, Series};
 
 /// Control period of these flights, s. The paper gives none; ten iterations a second is what its serial link allows.

@@ -4,9 +4,9 @@ use super::flight::{DRIVES, Flight, Instant, Track};
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use anyhow::{Context, Result};
-use cable_robot::energy::{Best, Bounds, Cost, CurrentTable, Hoist};
+use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, Hoist};
 use cable_robot::motor::Motor;
-use cable_robot::{Distribution, Matrix3, Vector3, energy::Current};
+use cable_robot::{Distribution, Matrix3, Vector3};
 use plant::{Plant, PlantConfig};
 use plot::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
 

@@ -2,7 +2,7 @@
 
 use super::stand_in;
 use anyhow::{Context, Result};
-use cable_robot::drive_lag::DriveLag;
+use cable_control::drive_lag::DriveLag;
 use cable_robot::{Distribution, Jacobian, Robot, Vector3, elastic};
 use config::EstimatorSection;
 use controller::{Law, Notice};

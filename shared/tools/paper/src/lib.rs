@@ -4,6 +4,7 @@
 //! * Nothing on the page depends on the clock, the machine or the order of computation: the same program writes the same
 //!   bytes.
 //! * A verdict is computed from the statements below it, and these from the numbers of the same run.
+#![forbid(unsafe_code)]
 
 mod beyond;
 mod calibration;

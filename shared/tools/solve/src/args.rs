@@ -80,10 +80,10 @@ impl<'a> Args<'a> {
     }
 
     /// +1, -1 or nothing.
-    pub fn side(&self) -> Read<Option<cable_robot::calibration::Side>> {
+    pub fn side(&self) -> Read<Option<calibration::Side>> {
         match self.optional("side")? {
             None => Ok(None),
-            Some(value) if value.abs() == 1.0 => Ok(Some(cable_robot::calibration::Side::from_sign(value as i64)?)),
+            Some(value) if value.abs() == 1.0 => Ok(Some(calibration::Side::from_sign(value as i64)?)),
             Some(value) => Err(refuse("side", &value.to_string(), "1 (left) or -1 (right)")),
         }
     }

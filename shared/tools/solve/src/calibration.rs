@@ -3,7 +3,7 @@
 use super::args::{Args, refuse};
 use super::{SolveError, Solved};
 use cable_robot::CableVec;
-use cable_robot::calibration::{self, JointInput, Loss, Range, Side};
+use calibration::{self, JointInput, Loss, Range, Side};
 use serde_json::{Value, json};
 
 /// (1)-(2).

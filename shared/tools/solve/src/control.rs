@@ -2,8 +2,9 @@
 
 use super::args::{Args, refuse};
 use super::{SolveError, Solved};
-use cable_robot::law::{InputWeight, LqGain};
-use cable_robot::{MAX_CABLES, Matrix3, NodeJacobian, Vector3, motor_model};
+use cable_control::law::{InputWeight, LqGain};
+use cable_control::motor_model;
+use cable_robot::{MAX_CABLES, Matrix3, NodeJacobian, Vector3};
 use serde_json::json;
 
 /// (18)-(20).

@@ -4,6 +4,7 @@
 //! A request is `{"id": any, "op": "...", ...}`, an answer `{"id": same, "result": {..}}` or
 //! `{"id": same, "error": {"kind": "...", "message": "..."}}`. No line ends the loop; keys that an operation does not know
 //! are left alone. [`answer`] is the whole of it as a function of one line.
+#![forbid(unsafe_code)]
 
 mod args;
 mod calibration;
@@ -45,12 +46,12 @@ macro_rules! from_errors {
 }
 
 from_errors!(
-    cable_robot::calibration::CalibrationError,
+    ::calibration::CalibrationError,
     cable_robot::energy::EnergyError,
     cable_robot::energy::TableError,
     cable_robot::KinematicsError,
-    cable_robot::law::LawError,
-    cable_robot::motor_model::FitError,
+    cable_control::law::LawError,
+    cable_control::motor_model::FitError,
     cable_robot::tension::TensionError
 );
 

@@ -7,8 +7,8 @@ use argmin::core::{CostFunction, Error, Executor, State};
 use argmin::solver::neldermead::NelderMead;
 use benchmarks::Report;
 use cable_robot::CableVec;
-use cable_robot::calibration::calibrate_heights;
-use cable_robot::calibration::heights::closed_form;
+use calibration::calibrate_heights;
+use calibration::heights::closed_form;
 use criterion::Criterion;
 
 use crate::Random;

@@ -4,9 +4,9 @@ use std::hint::black_box;
 
 use anyhow::{Context, Result, ensure};
 use benchmarks::Report;
-use cable_robot::drive_lag::{DriveLag, LagFit, Record};
+use cable_control::drive_lag::{DriveLag, LagFit, Record};
 use cable_robot::kinematics::{Jacobian, forward_kinematics, inverse_kinematics};
-use cable_robot::law::{InputWeight, LqGain};
+use cable_control::law::{InputWeight, LqGain};
 use cable_robot::{Anchors, CableVec, Matrix3, Vector3, elastic};
 use controller::{Law, Seen};
 use criterion::{BatchSize, Criterion};

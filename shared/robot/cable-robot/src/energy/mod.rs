@@ -1,7 +1,6 @@
 //! What a move costs in heat: section VIII of the paper.
 //!
 //! * [`table`]: the current of a winch, measured over speed and tension.
-//! * [`fit`]: such a table from recorded samples.
 //! * [`parabola`]: the sagging path of (25)-(26), by its horizontal fraction, and how deep the ground lets it sag.
 //! * [`Hoist`]: the I²R loss of a move, by Simpson's rule: at constant speed, as the paper computes it, or along a speed
 //!   profile with its accelerations.
@@ -28,10 +27,9 @@
 //! let best = hoist.best_parabola(&from, &to, 0.2, 64, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
 //! let line = best.line.expect("the straight line is possible here");
 //! assert!(best.cost.energy_j < 0.7 * line.energy_j && best.cost.duration_s > line.duration_s);
-//! # Ok::<(), cable_robot::energy::EnergyError>(())
+//! # Ok::<(), crate::energy::EnergyError>(())
 //! ```
 
-pub mod fit;
 pub mod flight;
 pub mod hoist;
 pub mod lateral;

@@ -47,7 +47,7 @@ impl TableError {
 /// Measured current over speed and tension, bilinear between the points.
 ///
 /// ```
-/// use cable_robot::energy::{Current, CurrentTable};
+/// use crate::energy::{Current, CurrentTable};
 /// let table = CurrentTable::new(
 ///     vec![-0.2, 0.0, 0.2],
 ///     vec![0.0, 20.0],
@@ -56,7 +56,7 @@ impl TableError {
 /// )?;
 /// assert!((table.current_a(10.0, 0.1)? - 0.45).abs() < 1e-12);
 /// assert!(table.current_a(21.0, 0.1).is_err());
-/// # Ok::<(), cable_robot::energy::TableError>(())
+/// # Ok::<(), crate::energy::TableError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurrentTable {
@@ -192,12 +192,7 @@ fn bilinear(
 }
 
 /// The interval of an axis that a value is in, and how far along it; rounding at the ends is forgiven.
-pub(super) fn place(
-    axis: &[f64],
-    value: f64,
-    what: &'static str,
-    unit: &'static str,
-) -> Result<(usize, f64), TableError> {
+pub fn place(axis: &[f64], value: f64, what: &'static str, unit: &'static str) -> Result<(usize, f64), TableError> {
     let (low, high) = (axis[0], axis[axis.len() - 1]);
     let rounding = 1e-12 * (high - low);
     // Also true for NaN.

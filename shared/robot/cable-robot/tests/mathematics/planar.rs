@@ -1,7 +1,7 @@
 //! Robots in the plane y = 0: two directions, two to eight cables, so up to six ways to share out tension.
 
+use cable_control::law::{InputWeight, LqGain};
 use cable_robot::kinematics::{Jacobian, forward_kinematics, inverse_kinematics};
-use cable_robot::law::{InputWeight, LqGain};
 use cable_robot::motion::Cause;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::tension::{self, TensionError};

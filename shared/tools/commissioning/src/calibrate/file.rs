@@ -2,7 +2,7 @@
 //! file.
 
 use cable_robot::CableVec;
-use cable_robot::calibration::{DirectHeight, Loss, Measurements, Method, Range, Side};
+use calibration::{DirectHeight, Loss, Measurements, Method, Range, Side};
 use serde::{Deserialize, Serialize};
 
 /// Standard deviation of a range where none is stated, m: a laser of ±1.5 mm, and a plumb line that is never quite still.

@@ -1,7 +1,7 @@
 //! Before the points are measured: where to hold the node for them, and how well the anchors will be known then.
 
-use cable_robot::calibration::placement::{corners, predict};
-use cable_robot::calibration::{CalibrationError, Measurements, Method, calibrate, survey_network};
+use calibration::placement::{corners, predict};
+use calibration::{CalibrationError, Measurements, Method, calibrate, survey_network};
 use command::{Answer, Failure};
 use serde_json::{Value, json};
 use std::fmt::Write as _;
@@ -78,7 +78,7 @@ fn anchors(measured: &Measurements, method: Method, height_m: Option<f64>) -> An
 mod tests {
     use super::*;
     use cable_robot::CableVec;
-    use cable_robot::calibration::Range;
+    use calibration::Range;
 
     fn ranges() -> Measurements {
         let mut measured = Measurements::new(3);

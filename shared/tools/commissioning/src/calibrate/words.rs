@@ -1,6 +1,6 @@
 //! What a calibration comes to, in words.
 
-use cable_robot::calibration::{self, Calibration, Holdout, Measurements, Method};
+use calibration::{self, Calibration, Holdout, Measurements, Method};
 use std::fmt::Write as _;
 
 /// Worst standard deviation of an anchor up to which a calibration is called good, m: the node is then about as well placed as

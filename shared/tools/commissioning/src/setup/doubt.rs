@@ -1,8 +1,8 @@
 //! Which point does not fit the others.
 
 use crate::calibrate::File;
-use cable_robot::calibration::{JointInput, Measurements, Method, calibrate, calibrate_joint, survey_network};
 use cable_robot::{Anchors, CableVec, kinematics};
+use calibration::{JointInput, Measurements, Method, calibrate, calibrate_joint, survey_network};
 use std::fmt::Write as _;
 
 /// A point is doubted if chance leaves it so far off as rarely as a normal variate beyond so many deviations.

@@ -6,7 +6,7 @@ use super::shape;
 use super::undo::undo;
 use super::words::metres;
 use crate::calibrate::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
-use cable_robot::calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, Method, calibrate};
+use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, Method, calibrate};
 
 /// Standard deviation of a distance, m, written into a new file: a tape over ten metres between plumb lines, or a laser in hands that
 /// are new to it.

@@ -5,7 +5,7 @@ use super::shape;
 use super::words::{listed, metres};
 use crate::calibrate;
 use crate::calibrate::{File, Setup, places};
-use cable_robot::calibration::{Method, calibrate};
+use calibration::{Method, calibrate};
 use std::fmt::Write as _;
 
 /// How many points are proposed: three rounds of the corners of three pulleys.

@@ -2,7 +2,7 @@
 
 use super::words::{joined, metres};
 use crate::calibrate::File;
-use cable_robot::calibration::{Measurements, Method, Range, Side, Survey, survey_network};
+use calibration::{Measurements, Method, Range, Side, Survey, survey_network};
 
 /// How far the sides of a triangle may fall short where three pulleys stand nearly on one line, in standard deviations of a distance.
 const SLACK: f64 = 7.0;

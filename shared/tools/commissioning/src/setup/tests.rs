@@ -2,7 +2,7 @@ use super::guide::{Guide, Reply, Then};
 use super::question::Question;
 use super::written;
 use crate::calibrate::{File, places};
-use cable_robot::calibration::{Method, calibrate};
+use calibration::{Method, calibrate};
 use nims_paper::random::Random;
 use proptest::prelude::*;
 use std::path::Path;

@@ -7,7 +7,7 @@ use super::super::stand_in;
 use super::{span, times};
 use anyhow::Result;
 use cable_robot::CableVec;
-use cable_robot::calibration::{JointInput, Loss, Range, calibrate_joint};
+use calibration::{JointInput, Loss, Range, calibrate_joint};
 
 /// One kind of error that the joint estimator knows of.
 struct Case {
@@ -61,7 +61,7 @@ impl Case {
         for _ in 0..trials {
             let noise: [f64; 3] = [0, 1, 2].map(|_| self.sigma_range_m * random.normal());
             let measured = [0, 1, 2].map(|k| stand_in::RANGES_M[k] + noise[k]);
-            let anchors = cable_robot::calibration::survey_anchors(measured, cable_robot::calibration::Side::Left)?;
+            let anchors = calibration::survey_anchors(measured, calibration::Side::Left)?;
             let points = anywhere(&mut random, count);
             let encoders = Encoders {
                 sigma_m: self.sigma_m,

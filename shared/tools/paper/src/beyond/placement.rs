@@ -6,7 +6,7 @@ use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::stand_in;
 use super::{span, times};
 use anyhow::Result;
-use cable_robot::calibration::placement::corners;
+use calibration::placement::corners;
 use plot::{Axis, Chart, Look, Picture, Series};
 
 /// Points at the corners instead of anywhere.

@@ -10,8 +10,8 @@ use super::random::Random;
 use super::stand_in;
 use anyhow::Result;
 use cable_robot::CableVec;
-use cable_robot::calibration::heights::closed_form;
-use cable_robot::calibration::{Side, survey_anchors};
+use calibration::heights::closed_form;
+use calibration::{Side, survey_anchors};
 
 /// Standard deviation of a range in the simulations: the paper's text, m.
 pub const SIGMA_RANGE_M: f64 = 0.02;

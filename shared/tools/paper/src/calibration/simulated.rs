@@ -5,7 +5,7 @@ use super::super::section::{Check, Effort, Section, Table, fixed, mean, median};
 use super::super::stand_in;
 use super::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors, shrunk, survey};
 use anyhow::Result;
-use cable_robot::calibration::gps_anchor;
+use calibration::gps_anchor;
 use plot::{Axis, Chart, GREY, Look, Picture, Series};
 
 /// What many simulated calibrations come to.

@@ -1,0 +1,66 @@
+//! What was commanded, as far back as the longest delay reaches.
+
+use super::MAX_DELAY_CYCLES;
+use cable_robot::{CableVec, MAX_CABLES};
+
+/// Commands of the last cycles, m/s, by cycle number. A cycle that was not noted had the command of the one before it.
+///
+/// ```
+/// use cable_robot::CableVec;
+/// use crate::drive_lag::CommandHistory;
+/// let mut sent = CommandHistory::new();
+/// sent.note(7, &CableVec::repeat(3, 0.1));
+/// sent.note(9, &CableVec::repeat(3, 0.2)); // cycle 8 was skipped: the drives kept what they had
+/// assert_eq!((sent.ago(0)[0], sent.ago(1)[0], sent.ago(2)[0]), (0.2, 0.1, 0.1));
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CommandHistory {
+    ring: [CableVec; MAX_DELAY_CYCLES + 2],
+    newest: u64,
+    kept: usize,
+}
+
+impl CommandHistory {
+    /// Nothing was commanded yet.
+    pub fn new() -> Self {
+        Self { ring: [CableVec::zeros(MAX_CABLES); MAX_DELAY_CYCLES + 2], newest: 0, kept: 0 }
+    }
+
+    /// The command that was sent in a cycle, m/s. An older cycle than the newest begins anew.
+    pub fn note(&mut self, cycle: u64, command_m_s: &CableVec) {
+        let len = self.ring.len();
+        let command =
+            CableVec::from_fn(MAX_CABLES, |i| command_m_s.get(i).copied().filter(|v| v.is_finite()).unwrap_or(0.0));
+        if self.kept == 0 || cycle <= self.newest || cycle - self.newest > len as u64 {
+            (self.newest, self.kept) = (cycle, 0);
+        }
+        let before = self.ago(0);
+        let from = if self.kept == 0 { cycle } else { self.newest + 1 };
+        for missing in from..cycle {
+            self.ring[(missing % len as u64) as usize] = before;
+        }
+        self.ring[(cycle % len as u64) as usize] = command;
+        self.kept = (self.kept + (cycle + 1 - from) as usize).min(len);
+        self.newest = cycle;
+    }
+
+    /// The newest cycle noted.
+    pub fn newest(&self) -> u64 {
+        self.newest
+    }
+
+    /// The command of `cycles` before the newest, m/s; the oldest known, or zeros.
+    pub fn ago(&self, cycles: usize) -> CableVec {
+        if self.kept == 0 {
+            return CableVec::zeros(MAX_CABLES);
+        }
+        let back = cycles.min(self.kept - 1) as u64;
+        self.ring[((self.newest - back) % self.ring.len() as u64) as usize]
+    }
+}
+
+impl Default for CommandHistory {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,166 @@
+//! How late a winch follows: a pure delay, then a first-order lag, τ v' = u(t - delay) - v and L' = v, with u held over
+//! each control cycle. Exact steps of it, its two numbers from a record of commands and measured velocities, and a
+//! running measure of how well a model fits.
+//!
+//! The paper's model (18) is this one at ten cycles a second, where delay and lag fall into one or two cycles. At a
+//! hundred, the delay alone is several, and a law that looks ahead has to know it.
+//!
+//! **Misfit** is the measure used throughout: the RMS of what the model leaves unexplained of the lengths, over the RMS
+//! of what is left when commands are taken as carried out at once. For slow motion a delay and a lag together shift the
+//! lengths by (delay + lag) v, so a model whose sum is 30 % off has a misfit of about 0.3; 0 is perfect, 1 no better
+//! than no model.
+//!
+//! ```
+//! use crate::drive_lag::DriveLag;
+//! let winch = DriveLag::new(0.030, 0.040)?;
+//! assert_eq!(winch.delay_s() + winch.lag_s(), 0.070);
+//! # Ok::<(), crate::drive_lag::LagError>(())
+//! ```
+
+mod history;
+mod identify;
+mod misfit;
+
+pub use history::CommandHistory;
+pub use identify::{Identified, IdentifyError, LEAST_EXCITATION_M, LagFit, MAX_RECORD, MIN_RECORD, Record, identify};
+pub use misfit::MisfitMeter;
+
+use thiserror::Error;
+
+/// Longest delay and longest lag, s. A winch slower than that is no drive for a robot.
+pub const MAX_DELAY_S: f64 = 0.5;
+
+/// Longest delay in cycles, the part of a cycle included.
+pub const MAX_DELAY_CYCLES: usize = 126;
+
+/// Delay and lag of a winch.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DriveLag {
+    delay_s: f64,
+    lag_s: f64,
+}
+
+/// A delay, a lag or a period out of range.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+#[error("{what} is {value}; accepted: {accepted}")]
+pub struct LagError {
+    /// Which.
+    pub what: &'static str,
+    /// Its value.
+    pub value: f64,
+    /// What is accepted.
+    pub accepted: &'static str,
+}
+
+impl DriveLag {
+    /// Both in seconds, 0 to [`MAX_DELAY_S`].
+    pub fn new(delay_s: f64, lag_s: f64) -> Result<Self, LagError> {
+        for (what, value) in [("the delay", delay_s), ("the lag", lag_s)] {
+            if !(0.0..=MAX_DELAY_S).contains(&value) {
+                return Err(LagError { what, value, accepted: "0 to 0.5 s" });
+            }
+        }
+        Ok(Self { delay_s, lag_s })
+    }
+
+    /// Time from a command to the first effect, s.
+    pub fn delay_s(&self) -> f64 {
+        self.delay_s
+    }
+
+    /// Time constant with which the speed then follows, s.
+    pub fn lag_s(&self) -> f64 {
+        self.lag_s
+    }
+
+    /// Delay and lag together: how far behind a ramp the winch runs, s.
+    pub fn total_s(&self) -> f64 {
+        self.delay_s + self.lag_s
+    }
+
+    /// Both times the same factor, inside the accepted range.
+    pub fn scaled(&self, factor: f64) -> Self {
+        let scaled = |v: f64| if factor >= 0.0 { (v * factor).min(MAX_DELAY_S) } else { v };
+        Self { delay_s: scaled(self.delay_s), lag_s: scaled(self.lag_s) }
+    }
+}
+
+/// Line paid out, m, and its velocity, m/s.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Winch {
+    /// Length, m, from wherever it is counted.
+    pub length_m: f64,
+    /// Velocity, m/s.
+    pub velocity_m_s: f64,
+}
+
+/// A time during which the input stays, with what the lag makes of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Piece {
+    /// Duration h, s.
+    pub(crate) h: f64,
+    /// exp(-h / τ).
+    pub(crate) e: f64,
+    /// τ (1 - exp(-h / τ)), s.
+    pub(crate) c: f64,
+}
+
+impl Piece {
+    pub(crate) fn new(h: f64, lag_s: f64) -> Self {
+        if h <= 0.0 {
+            return Self { h: 0.0, e: 1.0, c: 0.0 };
+        }
+        // Below a microsecond it is no lag, and the division would overflow in the exponent.
+        let e = if lag_s > 1e-6 { libm::exp(-h / lag_s) } else { 0.0 };
+        Self { h, e, c: lag_s * (1.0 - e) }
+    }
+
+    /// The exact solution for a constant input, m/s.
+    pub(crate) fn step(&self, winch: Winch, input_m_s: f64) -> Winch {
+        let beyond = winch.velocity_m_s - input_m_s;
+        Winch {
+            length_m: winch.length_m + input_m_s * self.h + beyond * self.c,
+            velocity_m_s: input_m_s + beyond * self.e,
+        }
+    }
+}
+
+/// One control cycle of a winch, exactly: for a part of it the command of `whole` + 1 cycles ago still acts, for the rest
+/// the one of `whole` cycles ago.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleModel {
+    whole: usize,
+    pub(crate) before: Piece,
+    pub(crate) after: Piece,
+}
+
+impl CycleModel {
+    /// For cycles of `period_s` that begin `early_s` (0 to a period) before their command is sent: 0 for cycles from
+    /// command to command, period less reading offset for cycles from reading to reading.
+    pub fn new(lag: &DriveLag, period_s: f64, early_s: f64) -> Result<Self, LagError> {
+        if !(period_s > 0.0 && period_s <= 1.0) {
+            return Err(LagError { what: "the period", value: period_s, accepted: "above 0, at most 1 s" });
+        }
+        if !(0.0..=period_s).contains(&early_s) {
+            return Err(LagError { what: "the head start", value: early_s, accepted: "0 to one period" });
+        }
+        let late_s = lag.delay_s + early_s;
+        let whole = (late_s / period_s).floor();
+        if !(whole < MAX_DELAY_CYCLES as f64) {
+            return Err(LagError { what: "the delay in cycles", value: whole, accepted: "below 126" });
+        }
+        let rest_s = (late_s - whole * period_s).clamp(0.0, period_s);
+        let (before, after) = (Piece::new(rest_s, lag.lag_s), Piece::new(period_s - rest_s, lag.lag_s));
+        Ok(Self { whole: whole as usize, before, after })
+    }
+
+    /// Whole cycles of delay.
+    pub fn whole(&self) -> usize {
+        self.whole
+    }
+
+    /// One cycle on, with the commands of `whole` + 1 and of `whole` cycles ago, m/s.
+    pub fn step(&self, winch: Winch, older_m_s: f64, newer_m_s: f64) -> Winch {
+        self.after.step(self.before.step(winch, older_m_s), newer_m_s)
+    }
+}

@@ -1,0 +1,137 @@
+//! Where the winches are and will be: the model, run with the commands that were sent and corrected by what was measured.
+
+use crate::drive_lag::{CommandHistory, CycleModel, DriveLag, LagError, Piece, Winch};
+use cable_robot::{CableVec, MAX_CABLES};
+
+/// What is known of a measured length, as a standard deviation, m: half a step of a wheel with 10,000 counts per metre.
+const LENGTH_SIGMA_M: f64 = 5e-5;
+
+/// What the model leaves open of a velocity per second of running, m/s: a speed loop that takes 1 % of 0.2 m/s too much
+/// or too little through a start of half a second.
+const VELOCITY_SIGMA: f64 = 5e-3;
+
+/// A length this far from the twin's is another length (the position was set anew), m.
+const LOST_M: f64 = 0.05;
+
+/// Cycles without an estimate that the twin bridges.
+const BRIDGED: u64 = 10;
+
+/// Model of all winches, run with the commands that were sent and corrected by measured lengths: a steady Kalman filter.
+///
+/// ```
+/// use cable_robot::CableVec;
+/// use crate::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
+/// use crate::preview::Twin;
+/// let lag = DriveLag::new(0.03, 0.04)?;
+/// let (drive, mut twin) = (CycleModel::new(&lag, 0.01, 0.01)?, Twin::new(&lag, 0.01)?);
+/// let (mut sent, mut winch) = (CommandHistory::new(), Winch { length_m: 6.0, velocity_m_s: 0.0 });
+/// for cycle in 1..100 {
+///     sent.note(cycle, &CableVec::repeat(1, if cycle < 50 { 0.0 } else { 0.2 }));
+///     winch = drive.step(winch, sent.ago(drive.whole() + 1)[0], sent.ago(drive.whole())[0]);
+///     // Read as the command is sent, in steps of 0.1 mm.
+///     let read = CableVec::repeat(1, (winch.length_m * 1e4).round() * 1e-4);
+///     twin.correct(cycle, 0.0, &read, &CableVec::repeat(1, 0.0), &sent);
+/// }
+/// assert!((twin.velocities_m_s(1)[0] - 0.2).abs() < 0.01);
+/// // The next command takes effect after three cycles of delay and the one in which it is sent.
+/// let there = twin.at_next_command(&sent)[0];
+/// assert!((there.length_m - (winch.length_m + 4.0 * 0.2 * 0.01)).abs() < 2e-4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Twin {
+    lag: DriveLag,
+    model: CycleModel,
+    period_s: f64,
+    gain: [f64; 2],
+    winches: [Winch; MAX_CABLES],
+    /// The cycle at whose beginning `winches` is true.
+    cycle: Option<u64>,
+}
+
+impl Twin {
+    /// Knows the model, not yet the lengths.
+    pub fn new(lag: &DriveLag, period_s: f64) -> Result<Self, LagError> {
+        let model = CycleModel::new(lag, period_s, 0.0)?;
+        let (l2, v2) = (LENGTH_SIGMA_M * LENGTH_SIGMA_M, VELOCITY_SIGMA * VELOCITY_SIGMA * period_s);
+        // Filter of [L, v] with L' = L + c v, v' = e v over a cycle; the covariance starts large and settles.
+        let whole = Piece::new(period_s, lag.lag_s());
+        let (c, e) = (whole.c, whole.e);
+        let [mut ll, mut lv, mut vv] = [1.0, 0.0, 1.0];
+        let mut gain = [0.0; 2];
+        for _ in 0..500 {
+            gain = [ll / (ll + l2), lv / (ll + l2)];
+            let (l, m, v) = (ll - gain[0] * ll, lv - gain[0] * lv, vv - gain[1] * lv);
+            ll = l + 2.0 * c * m + c * c * v + 0.25 * v2 * period_s * period_s;
+            lv = e * (m + c * v) + 0.5 * v2 * period_s;
+            vv = e * e * v + v2;
+        }
+        Ok(Self { lag: *lag, model, period_s, gain, winches: [Winch::default(); MAX_CABLES], cycle: None })
+    }
+
+    /// Takes the lengths measured in a cycle, m, `reading_s` after its command was sent; `sent` has that command as its
+    /// newest. A cycle far from the last one, or lengths far from the twin's, begin anew with `velocities_m_s`.
+    pub fn correct(
+        &mut self,
+        cycle: u64,
+        reading_s: f64,
+        lengths_m: &[f64],
+        velocities_m_s: &[f64],
+        sent: &CommandHistory,
+    ) {
+        let n = lengths_m.len().min(velocities_m_s.len()).min(MAX_CABLES);
+        let reading_s = reading_s.clamp(0.0, self.period_s);
+        let gap = self.cycle.and_then(|at| cycle.checked_sub(at)).filter(|gap| *gap <= BRIDGED);
+        for missed in (1..=gap.unwrap_or(0) as usize).rev() {
+            self.advance(missed, sent);
+        }
+        // From the beginning of the cycle to the reading, part by part.
+        let lag_s = self.lag.lag_s();
+        let before = Piece::new(reading_s.min(self.model.before.h), lag_s);
+        let after = Piece::new(reading_s - before.h, lag_s);
+        let (older, newer) = (sent.ago(self.model.whole() + 1), sent.ago(self.model.whole()));
+        for i in 0..n {
+            let winch = &mut self.winches[i];
+            let there = after.step(before.step(*winch, older[i]), newer[i]);
+            let beyond = lengths_m[i] - there.length_m;
+            if gap.is_some() && beyond.abs() <= LOST_M {
+                winch.length_m += self.gain[0] * beyond;
+                winch.velocity_m_s += self.gain[1] * beyond;
+            } else {
+                let v = if velocities_m_s[i].is_finite() { velocities_m_s[i] } else { 0.0 };
+                *winch = Winch { length_m: lengths_m[i] - v * reading_s, velocity_m_s: v };
+            }
+        }
+        self.cycle = Some(cycle);
+        self.advance(0, sent);
+        self.cycle = cycle.checked_add(1);
+    }
+
+    /// One cycle on, the one that began with the command of `ago` cycles before the newest.
+    fn advance(&mut self, ago: usize, sent: &CommandHistory) {
+        let d = self.model.whole() + ago;
+        let (older, newer) = (sent.ago(d + 1), sent.ago(d));
+        for (i, winch) in self.winches.iter_mut().enumerate() {
+            *winch = self.model.step(*winch, older[i], newer[i]);
+        }
+    }
+
+    /// Where the winches will be at the beginning of the cycle in which the next command takes effect: after
+    /// [`Twin::correct`] with the newest reading, the whole cycles of delay on.
+    pub fn at_next_command(&self, sent: &CommandHistory) -> [Winch; MAX_CABLES] {
+        let mut ahead = *self;
+        // The command of `ago` cycles before the newest takes effect in the first of these cycles.
+        for ago in (0..self.model.whole()).rev() {
+            let (older, newer) = (sent.ago(ago + 1), sent.ago(ago));
+            for (i, winch) in ahead.winches.iter_mut().enumerate() {
+                *winch = self.model.step(*winch, older[i], newer[i]);
+            }
+        }
+        ahead.winches
+    }
+
+    /// Velocities at the beginning of the next cycle, m/s.
+    pub fn velocities_m_s(&self, cables: usize) -> CableVec {
+        CableVec::from_fn(cables, |i| self.winches[i].velocity_m_s)
+    }
+}

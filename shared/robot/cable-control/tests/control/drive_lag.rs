@@ -1,0 +1,184 @@
+//! Delay and lag from records, and the misfit of wrong models.
+
+use cable_control::drive_lag::{
+    CommandHistory, CycleModel, DriveLag, IdentifyError, MisfitMeter, Record, Winch, identify,
+};
+use cable_robot::CableVec;
+use proptest::prelude::*;
+
+const PERIOD_S: f64 = 0.01;
+/// 10,865 counts per metre.
+const STEP_M: f64 = 1.0 / 10_865.0;
+
+/// Forward Euler in 10 µs steps, a delay line of its own: mean velocities between readings that see encoder steps.
+fn winch(lag: [f64; 2], reading_s: f64, commands: &[f64]) -> Vec<f64> {
+    const H: f64 = 1e-5;
+    let per_cycle = (PERIOD_S / H).round() as usize;
+    let (late, reading) = ((lag[0] / H).round() as usize, (reading_s / H).round() as usize);
+    let (mut v, mut l, mut seen) = (0.0, 0.0f64, 0.0);
+    let mut velocities = Vec::new();
+    for step in 0..commands.len() * per_cycle {
+        let u = step.checked_sub(late).map_or(commands[0], |at| commands[at / per_cycle]);
+        if step % per_cycle == reading {
+            let counted = (l / STEP_M).floor() * STEP_M;
+            velocities.push((counted - seen) / PERIOD_S);
+            seen = counted;
+        }
+        v += H / lag[1] * (u - v);
+        l += H * v;
+    }
+    velocities
+}
+
+fn trapezoid(top: f64, acceleration: f64, cruise: usize, k: usize) -> f64 {
+    let ramp = (top / (acceleration * PERIOD_S)) as usize;
+    let k = k.saturating_sub(10);
+    let speed = |k: usize| (k as f64 * acceleration * PERIOD_S).min(top);
+    if k < ramp + cruise { speed(k) } else { (top - speed(k - ramp - cruise)).max(0.0) }
+}
+
+fn columns(values: &[Vec<f64>]) -> Vec<CableVec> {
+    (0..values[0].len()).map(|k| CableVec::from_fn(values.len(), |i| values[i][k])).collect()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn a_start_of_a_mission_tells_delay_and_lag(
+        delay_s in 0.005..0.15f64, lag_s in 0.01..0.25f64, readings in [0.0..0.009f64, 0.0..0.009], share in -1.0..1.0f64,
+    ) {
+        let first: Vec<f64> = (0..200).map(|k| trapezoid(0.2, 0.3, 80, k)).collect();
+        let second: Vec<f64> = first.iter().map(|u| share * u).collect();
+        let commands = columns(&[first.clone(), second.clone()]);
+        let velocities = columns(&[winch([delay_s, lag_s], readings[0], &first), winch([delay_s, lag_s], readings[1], &second)]);
+        let reading_s = CableVec::from_slice(&readings).unwrap();
+        let found = identify(&Record { period_s: PERIOD_S, reading_s, commands_m_s: &commands, velocities_m_s: &velocities, ignored: 0 }).unwrap();
+        let (delay, lag) = (found.lag.delay_s(), found.lag.lag_s());
+        prop_assert!((delay + lag - delay_s - lag_s).abs() < 0.001, "{found:?} {delay_s} {lag_s}");
+        prop_assert!((delay - delay_s).abs() < 0.006 && (lag - lag_s).abs() < 0.006, "{found:?} {delay_s} {lag_s}");
+        prop_assert!(found.misfit < 0.05 && found.residual_m < STEP_M, "{found:?}");
+    }
+
+    #[test]
+    fn a_record_in_the_midst_of_motion_does(delay_s in 0.01..0.08f64, lag_s in 0.02..0.12f64, from in 30usize..80) {
+        let whole: Vec<f64> = (0..400).map(|k| trapezoid(0.2, 0.3, 60, k)).collect();
+        let velocities = winch([delay_s, lag_s], 0.004, &whole);
+        let (commands, velocities) = (columns(&[whole]), columns(&[velocities]));
+        let (commands_m_s, velocities_m_s) = (&commands[from..from + 200], &velocities[from..from + 200]);
+        let reading_s = CableVec::repeat(1, 0.004);
+        let found = identify(&Record { period_s: PERIOD_S, reading_s, commands_m_s, velocities_m_s, ignored: 60 }).unwrap();
+        prop_assert!((found.lag.total_s() - delay_s - lag_s).abs() < 0.003, "{found:?} {delay_s} {lag_s}");
+        prop_assert!(found.misfit < 0.1, "{found:?}");
+    }
+
+    #[test]
+    fn a_jog_of_one_cable_does(delay_s in 0.01..0.08f64, lag_s in 0.02..0.12f64) {
+        let jog: Vec<f64> = (0..150).map(|k| trapezoid(0.05, 0.5, 80, k)).collect();
+        let still = vec![0.0; 150];
+        let commands = columns(&[still.clone(), jog.clone()]);
+        let velocities = columns(&[still, winch([delay_s, lag_s], 0.004, &jog)]);
+        let found = identify(&Record { period_s: PERIOD_S, reading_s: CableVec::repeat(2, 0.004), commands_m_s: &commands, velocities_m_s: &velocities, ignored: 0 }).unwrap();
+        prop_assert!((found.lag.total_s() - delay_s - lag_s).abs() < 0.05 * (delay_s + lag_s), "{found:?} {delay_s} {lag_s}");
+        prop_assert!(found.misfit < 0.1, "{found:?}");
+    }
+
+    #[test]
+    fn the_misfit_is_the_share_by_which_the_model_is_off(factor in 0.3..2.5f64, delay_s in 0.02..0.08f64, lag_s in 0.03..0.1f64) {
+        let commands: Vec<f64> = (0..400).map(|k| 0.2 * libm::sin(0.02 * k as f64)).collect();
+        let velocities = winch([delay_s, lag_s], 0.004, &commands);
+        let lag = DriveLag::new(delay_s, lag_s).unwrap().scaled(factor);
+        let (mut meter, mut sent) = (MisfitMeter::new(), CommandHistory::new());
+        for (k, (u, v)) in commands.iter().zip(&velocities).enumerate() {
+            sent.note(k as u64 + 1, &CableVec::repeat(1, *u));
+            meter.note(&lag, PERIOD_S, &[0.004], &[v * PERIOD_S], &sent);
+        }
+        let misfit = meter.misfit().unwrap();
+        prop_assert!((misfit - (1.0 - factor).abs()).abs() < 0.05 + 0.2 * (1.0 - factor).abs(), "{misfit} {factor}");
+    }
+}
+
+#[test]
+fn a_winch_that_is_no_such_model_has_a_misfit() {
+    // It hangs back and then overshoots: an oscillator of 2 Hz, hardly damped.
+    let commands: Vec<f64> = (0..300).map(|k| trapezoid(0.2, 1.0, 120, k)).collect();
+    let (mut v, mut a) = (0.0f64, 0.0f64);
+    let velocities: Vec<f64> = commands
+        .iter()
+        .map(|u| {
+            let mut mean = 0.0;
+            for _ in 0..100 {
+                a += 1e-4 * (158.0 * (u - v) - 1.2 * a);
+                v += 1e-4 * a;
+                mean += v / 100.0;
+            }
+            mean
+        })
+        .collect();
+    let (commands, velocities) = (columns(&[commands]), columns(&[velocities]));
+    let record = Record {
+        period_s: PERIOD_S,
+        reading_s: CableVec::repeat(1, 0.0),
+        commands_m_s: &commands,
+        velocities_m_s: &velocities,
+        ignored: 0,
+    };
+    let found = identify(&record).unwrap();
+    assert!(found.misfit > 0.35, "{found:?}");
+}
+
+#[test]
+fn records_that_say_nothing_are_refused_in_a_sentence() {
+    let record = |commands: &[CableVec], velocities: &[CableVec]| {
+        let reading_s = CableVec::repeat(1, 0.004);
+        identify(&Record {
+            period_s: PERIOD_S,
+            reading_s,
+            commands_m_s: commands,
+            velocities_m_s: velocities,
+            ignored: 0,
+        })
+    };
+    let flat = |value: f64, n: usize| vec![CableVec::repeat(1, value); n];
+    let still = record(&flat(0.0, 100), &flat(0.0, 100)).unwrap_err();
+    assert!(still.to_string().contains("jog"), "{still}");
+    assert!(matches!(record(&flat(0.1, 100), &flat(0.1, 100)), Err(IdentifyError::NotExcited { .. })));
+    assert!(matches!(record(&flat(0.1, 10), &flat(0.1, 10)), Err(IdentifyError::WrongCount { cycles: 10, .. })));
+    assert!(matches!(record(&flat(0.1, 100), &flat(0.1, 99)), Err(IdentifyError::WrongCount { .. })));
+    assert!(matches!(record(&flat(f64::NAN, 100), &flat(0.1, 100)), Err(IdentifyError::NotFinite { cycle: 0 })));
+    assert!(matches!(record(&flat(0.1, 100), &vec![CableVec::zeros(0); 100]), Err(IdentifyError::NotFinite { .. })));
+}
+
+#[test]
+fn the_history_knows_gaps_and_restarts() {
+    let mut sent = CommandHistory::new();
+    assert_eq!(sent.ago(3)[0], 0.0);
+    for (cycle, u) in [(10, 0.1), (11, 0.2), (14, 0.3)] {
+        sent.note(cycle, &CableVec::repeat(1, u));
+    }
+    let seen: Vec<f64> = (0..6).map(|ago| sent.ago(ago)[0]).collect();
+    assert_eq!(seen, [0.3, 0.2, 0.2, 0.2, 0.1, 0.1]);
+    sent.note(2, &CableVec::repeat(1, 0.5));
+    assert_eq!((sent.newest(), sent.ago(0)[0], sent.ago(5)[0]), (2, 0.5, 0.5));
+    // Slower than any gap allowed, and once around.
+    for cycle in 1000..1400 {
+        sent.note(cycle, &CableVec::repeat(1, cycle as f64));
+    }
+    assert_eq!((sent.ago(0)[0], sent.ago(100)[0]), (1399.0, 1299.0));
+}
+
+#[test]
+fn the_model_is_the_winch() {
+    // Against Euler in small steps, over cycles that begin before their command.
+    let lag = DriveLag::new(0.037, 0.05).unwrap();
+    let model = CycleModel::new(&lag, PERIOD_S, 0.006).unwrap();
+    let commands: Vec<f64> = (0..300).map(|k| trapezoid(0.2, 0.5, 100, k)).collect();
+    let mut at = Winch::default();
+    let mut euler = 0.0;
+    for (k, v) in winch([0.037, 0.05], 0.004, &commands).iter().enumerate() {
+        let command = |ago: usize| commands[k.saturating_sub(ago)];
+        at = model.step(at, command(model.whole() + 1), command(model.whole()));
+        euler += v * PERIOD_S;
+        assert!((at.length_m - euler).abs() < 1.5 * STEP_M, "{k}: {} {euler}", at.length_m);
+    }
+}

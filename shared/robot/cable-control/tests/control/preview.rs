@@ -1,0 +1,250 @@
+//! The lag-aware law against the whole problem solved at once, and on winches as they are.
+#![allow(clippy::needless_range_loop)]
+
+use cable_control::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
+use cable_control::preview::{Lead, PreviewError, PreviewGain, Twin};
+use cable_robot::CableVec;
+use proptest::prelude::*;
+
+const PERIOD_S: f64 = 0.01;
+
+/// Gaussian elimination with partial pivoting.
+fn solve(mut a: Vec<Vec<f64>>) -> Vec<f64> {
+    let n = a.len();
+    for c in 0..n {
+        let pivot = (c..n).max_by(|x, y| a[*x][c].abs().total_cmp(&a[*y][c].abs())).unwrap();
+        a.swap(c, pivot);
+        for row in c + 1..n {
+            let f = a[row][c] / a[c][c];
+            for k in c..=n {
+                a[row][k] -= f * a[c][k];
+            }
+        }
+    }
+    let mut x = vec![0.0; n];
+    for c in (0..n).rev() {
+        x[c] = (a[c][n] - (c + 1..n).map(|k| a[c][k] * x[k]).sum::<f64>()) / a[c][c];
+    }
+    x
+}
+
+/// The whole problem with its full chain of delayed commands as one least-squares system over `cycles` commands. Lengths
+/// come from simulating the winch with unit commands; shares nothing with the recursion or with the prediction.
+fn brute_force(
+    lag: &DriveLag,
+    penalty: f64,
+    now: Winch,
+    past: &[f64],
+    reference: impl Fn(usize) -> f64,
+    cycles: usize,
+) -> f64 {
+    let model = CycleModel::new(lag, PERIOD_S, 0.0).unwrap();
+    let d = model.whole();
+    // past[0] is the newest command; cycle 0 is the one that the first free command belongs to.
+    let simulate = |winch: Winch, past: &dyn Fn(usize) -> f64, free: &dyn Fn(usize) -> f64| {
+        let command = |j: i64| if j >= 0 { free(j as usize) } else { past((-j - 1) as usize) };
+        let mut at = winch;
+        (0..cycles + d)
+            .map(|j| {
+                let j = j as i64;
+                at = model.step(at, command(j - d as i64 - 1), command(j - d as i64));
+                at.length_m
+            })
+            .collect::<Vec<f64>>()
+    };
+    let base = simulate(now, &|ago| past[ago], &|_| 0.0);
+    let unit = simulate(Winch::default(), &|_| 0.0, &|j| if j == 0 { 1.0 } else { 0.0 });
+    let r = penalty / (PERIOD_S * PERIOD_S);
+    let mut a = vec![vec![0.0; cycles + 1]; cycles];
+    for end in d..cycles + d {
+        let missing = reference(end) - base[end];
+        for i in 0..cycles.min(end + 1) {
+            a[i][cycles] += unit[end - i] * missing;
+            for k in 0..cycles.min(end + 1) {
+                a[i][k] += unit[end - i] * unit[end - k];
+            }
+        }
+    }
+    for j in 0..cycles {
+        a[j][j] += r;
+        if j > 0 {
+            a[j - 1][j - 1] += r;
+            a[j][j - 1] -= r;
+            a[j - 1][j] -= r;
+        } else {
+            a[0][cycles] += r * past[0];
+        }
+    }
+    solve(a)[0]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(12))]
+
+    #[test]
+    fn the_first_command_is_that_of_the_whole_problem(
+        delay_s in 0.0..0.06f64, lag_s in 0.0..0.1f64, penalty_log in -6.0..-4.0f64, v in -0.3..0.3f64, l in 3.0..9.0f64,
+        past in proptest::collection::vec(-0.3..0.3f64, 10), bend in proptest::collection::vec(-2.0..2.0f64, 30),
+    ) {
+        let lag = DriveLag::new(delay_s, lag_s).unwrap();
+        let penalty = libm::pow(10.0, penalty_log);
+        let horizon = bend.len();
+        let gain = PreviewGain::new(&lag, PERIOD_S, horizon, penalty).unwrap();
+        let d = gain.delay_cycles();
+        // Any lengths over the preview, then a ramp.
+        let mut wanted = vec![l + 0.004];
+        let mut speed = 0.1;
+        for a in &bend[1..] {
+            wanted.push(wanted.last().unwrap() + speed * PERIOD_S);
+            speed += a * PERIOD_S;
+        }
+        let last = wanted[horizon - 1] - wanted[horizon - 2];
+        let reference = |end: usize| {
+            let j = end - d;
+            if j < horizon { wanted[j] } else { wanted[horizon - 1] + last * (j + 1 - horizon) as f64 }
+        };
+        let now = Winch { length_m: l, velocity_m_s: v };
+        let expected = brute_force(&lag, penalty, now, &past, reference, 150);
+        // The law: predict over the whole cycles of delay, then one product.
+        let model = CycleModel::new(&lag, PERIOD_S, 0.0).unwrap();
+        let mut there = now;
+        for ago in (0..d).rev() {
+            there = model.step(there, past[ago + 1], past[ago]);
+        }
+        let u = gain.command(there, past[0], wanted.iter().copied());
+        prop_assert!((u - expected).abs() < 1e-6 * (1.0 + expected.abs()), "{u} {expected}");
+    }
+
+    #[test]
+    fn a_winch_as_modelled_is_brought_onto_the_reference(delay_s in 0.0..0.12f64, lag_s in 0.0..0.2f64, reading_s in 0.0..0.01f64) {
+        let lag = DriveLag::new(delay_s, lag_s).unwrap();
+        let (gain, mut twin) = (PreviewGain::new(&lag, PERIOD_S, 60, 1e-5).unwrap(), Twin::new(&lag, PERIOD_S).unwrap());
+        let worst = follow(&gain, &mut twin, &lag, reading_s, 0.003, 500);
+        // From 3 mm beside it; the reference swings by ±0.2 m once in two seconds, of which the move penalty gives up
+        // (3.1 / 18)⁴, 0.2 mm, and three times that with the slowest winches.
+        prop_assert!(worst < 7e-4, "{worst} m");
+    }
+}
+
+/// Follows a swinging reference with a winch of lag `truth` from `off_m` beside it; worst distance over the last half, m.
+fn follow(gain: &PreviewGain, twin: &mut Twin, truth: &DriveLag, reading_s: f64, off_m: f64, cycles: u64) -> f64 {
+    let reference = |t: f64| 6.0 + 0.2 * libm::sin(core::f64::consts::PI * t);
+    let model = CycleModel::new(truth, PERIOD_S, 0.0).unwrap();
+    let reading = CycleModel::new(truth, PERIOD_S, PERIOD_S - reading_s).unwrap();
+    let mut sent = CommandHistory::new();
+    // Two views of the same winch: at the beginnings of cycles and at the readings.
+    let mut at_tick = Winch { length_m: 6.0 + off_m, velocity_m_s: 0.0 };
+    let mut at_reading = at_tick;
+    let (mut u, mut worst) = (0.0, 0.0f64);
+    for k in 1..=cycles {
+        sent.note(k, &CableVec::repeat(1, u));
+        let command = |ago: usize| sent.ago(ago)[0];
+        at_reading = reading.step(at_reading, command(reading.whole() + 1), command(reading.whole()));
+        at_tick = model.step(at_tick, command(model.whole() + 1), command(model.whole()));
+        let measured = CableVec::repeat(1, (at_reading.length_m * 1e4).round() * 1e-4);
+        twin.correct(k, reading_s, &measured, &CableVec::repeat(1, 0.0), &sent);
+        let there = twin.at_next_command(&sent)[0];
+        let first = (k + 1) as f64 + gain.delay_cycles() as f64;
+        let ahead = (1..=gain.horizon()).map(|j| reference((first + j as f64) * PERIOD_S));
+        u = gain.command(there, command(0), ahead);
+        if 2 * k > cycles {
+            worst = worst.max((at_tick.length_m - reference((k + 1) as f64 * PERIOD_S)).abs());
+        }
+    }
+    worst
+}
+
+#[test]
+fn a_model_that_is_a_third_off_still_follows_and_a_better_one_follows_better() {
+    let truth = DriveLag::new(0.06, 0.1).unwrap();
+    let worst = |factor: f64| {
+        let lag = truth.scaled(factor);
+        let gain = PreviewGain::new(&lag, PERIOD_S, 60, 1e-5).unwrap();
+        follow(&gain, &mut Twin::new(&lag, PERIOD_S).unwrap(), &truth, 0.004, 0.0, 600)
+    };
+    let [exact, tenth, third] = [1.0, 1.1, 1.3].map(worst);
+    assert!(exact < tenth && tenth < third && third < 0.03, "{exact} {tenth} {third}");
+}
+
+/// A trapezoid of speed, 0.3 m/s² up to 0.2 m/s and down again, from 6 m; at time t.
+fn trapezoid(t: f64) -> f64 {
+    let (ramp, a) = (2.0 / 3.0, 0.3);
+    let up = |t: f64| 0.5 * a * t * t;
+    let t = t.max(0.0);
+    6.0 + match t {
+        t if t < ramp => up(t),
+        t if t < 2.0 => up(ramp) + 0.2 * (t - ramp),
+        t if t < 2.0 + ramp => up(ramp) + 0.2 * (t - ramp) - up(t - 2.0),
+        _ => 0.4,
+    }
+}
+
+/// Worst distance of a winch as modelled, driven open loop by the lead alone, from a trapezoid, m.
+fn led(lag: &DriveLag) -> f64 {
+    let (mut lead, model) = (Lead::new(lag, PERIOD_S, 40).unwrap(), CycleModel::new(lag, PERIOD_S, 0.0).unwrap());
+    let mut sent = CommandHistory::new();
+    let (mut winch, mut worst) = (Winch { length_m: 6.0, velocity_m_s: 0.0 }, 0.0f64);
+    for k in 0..500u64 {
+        // The command of cycle k takes effect `whole` cycles later.
+        let first = k + lead_cycles(lag);
+        let ahead: Vec<CableVec> =
+            (1..=40).map(|j| CableVec::repeat(1, trapezoid((first + j) as f64 * PERIOD_S - 1.0))).collect();
+        let led = lead.step(k, &ahead);
+        assert_eq!(lead.step(k, &ahead), led, "asked twice in a cycle it does not go on");
+        sent.note(k, &led.command_m_s);
+        winch = model.step(winch, sent.ago(model.whole() + 1)[0], sent.ago(model.whole())[0]);
+        worst = worst.max((winch.length_m - trapezoid((k + 1) as f64 * PERIOD_S - 1.0)).abs());
+    }
+    worst
+}
+
+fn lead_cycles(lag: &DriveLag) -> u64 {
+    CycleModel::new(lag, PERIOD_S, 0.0).unwrap().whole() as u64
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn what_is_known_beforehand_is_followed_whatever_the_drives(delay_s in 0.0..0.12f64, lag_s in 0.0..0.2f64) {
+        // 0.3 m/s² that begins at once is cut by about 0.3 / 56², 0.1 mm; a command of old would be 0.2 (delay + lag) late.
+        let worst = led(&DriveLag::new(delay_s, lag_s).unwrap());
+        prop_assert!(worst < 1.5e-4, "{worst} m");
+    }
+}
+
+#[test]
+fn after_a_jump_or_a_gap_the_lead_begins_on_the_desired_lengths() {
+    let mut lead = Lead::new(&DriveLag::new(0.03, 0.04).unwrap(), PERIOD_S, 40).unwrap();
+    let still = |at: f64| vec![CableVec::repeat(2, at); 40];
+    lead.step(1, &still(6.0));
+    for (cycle, at) in [(2, 6.02), (9, 6.021), (10, f64::NAN), (11, 6.021)] {
+        let led = lead.step(cycle, &still(at));
+        if at.is_finite() {
+            assert!(
+                (led.winches[1].length_m - at).abs() < 1e-12 && led.command_m_s.max_abs() < 1e-9,
+                "{cycle} {led:?}"
+            );
+        }
+    }
+    assert_eq!(lead.step(12, &[]).command_m_s.len(), 0);
+}
+
+#[test]
+fn at_rest_on_the_reference_nothing_is_commanded() {
+    let gain = PreviewGain::new(&DriveLag::new(0.034, 0.05).unwrap(), PERIOD_S, 40, 1e-5).unwrap();
+    let winch = Winch { length_m: 7.123_456_7, velocity_m_s: 0.0 };
+    assert_eq!(gain.command(winch, 0.0, std::iter::repeat_n(winch.length_m, 40)), 0.0);
+    assert!((1.0..30.0).contains(&gain.rate()), "{}", gain.rate());
+}
+
+#[test]
+fn bad_parameters_are_refused_in_a_sentence() {
+    let lag = DriveLag::new(0.03, 0.04).unwrap();
+    assert!(DriveLag::new(f64::NAN, 0.0).is_err() && DriveLag::new(0.0, -0.1).is_err());
+    assert_eq!(PreviewGain::new(&lag, PERIOD_S, 1, 1e-5).unwrap_err(), PreviewError::Horizon(1));
+    assert_eq!(PreviewGain::new(&lag, PERIOD_S, 40, 0.0).unwrap_err(), PreviewError::MovePenalty(0.0));
+    assert!(PreviewGain::new(&lag, 0.0, 40, 1e-5).unwrap_err().to_string().contains("period"));
+    let long = DriveLag::new(0.5, 0.0).unwrap();
+    assert!(PreviewGain::new(&long, 0.003, 40, 1e-5).unwrap_err().to_string().contains("cycles"));
+}

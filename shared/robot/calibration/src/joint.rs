@@ -1,0 +1,315 @@
+//! Everything at once: heights, x and y, points, the scale of the lengths and the zeros of the encoders by maximum
+//! likelihood, with a loss that outliers do not pull.
+//!
+//! Measured length of cable i at point j: `k sqrt(|a_i - c_j|² + w_i) + o_i` with k near 1 and o_i near 0. The squared height w_i is the
+//! unknown, not z_i: the model is smooth through zero, and an optimum below zero shows itself instead of sticking there.
+//! The points enter two unknowns each and are eliminated (Schur complement), so a thousand of them cost a thousand small
+//! solutions, not a large one.
+//!
+//! Lengths and heights in m, standard deviations in the unit of what they belong to, the scale without one. Data that leave something
+//! undetermined are a [`CalibrationError`].
+
+mod descent;
+
+use nalgebra::DMatrix;
+
+use super::covariance::AnchorCovariance;
+use super::error::{CalibrationError, check_sigma, invalid};
+use super::heights::{self, Frame, check_lengths, closed_form};
+use super::survey::{Range, check_anchors, check_ranges, to_gauge};
+use cable_robot::CableVec;
+use descent::{Layout, Problem, State, descend, inverse};
+
+/// Least squared height that a measured height is compared with, m²: its square root has no derivative at zero.
+const LEAST_SQUARED_HEIGHT_M2: f64 = 1e-6;
+
+/// Huber's and Cauchy's constants for 95 % efficiency with normal errors, in standard deviations (Zhang, "Parameter
+/// estimation techniques", 1997).
+const HUBER: f64 = 1.345;
+const CAUCHY: f64 = 2.3849;
+
+/// A length with less weight than this is an outlier that says nothing about the scatter of the others.
+const LEAST_WEIGHT: f64 = 0.1;
+
+/// How much a length that does not fit counts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Loss {
+    /// By its square: best if all errors are normal.
+    #[default]
+    Squared,
+    /// By its square up to 1.345 standard deviations, linearly beyond.
+    Huber,
+    /// Logarithmically beyond 2.385 standard deviations: a gross outlier counts almost nothing.
+    Cauchy,
+}
+
+impl Loss {
+    /// rho(r) and the weight rho'(r) / r, for half squares: rho = r²/2 near zero. r in standard deviations.
+    fn at(self, r: f64) -> (f64, f64) {
+        match self {
+            Self::Squared => (0.5 * r * r, 1.0),
+            Self::Huber if r.abs() <= HUBER => (0.5 * r * r, 1.0),
+            Self::Huber => (HUBER * (r.abs() - 0.5 * HUBER), HUBER / r.abs()),
+            Self::Cauchy => {
+                let t = r / CAUCHY;
+                (0.5 * CAUCHY * CAUCHY * libm::log1p(t * t), 1.0 / (1.0 + t * t))
+            }
+        }
+    }
+}
+
+/// A height measured directly.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct DirectHeight {
+    /// The anchor, counted from 0.
+    pub anchor: usize,
+    /// Its height above the plane of the points, m.
+    pub m: f64,
+    /// Standard deviation, m.
+    pub sigma_m: f64,
+    /// Measured with the line itself, released until it touches the floor: then it has the scale and the zero of that
+    /// line. Otherwise by laser or tape.
+    pub by_line: bool,
+}
+
+/// What [`calibrate_joint`] takes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointInput<'a> {
+    /// x and y of the anchors, m: fixed without ranges, a first guess with them.
+    pub anchors_xy_m: &'a [[f64; 2]],
+    /// Lengths, one set per point, m.
+    pub lengths_m: &'a [CableVec],
+    /// Standard deviation of a length, m.
+    pub sigma_length_m: f64,
+    /// Ranges between plumb lines; with any of them x and y are estimated too, anchor 1 at the origin and anchor 2 on the
+    /// x axis.
+    pub ranges: &'a [Range],
+    /// Heights measured directly.
+    pub heights: &'a [DirectHeight],
+    /// Standard deviation of the scale about 1; None for a scale of exactly 1.
+    pub sigma_scale: Option<f64>,
+    /// Standard deviation of the encoder zeros about 0, m; None for zeros of exactly 0.
+    pub sigma_offset_m: Option<f64>,
+    /// The loss of the lengths. Ranges, heights and priors count by their squares.
+    pub loss: Loss,
+}
+
+impl<'a> JointInput<'a> {
+    /// Lengths alone: x and y fixed, no scale, no zeros, squared loss.
+    pub fn new(anchors_xy_m: &'a [[f64; 2]], lengths_m: &'a [CableVec], sigma_length_m: f64) -> Self {
+        Self {
+            anchors_xy_m,
+            lengths_m,
+            sigma_length_m,
+            ranges: &[],
+            heights: &[],
+            sigma_scale: None,
+            sigma_offset_m: None,
+            loss: Loss::Squared,
+        }
+    }
+}
+
+/// What comes out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Joint {
+    /// Anchors, m.
+    pub anchors_m: Vec<[f64; 3]>,
+    /// x and y of every point, m.
+    pub points_xy_m: Vec<[f64; 2]>,
+    /// Measured over true length.
+    pub scale: f64,
+    /// Its standard deviation; 0 if it is not estimated.
+    pub scale_std: f64,
+    /// Measured length at true length zero, by cable, m.
+    pub offsets_m: CableVec,
+    /// Their standard deviations, m; 0 if they are not estimated.
+    pub offset_std_m: CableVec,
+    /// Covariance of the anchors.
+    pub covariance: AnchorCovariance,
+    /// Measured less modelled length, one set per point, m.
+    pub residuals_m: Vec<CableVec>,
+    /// Sum over all measurements and priors of squared residuals in standard deviations, without the lengths that a robust
+    /// loss has all but dropped.
+    pub chi_squared: f64,
+    /// As many measurements less the unknowns; a prior counts as a measurement. Below zero where outliers leave less than
+    /// is needed.
+    pub degrees_of_freedom: f64,
+}
+
+/// Estimates everything at once. Without `ranges` x and y stay as given; with them the frame becomes anchor 1 at the
+/// origin and anchor 2 on the x axis.
+///
+/// Starts from the closed form, so it needs no guess; with a robust loss first by squares, then Huber's, then Cauchy's, so
+/// that the minimum found is the one near the bulk of the data.
+///
+/// # Errors
+/// `invalid_argument`; `degenerate_geometry` for anchors on one line; `rank_deficient` for fewer than three points (unless heights
+/// are measured), points on one line, and whatever else leaves an unknown open; `no_real_height` where the optimum has a
+/// negative squared height.
+///
+/// ```
+/// use cable_robot::CableVec;
+/// use cable_robot::JointInput;
+/// use cable_robot::calibrate_joint;
+/// let anchors = [[0.0, 0.0], [8.0, 0.0], [4.0, 6.0]];
+/// // Lines that read 1 % too long.
+/// let lengths: Vec<_> = [[1.0, 1.0], [7.0, 1.0], [4.0, 5.0], [4.0, 3.0], [2.0, 2.0], [6.0, 2.0]]
+///     .iter()
+///     .map(|c: &[f64; 2]| {
+///         CableVec::from_fn(3, |i| {
+///             let (dx, dy) = (anchors[i][0] - c[0], anchors[i][1] - c[1]);
+///             1.01 * (dx * dx + dy * dy + 9.0f64).sqrt()
+///         })
+///     })
+///     .collect();
+/// let input = JointInput { sigma_scale: Some(0.02), ..JointInput::new(&anchors, &lengths, 0.0005) };
+/// let found = calibrate_joint(&input)?;
+/// assert!((found.scale - 1.01).abs() < 1e-3);
+/// assert!((found.anchors_m[0][2] - 3.0).abs() < 0.01);
+/// # Ok::<(), cable_robot::CalibrationError>(())
+/// ```
+pub fn calibrate_joint(input: &JointInput) -> Result<Joint, CalibrationError> {
+    check(input)?;
+    let (n, m) = (input.anchors_xy_m.len(), input.lengths_m.len());
+    let layout = Layout {
+        n,
+        xy: !input.ranges.is_empty(),
+        scale: input.sigma_scale.is_some(),
+        offsets: input.sigma_offset_m.is_some(),
+    };
+    let problem = Problem { input: *input, layout };
+    let mut state = start(input, layout.xy)?;
+    let losses: &[Loss] = match input.loss {
+        Loss::Squared => &[Loss::Squared],
+        Loss::Huber => &[Loss::Squared, Loss::Huber],
+        Loss::Cauchy => &[Loss::Squared, Loss::Huber, Loss::Cauchy],
+    };
+    for loss in losses {
+        state = descend(&problem, state, *loss)?;
+    }
+    let normal = problem.linearise(&state, input.loss);
+    let inverse = normal.reduce(0.0).and_then(|r| inverse(&r.h)).ok_or_else(|| open(&state))?;
+    // Data that leave a height open rather than contradict it.
+    if (0..n).any(|i| heights::is_open(state.w[i], inverse[(i, i)].max(0.0).sqrt())) {
+        return Err(open(&state));
+    }
+    if let Some((i, w)) = state.w.iter().enumerate().min_by(|a, b| a.1.total_cmp(b.1)).filter(|(_, w)| **w < 0.0) {
+        return Err(CalibrationError::NoRealHeight { anchor: i + 1, squared_height_m2: *w });
+    }
+    let covariance = anchor_covariance(&layout, &state, &inverse);
+    let std = |p: Option<usize>| p.map_or(0.0, |p| inverse[(p, p)].max(0.0).sqrt());
+    let residuals_m: Vec<_> = (0..m)
+        .map(|j| {
+            let measured = &input.lengths_m[j];
+            CableVec::from_fn(n, |i| measured[i] - state.scale * state.distance(i, j) - state.offsets[i])
+        })
+        .collect();
+    let (mut chi_squared, mut equations) = (0.0, 0.0);
+    for r in residuals_m.iter().flat_map(|r| r.iter()).map(|r| r / input.sigma_length_m) {
+        if input.loss.at(r).1 >= LEAST_WEIGHT {
+            chi_squared += r * r;
+            equations += 1.0;
+        }
+    }
+    problem.squares(&state, |r, _| {
+        chi_squared += r * r;
+        equations += 1.0;
+    });
+    Ok(Joint {
+        anchors_m: state.xy.iter().zip(&state.w).map(|(a, w)| [a[0], a[1], w.sqrt()]).collect(),
+        points_xy_m: state.points.clone(),
+        scale: state.scale,
+        scale_std: std(layout.scale()),
+        offsets_m: CableVec::from_fn(n, |i| state.offsets[i]),
+        offset_std_m: CableVec::from_fn(n, |i| std(layout.offset(i))),
+        covariance,
+        residuals_m,
+        chi_squared,
+        degrees_of_freedom: equations - (layout.count() + 2 * m) as f64,
+    })
+}
+
+fn check(input: &JointInput) -> Result<(), CalibrationError> {
+    check_anchors(input.anchors_xy_m)?;
+    let n = input.anchors_xy_m.len();
+    check_lengths(n, input.lengths_m)?;
+    check_sigma("the standard deviation of the lengths", input.sigma_length_m)?;
+    check_ranges(n, input.ranges)?;
+    for h in input.heights {
+        if h.anchor >= n {
+            return invalid(format!("a height is given for anchor {}; there are {n}", h.anchor + 1));
+        }
+        if !(h.m.is_finite() && h.m > 0.0) {
+            return invalid(format!("the height of anchor {} is {} m; give a height above 0", h.anchor + 1, h.m));
+        }
+        check_sigma(&format!("the standard deviation of the height of anchor {}", h.anchor + 1), h.sigma_m)?;
+    }
+    if let Some(sigma) = input.sigma_scale {
+        check_sigma("the standard deviation of the scale", sigma)?;
+    }
+    if let Some(sigma) = input.sigma_offset_m {
+        check_sigma("the standard deviation of the encoder zeros", sigma)?;
+    }
+    // Heights measured directly can stand in for points.
+    if input.heights.is_empty() && input.lengths_m.len() < 3 {
+        return Err(heights::too_few(input.lengths_m.len()));
+    }
+    Ok(())
+}
+
+/// Heights from the closed form where the points determine them, else from what was measured directly.
+fn start(input: &JointInput, to_frame: bool) -> Result<State, CalibrationError> {
+    let n = input.anchors_xy_m.len();
+    let xy = if to_frame { to_gauge(input.anchors_xy_m) } else { input.anchors_xy_m.to_vec() };
+    let mut w = match closed_form(&xy, input.lengths_m) {
+        Ok(found) => {
+            if input.heights.is_empty() {
+                heights::check_spread(&xy, input.lengths_m, &found.points_xy_m, input.sigma_length_m)?;
+            }
+            let shortest = input.lengths_m.iter().flat_map(|p| p.iter()).fold(f64::INFINITY, |a: f64, l| a.min(*l));
+            // Not below a tenth of the shortest line: outliers and zeros can throw the closed form out.
+            found.squared_heights_m2.iter().map(|w| w.max(0.01 * shortest * shortest)).collect()
+        }
+        Err(error @ CalibrationError::RankDeficient(_)) if input.heights.is_empty() => return Err(error),
+        Err(CalibrationError::RankDeficient(_)) => {
+            let mean = input.heights.iter().map(|h| h.m).sum::<f64>() / input.heights.len() as f64;
+            vec![mean * mean; n]
+        }
+        Err(error) => return Err(error),
+    };
+    for h in input.heights {
+        w[h.anchor] = h.m * h.m;
+    }
+    let frame = Frame::new(&xy);
+    let points = input.lengths_m.iter().map(|l| frame.point(l, &w)).collect();
+    Ok(State { w, xy, scale: 1.0, offsets: vec![0.0; n], points })
+}
+
+/// The refusal of data that leave an unknown open, with the likely reason.
+fn open(state: &State) -> CalibrationError {
+    CalibrationError::RankDeficient(if heights::is_flat(&state.points) {
+        let [along, across] = heights::spread(&state.points);
+        format!(
+            "the points lie on one line or nearly so ({across:.3} m to its sides, {along:.3} m along it, root mean square), \
+             which leaves the anchors undetermined; add points to both sides of that line"
+        )
+    } else {
+        "the measurements leave an unknown open; add points, ranges between anchors or directly measured heights, or do \
+         not estimate scale and zeros"
+            .to_owned()
+    })
+}
+
+fn anchor_covariance(layout: &Layout, state: &State, inverse: &DMatrix<f64>) -> AnchorCovariance {
+    let n = layout.n;
+    // Which unknown a coordinate is, and its derivative by that unknown.
+    let of = |k: usize| match (k / 3, k % 3) {
+        (i, 2) => Some((i, 0.5 / state.w[i].sqrt())),
+        (i, axis) => layout.xy(i, axis).map(|p| (p, 1.0)),
+    };
+    AnchorCovariance::new(DMatrix::from_fn(3 * n, 3 * n, |a, b| match (of(a), of(b)) {
+        (Some((p, dp)), Some((q, dq))) => inverse[(p, q)] * dp * dq,
+        _ => 0.0,
+    }))
+}

@@ -1,0 +1,481 @@
+//! Measurements in, anchors with covariance out, or a refusal in plain words.
+//! Lengths and ranges in m with standard deviations in m; anchors, cables and points count from 0 here, and from 1 in what an
+//! error says. The whole way from measurements to anchors stands as an example at [`calibrate`].
+
+use nalgebra::{DMatrix, DVector};
+
+use super::covariance::AnchorCovariance;
+use super::error::{CalibrationError, check_sigma, invalid, undetermined};
+use super::heights::{self, Frame, check_lengths, closed_form, closed_form_with_sensitivity};
+use super::joint::{DirectHeight, JointInput, Loss, calibrate_joint};
+use super::survey::{Range, Side, survey_network};
+use super::{gps, joint};
+use cable_robot::{CableVec, MAX_CABLES};
+
+/// A calibration whose least certain coordinate is worse than this is refused unless told otherwise, m: with it the
+/// node would move like somebody who does not see.
+pub const DEFAULT_REFUSE_ABOVE_STD_M: f64 = 0.5;
+
+/// Standard deviation of a length where none is stated, m: an encoder, the lay of the line on its drum, a floor that is not
+/// quite flat.
+pub const DEFAULT_SIGMA_LENGTH_M: f64 = 0.01;
+
+/// Standard deviation of a position by GPS where none is stated, m: real-time kinematic GPS.
+pub const DEFAULT_SIGMA_GPS_M: f64 = 0.02;
+
+/// Stated deviations are widened where the data scatter so much that chance would do it once in a hundred times
+/// (one-sided normal quantile).
+const IMPLAUSIBLE: f64 = 2.326;
+
+/// A length that is off by so many standard deviations is named: one in 16,000 normal ones is.
+const OUTLIER: f64 = 4.0;
+
+/// Step of the difference quotient by the coordinates of an anchor, m: its error is its square, relative to metres.
+const STEP_M: f64 = 1e-4;
+
+/// Which way to calibrate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Method {
+    /// The paper's: x and y by ranges, heights by the closed form of (4)-(5).
+    #[default]
+    Survey,
+    /// Everything at once by maximum likelihood, with scale, encoder zeros and outliers.
+    Joint,
+    /// The paper's baseline: every anchor from points with known positions.
+    Gps,
+}
+
+/// What was measured. Anchors count from 0.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measurements {
+    /// How many cables.
+    pub cable_count: usize,
+    /// Ranges between plumb lines.
+    pub ranges: Vec<Range>,
+    /// By anchor, where an anchor stands that only two ranges reach; may be shorter.
+    pub sides: Vec<Option<Side>>,
+    /// Lengths, one set per point of the reference plane, m.
+    pub lengths_m: Vec<CableVec>,
+    /// Positions of the points, m; empty where they are not known. For [`Method::Gps`] one per point.
+    pub gps_m: Vec<[f64; 3]>,
+    /// Heights measured directly.
+    pub heights: Vec<DirectHeight>,
+    /// Standard deviation of a length, m.
+    pub sigma_length_m: f64,
+    /// Standard deviation of each coordinate of a known position, m; may be 0.
+    pub sigma_gps_m: f64,
+    /// For [`Method::Joint`]: standard deviation of the scale about 1; None for a scale of exactly 1.
+    pub sigma_scale: Option<f64>,
+    /// For [`Method::Joint`]: standard deviation of the encoder zeros, m; None for zeros of exactly 0.
+    pub sigma_offset_m: Option<f64>,
+    /// For [`Method::Joint`]: how much lengths that do not fit count.
+    pub loss: Loss,
+    /// Refuse an answer with a coordinate less certain than this, m.
+    pub refuse_above_std_m: f64,
+}
+
+impl Measurements {
+    /// Nothing measured yet, with the documented defaults.
+    pub fn new(cable_count: usize) -> Self {
+        Self {
+            cable_count,
+            ranges: Vec::new(),
+            sides: Vec::new(),
+            lengths_m: Vec::new(),
+            gps_m: Vec::new(),
+            heights: Vec::new(),
+            sigma_length_m: DEFAULT_SIGMA_LENGTH_M,
+            sigma_gps_m: DEFAULT_SIGMA_GPS_M,
+            sigma_scale: None,
+            sigma_offset_m: None,
+            loss: Loss::Squared,
+            refuse_above_std_m: DEFAULT_REFUSE_ABOVE_STD_M,
+        }
+    }
+}
+
+/// A length that does not fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outlier {
+    /// The cable, counted from 0.
+    pub cable: usize,
+    /// The point, counted from 0.
+    pub point: usize,
+    /// Measured less modelled, m.
+    pub residual_m: f64,
+}
+
+/// A calibrated robot.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Calibration {
+    /// How it was found.
+    pub method: Method,
+    /// Anchors, m; z is the height above the plane of the points.
+    pub anchors_m: Vec<[f64; 3]>,
+    /// Their covariance, widened by `widened_by`.
+    pub covariance: AnchorCovariance,
+    /// Where the points were, m.
+    pub points_m: Vec<[f64; 3]>,
+    /// Measured less modelled length, one set per point, m.
+    pub residuals_m: Vec<CableVec>,
+    /// Measured over true length; 1 if it was not estimated.
+    pub scale: f64,
+    /// Its standard deviation.
+    pub scale_std: f64,
+    /// Measured length at true length zero, by cable, m; 0 if they were not estimated.
+    pub offsets_m: CableVec,
+    /// Their standard deviations, m.
+    pub offset_std_m: CableVec,
+    /// Scatter of the measurements over what was stated for them; about 1 if the statement is true. None where nothing is
+    /// left over to tell.
+    pub noise_ratio: Option<f64>,
+    /// 1, or `noise_ratio` where it is more than chance explains: the stated deviations were too small.
+    pub widened_by: f64,
+    /// Lengths that do not fit.
+    pub outliers: Vec<Outlier>,
+}
+
+impl Calibration {
+    /// Root mean square of all residuals, m; 0 without points. Not an accuracy: see the covariance.
+    pub fn rms_residual_m(&self) -> f64 {
+        let (sum, count) =
+            self.residuals_m.iter().flat_map(|r| r.iter()).fold((0.0, 0usize), |(s, n), r| (s + r * r, n + 1));
+        if count == 0 { 0.0 } else { (sum / count as f64).sqrt() }
+    }
+}
+
+/// Calibrates.
+///
+/// # Errors
+/// `invalid_argument`, `degenerate_geometry`, `ambiguous`, `no_real_height`, for the GPS method `unreachable`; and
+/// `rank_deficient` for whatever does not determine the anchors: too few points, points on a line, and points that
+/// predict a standard deviation above `refuse_above_std_m`.
+///
+/// ```
+/// use cable_robot::CableVec;
+/// use cable_robot::Measurements;
+/// use cable_robot::Method;
+/// use cable_robot::Range;
+/// use cable_robot::calibrate;
+/// let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.2], [5.0, 8.0, 2.9f64]];
+/// let range = |i: usize, j: usize| {
+///     let (dx, dy) = (anchors[i][0] - anchors[j][0], anchors[i][1] - anchors[j][1]);
+///     Range { from: i, to: j, m: dx.hypot(dy), sigma_m: 0.002 }
+/// };
+/// let lengths = |[x, y]: [f64; 2]| {
+///     CableVec::from_fn(3, |i| (anchors[i][0] - x).hypot(anchors[i][1] - y).hypot(anchors[i][2]))
+/// };
+/// let measured = Measurements {
+///     ranges: vec![range(0, 1), range(0, 2), range(1, 2)],
+///     lengths_m: [[1.0, 0.5], [9.0, 0.5], [5.0, 7.0], [5.0, 3.0], [2.0, 2.0]].map(lengths).to_vec(),
+///     ..Measurements::new(3)
+/// };
+/// let found = calibrate(&measured, Method::Joint)?;
+/// assert!((found.anchors_m[2][2] - 2.9).abs() < 1e-6 && found.rms_residual_m() < 1e-6);
+/// # Ok::<(), cable_robot::CalibrationError>(())
+/// ```
+pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration, CalibrationError> {
+    let n = measured.cable_count;
+    if !(3..=MAX_CABLES).contains(&n) {
+        return invalid(format!("{n} cables cannot be calibrated; a robot has 3 to {MAX_CABLES}"));
+    }
+    check_lengths(n, &measured.lengths_m)?;
+    check_sigma("the standard deviation of the lengths", measured.sigma_length_m)?;
+    check_sigma("the standard deviation above which an answer is refused", measured.refuse_above_std_m)?;
+    for h in &measured.heights {
+        if h.anchor >= n {
+            return invalid(format!("a height is given for anchor {}; there are {n}", h.anchor + 1));
+        }
+        if !(h.m.is_finite() && h.m > 0.0) {
+            return invalid(format!("the height of anchor {} is {} m; give a height above 0", h.anchor + 1, h.m));
+        }
+        check_sigma(&format!("the standard deviation of the height of anchor {}", h.anchor + 1), h.sigma_m)?;
+    }
+    let (mut found, fit) = match method {
+        Method::Survey => by_survey(measured)?,
+        Method::Joint => by_joint(measured)?,
+        Method::Gps => by_gps(measured)?,
+    };
+    judge(measured, &mut found, fit);
+    let (anchor, axis, std) = found.covariance.worst();
+    if !(std <= measured.refuse_above_std_m) {
+        return undetermined(refusal(measured, &found, anchor, axis, std));
+    }
+    Ok(found)
+}
+
+fn refusal(measured: &Measurements, found: &Calibration, anchor: usize, axis: usize, std: f64) -> String {
+    let limit = measured.refuse_above_std_m;
+    let xy: Vec<_> = found.points_m.iter().map(|p| [p[0], p[1]]).collect();
+    if found.method != Method::Gps && axis == 2 && heights::is_flat(&xy) {
+        return format!("{} (more than {limit} m is refused)", heights::nearly_on_a_line(&xy, anchor, std));
+    }
+    format!(
+        "these measurements leave {} of anchor {} uncertain by {std:.2} m (more than {limit} m is refused); spread the points \
+         to the corners below the anchors, add points, or measure more exactly",
+        ["x", "y", "z"][axis],
+        anchor + 1
+    )
+}
+
+/// What tells how well the data agree with the model.
+struct Fit {
+    chi_squared: f64,
+    degrees_of_freedom: f64,
+    robust: bool,
+}
+
+/// Compares the scatter with what was stated, widens the covariance where chance does not explain it, names outliers.
+fn judge(measured: &Measurements, found: &mut Calibration, fit: Fit) {
+    let dof = fit.degrees_of_freedom;
+    if dof >= 1.0 {
+        let ratio = (fit.chi_squared / dof).sqrt();
+        found.noise_ratio = Some(ratio);
+        // Wilson and Hilferty: the cube root of chi-squared over its degrees of freedom is nearly normal.
+        let spread = 2.0 / (9.0 * dof);
+        let normal = (libm::cbrt(fit.chi_squared / dof) - (1.0 - spread)) / spread.sqrt();
+        if normal > IMPLAUSIBLE && ratio > 1.0 {
+            found.widened_by = ratio;
+            found.covariance = found.covariance.widened(ratio);
+            found.scale_std *= ratio;
+            found.offset_std_m = found.offset_std_m.map(|s| s * ratio);
+        }
+    }
+    let bound = OUTLIER * measured.sigma_length_m * if fit.robust { found.widened_by } else { 1.0 };
+    for (point, residuals) in found.residuals_m.iter().enumerate() {
+        for (cable, r) in residuals.iter().enumerate().filter(|(_, r)| r.abs() > bound) {
+            found.outliers.push(Outlier { cable, point, residual_m: *r });
+        }
+    }
+}
+
+fn plain(method: Method, anchors_m: Vec<[f64; 3]>, covariance: AnchorCovariance) -> Calibration {
+    let n = anchors_m.len();
+    Calibration {
+        method,
+        anchors_m,
+        covariance,
+        points_m: Vec::new(),
+        residuals_m: Vec::new(),
+        scale: 1.0,
+        scale_std: 0.0,
+        offsets_m: CableVec::zeros(n),
+        offset_std_m: CableVec::zeros(n),
+        noise_ratio: None,
+        widened_by: 1.0,
+        outliers: Vec::new(),
+    }
+}
+
+fn by_survey(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationError> {
+    let n = measured.cable_count;
+    let survey = survey_network(n, &measured.ranges, &measured.sides)?;
+    let xy = survey.anchors_xy_m;
+    let all_direct = (0..n).all(|i| measured.heights.iter().any(|h| h.anchor == i));
+    // Unknowns x1, y1, z1, ..; heights come from the points, or start from nothing if all were measured directly.
+    let mut value = DVector::zeros(3 * n);
+    let mut covariance = DMatrix::zeros(3 * n, 3 * n);
+    for i in 0..n {
+        value[3 * i] = xy[i][0];
+        value[3 * i + 1] = xy[i][1];
+        for j in 0..n {
+            for (k, l) in [(0, 0), (0, 1), (1, 0), (1, 1)] {
+                covariance[(3 * i + k, 3 * j + l)] = survey.covariance[(2 * i + k, 2 * j + l)];
+            }
+        }
+    }
+    match closed_form_with_sensitivity(&xy, &measured.lengths_m) {
+        Ok(found) => {
+            if !all_direct {
+                heights::check_spread(&xy, &measured.lengths_m, &found.points_xy_m, measured.sigma_length_m)?;
+            }
+            let heights = found.heights_m()?;
+            spread_heights(measured, &xy, &survey.covariance, &found, &heights, &mut covariance)?;
+            for i in 0..n {
+                value[3 * i + 2] = heights[i];
+            }
+            for h in &measured.heights {
+                update(&mut value, &mut covariance, h);
+            }
+        }
+        Err(CalibrationError::RankDeficient(_)) if all_direct => {
+            for i in 0..n {
+                let (mut sum, mut weight) = (0.0, 0.0);
+                for h in measured.heights.iter().filter(|h| h.anchor == i) {
+                    sum += h.m / (h.sigma_m * h.sigma_m);
+                    weight += 1.0 / (h.sigma_m * h.sigma_m);
+                }
+                value[3 * i + 2] = sum / weight;
+                covariance[(3 * i + 2, 3 * i + 2)] = 1.0 / weight;
+            }
+        }
+        Err(CalibrationError::RankDeficient(why)) if !measured.heights.is_empty() => {
+            return undetermined(format!(
+                "{why}; or use the joint method, which takes the measured heights into account"
+            ));
+        }
+        Err(error) => return Err(error),
+    }
+    let anchors_m: Vec<[f64; 3]> = (0..n).map(|i| [value[3 * i], value[3 * i + 1], value[3 * i + 2]]).collect();
+    let xy: Vec<_> = anchors_m.iter().map(|a| [a[0], a[1]]).collect();
+    let w: Vec<_> = anchors_m.iter().map(|a| a[2] * a[2]).collect();
+    let frame = Frame::new(&xy);
+    let points: Vec<_> =
+        measured.lengths_m.iter().map(|l| heights::point_in_plane(&anchors_m, l, frame.point(l, &w))).collect();
+    let mut found = plain(Method::Survey, anchors_m, AnchorCovariance::new(covariance));
+    found.residuals_m = residuals(&xy, &w, &points, &measured.lengths_m);
+    found.points_m = points.iter().map(|c| [c[0], c[1], 0.0]).collect();
+    // Whether the data agree with the model is a question to the model, not to this estimate, whose residuals also hold
+    // what its x and y are off by.
+    let fit = joint_fit(measured, &xy)
+        .map(|best| Fit { chi_squared: best.chi_squared, degrees_of_freedom: best.degrees_of_freedom, robust: false })
+        .unwrap_or(Fit { chi_squared: 0.0, degrees_of_freedom: 0.0, robust: false });
+    Ok((found, fit))
+}
+
+/// The fit of the same unknowns by maximum likelihood, without scale and zeros.
+fn joint_fit(measured: &Measurements, xy: &[[f64; 2]]) -> Result<joint::Joint, CalibrationError> {
+    calibrate_joint(&JointInput {
+        ranges: &measured.ranges,
+        heights: &measured.heights,
+        ..JointInput::new(xy, &measured.lengths_m, measured.sigma_length_m)
+    })
+}
+
+/// Rows of the heights: noise of the lengths, and the survey's through the closed form.
+fn spread_heights(
+    measured: &Measurements,
+    xy: &[[f64; 2]],
+    survey: &DMatrix<f64>,
+    found: &heights::ClosedForm,
+    heights: &CableVec,
+    covariance: &mut DMatrix<f64>,
+) -> Result<(), CalibrationError> {
+    let n = xy.len();
+    // dw/d(x, y) by central differences.
+    let mut by_xy = DMatrix::zeros(n, 2 * n);
+    for k in 0..2 * n {
+        if survey[(k, k)] == 0.0 {
+            continue;
+        }
+        let shifted = |by: f64| {
+            let mut moved = xy.to_vec();
+            moved[k / 2][k % 2] += by;
+            closed_form(&moved, &measured.lengths_m)
+        };
+        let (up, down) = (shifted(STEP_M)?, shifted(-STEP_M)?);
+        for i in 0..n {
+            by_xy[(i, k)] = (up.squared_heights_m2[i] - down.squared_heights_m2[i]) / (2.0 * STEP_M);
+        }
+    }
+    let cross = &by_xy * survey;
+    let from_survey = &cross * by_xy.transpose();
+    // dz = dw / 2z; a height of zero has no finite deviation and is refused by it.
+    let gain = |i: usize| 0.5 / heights[i];
+    for i in 0..n {
+        for j in 0..n {
+            let w = from_survey[(i, j)] + found.covariance(i, j, measured.sigma_length_m);
+            covariance[(3 * i + 2, 3 * j + 2)] = gain(i) * gain(j) * w;
+            for k in 0..2 {
+                let c = gain(i) * cross[(i, 2 * j + k)];
+                covariance[(3 * i + 2, 3 * j + k)] = c;
+                covariance[(3 * j + k, 3 * i + 2)] = c;
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Takes a directly measured height into account (Kalman's update).
+fn update(value: &mut DVector<f64>, covariance: &mut DMatrix<f64>, height: &DirectHeight) {
+    let k = 3 * height.anchor + 2;
+    let total = covariance[(k, k)] + height.sigma_m * height.sigma_m;
+    let surprise = height.m - value[k];
+    let column = covariance.column(k).into_owned();
+    *value += &column * (surprise / total);
+    *covariance -= &column * column.transpose() / total;
+}
+
+fn residuals(xy: &[[f64; 2]], w: &[f64], points: &[[f64; 2]], lengths: &[CableVec]) -> Vec<CableVec> {
+    lengths
+        .iter()
+        .zip(points)
+        .map(|(l, c)| {
+            CableVec::from_fn(xy.len(), |i| {
+                let (dx, dy) = (xy[i][0] - c[0], xy[i][1] - c[1]);
+                l[i] - (dx * dx + dy * dy + w[i]).max(0.0).sqrt()
+            })
+        })
+        .collect()
+}
+
+fn by_joint(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationError> {
+    let survey = survey_network(measured.cable_count, &measured.ranges, &measured.sides)?;
+    let joint: joint::Joint = calibrate_joint(&JointInput {
+        anchors_xy_m: &survey.anchors_xy_m,
+        lengths_m: &measured.lengths_m,
+        sigma_length_m: measured.sigma_length_m,
+        ranges: &measured.ranges,
+        heights: &measured.heights,
+        sigma_scale: measured.sigma_scale,
+        sigma_offset_m: measured.sigma_offset_m,
+        loss: measured.loss,
+    })?;
+    let mut found = plain(Method::Joint, joint.anchors_m, joint.covariance);
+    found.points_m = joint.points_xy_m.iter().map(|c| [c[0], c[1], 0.0]).collect();
+    found.residuals_m = joint.residuals_m;
+    found.scale = joint.scale;
+    found.scale_std = joint.scale_std;
+    found.offsets_m = joint.offsets_m;
+    found.offset_std_m = joint.offset_std_m;
+    let fit = Fit {
+        chi_squared: joint.chi_squared,
+        degrees_of_freedom: joint.degrees_of_freedom,
+        robust: measured.loss != Loss::Squared,
+    };
+    Ok((found, fit))
+}
+
+fn by_gps(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationError> {
+    let (n, m) = (measured.cable_count, measured.lengths_m.len());
+    if measured.gps_m.len() != m {
+        return invalid(format!(
+            "{} of {m} points have a known position; the GPS method needs it for every point",
+            measured.gps_m.len()
+        ));
+    }
+    if !(measured.sigma_gps_m.is_finite() && measured.sigma_gps_m >= 0.0) {
+        return invalid(format!(
+            "the standard deviation of GPS positions is {} m; give 0 or more",
+            measured.sigma_gps_m
+        ));
+    }
+    let mut anchors = Vec::with_capacity(n);
+    for i in 0..n {
+        let lengths: Vec<_> = measured.lengths_m.iter().map(|l| l[i]).collect();
+        anchors.push(gps::gps_anchor_least_squares(&measured.gps_m, &lengths).map_err(|error| match error {
+            CalibrationError::Unreachable(why) => CalibrationError::Unreachable(format!("anchor {}: {why}", i + 1)),
+            other => other,
+        })?);
+    }
+    let (length, place) = (measured.sigma_length_m.powi(2), measured.sigma_gps_m.powi(2));
+    let mut covariance = DMatrix::zeros(3 * n, 3 * n);
+    for (i, a) in anchors.iter().enumerate() {
+        for (k, b) in anchors.iter().enumerate() {
+            for j in 0..m {
+                // A misplaced point moves every anchor: by its error along the line to that anchor.
+                let shared = place * a.directions[j].dot(&b.directions[j]) + if i == k { length } else { 0.0 };
+                let block = a.by_length[j] * b.by_length[j].transpose() * shared;
+                let mut view = covariance.fixed_view_mut::<3, 3>(3 * i, 3 * k);
+                view += block;
+            }
+        }
+    }
+    let variance = length + place;
+    let chi_squared = anchors.iter().flat_map(|a| &a.residuals_m).map(|r| r * r / variance).sum();
+    let anchors_m = anchors.iter().map(|a| a.anchor_m.into()).collect();
+    let mut found = plain(Method::Gps, anchors_m, AnchorCovariance::new(covariance));
+    found.points_m = measured.gps_m.clone();
+    found.residuals_m = (0..m).map(|j| CableVec::from_fn(n, |i| anchors[i].residuals_m[j])).collect();
+    Ok((found, Fit { chi_squared, degrees_of_freedom: (n * m.saturating_sub(3)) as f64, robust: false }))
+}
