@@ -5,7 +5,7 @@ use config::{ControllerSection, EstimatorSection};
 use controller::{Controller, Law};
 use estimator::Method;
 use messages::PlanStatus;
-use nims_tests::lockstep::{Flight, fly, fly_with};
+use nims_tests::lockstep::{Chain, Flight, fly, fly_with};
 use nims_tests::scenarios::Case;
 
 const QUICK: [f64; 2] = [0.030, 0.040];
@@ -73,6 +73,9 @@ fn the_filter_knows_the_velocity_better_and_the_position_as_well() {
 fn the_template_of_a_law_flies() {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: QUICK };
     let scenario = case.scenario(true).unwrap();
-    let own = |config| Controller::with_law(config, Box::new(law::MyLaw::default()));
+    let own = |chain: Chain| Chain {
+        controller: Controller::with_law(*chain.controller.config(), Box::new(law::MyLaw::default())),
+        ..chain
+    };
     flown("the template", &case, &fly_with(scenario, own).unwrap(), [0.010, 0.020]);
 }
