@@ -3,12 +3,15 @@
 
 #[path = "../../shared/robot/cable-robot/tests/mathematics/counting/mod.rs"]
 mod counting;
+/// The template for a method of estimation of one's own.
+#[path = "../../scripts/templates/estimator/src/method.rs"]
+mod method;
 
 use cable_control::law::PFeedforward;
 use config::EstimatorSection;
 use controller::Law;
 use counting::allocations;
-use estimator::Method;
+use estimator::{Estimator, Method};
 use messages::OperatorRequest;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep};
 use nims_tests::scenarios::{self, Case};
@@ -49,6 +52,8 @@ fn estimation_control_and_arbitration_allocate_nothing() {
     // The preview law identifies the drives on the way.
     let preview = nims_tests::laws::law(None, true).unwrap();
     let plain = Law::PFeedforward(PFeedforward::new(2.0).unwrap());
+    let own =
+        |chain: &Chain| Estimator::with_method(chain.estimator.config(), Box::new(method::MyEstimator::default()));
     for (robot, shape, law, method) in [
         ("lab3", PathShape::Line, None, "phi"),
         ("lab4", PathShape::Line, None, "phi"),
@@ -58,8 +63,10 @@ fn estimation_control_and_arbitration_allocate_nothing() {
         ("aq4", PathShape::Line, None, "phi"),
     ] {
         let (mut chain, cycles) = flight(robot, shape, law, method);
+        let mut own = own(&chain);
         let count = allocations(|| {
             for cycle in &cycles {
+                black_box(own.step(&cycle.state, Some(&cycle.authority)));
                 chain.core.decide(&cycle.input);
                 black_box(chain.core.observe(&cycle.input));
                 black_box(chain.estimator.step(&cycle.state, Some(&cycle.authority)));

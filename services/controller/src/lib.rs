@@ -18,3 +18,4 @@ pub use controller::{Controller, ControllerConfig, Seen};
 pub use law::{Law, LawError};
 pub use own::{Asked, CableLaw};
 pub use preview::{Notice, PreviewSettings};
+pub use runtime::program;

@@ -7,15 +7,17 @@ use messages::{
     ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES, SLOTS,
     Standing, newer, standing,
 };
-use runtime::{Args, BadInput, Change, Chassis, Since, Tuning};
+use runtime::{Args, BadInput, Change, Chassis, Program, Since, Tuning};
 
 use crate::{CableLaw, Controller, ControllerConfig, Law, Seen};
 
 /// A whole process with a law of one's own: arguments, box file, bus, everything.
 ///
 /// The box file's `[controller]` gives it the horizon, the limits and the distribution of tensions; its `law` is not used.
-pub fn main_with(law: Box<dyn CableLaw>) -> ExitCode {
-    runtime::main("controller", |_: &Args, chassis| {
+/// `program` is [`program!()`](crate::program), so that the run names the program itself and not nims.
+pub fn main_with(program: Program, law: Box<dyn CableLaw>) -> ExitCode {
+    runtime::main("controller", move |_: &Args, chassis| {
+        chassis.is_program(&program);
         let config = config(chassis, None)?;
         run(chassis, Controller::with_law(config, law))
     })

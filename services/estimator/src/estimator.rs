@@ -4,10 +4,8 @@ use cable_robot::{CableVec, Matrix3, Robot, Vector3, elastic};
 use config::EstimatorSection;
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, same_life};
 
-use crate::method::{Line, Method, MethodError};
-
-/// Cycles without a reading that the motor model may bridge. The same number of silent cycles makes a drive unit lost.
-pub const BRIDGED_CYCLES: u64 = 3;
+use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement};
+use crate::method::{Method, MethodError};
 
 /// What the estimator is told about the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -30,20 +28,27 @@ impl EstimatorConfig {
     /// # Errors
     /// A method or a parameter that does not exist.
     pub fn of(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Result<Self, MethodError> {
+        Ok(Self::by(Method::of(section)?, section, robot, incarnation))
+    }
+
+    /// The same for a method of one's own: the `method` of the section is not used.
+    #[must_use]
+    pub fn own(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {
+        Self::by(Method::own(section), section, robot, incarnation)
+    }
+
+    fn by(method: Method, section: &EstimatorSection, robot: Robot, incarnation: u32) -> Self {
         let robot = if section.stretch { robot } else { robot.with_rigid_lines() };
-        Ok(Self { robot, method: Method::of(section)?, sigma_length_m: section.sigma_length_m, incarnation, thread: 0 })
+        Self { robot, method, sigma_length_m: section.sigma_length_m, incarnation, thread: 0 }
     }
 }
 
 /// Motor state to node estimate: steps 1 and 2 of the paper's section VI.
-#[derive(Debug, Clone)]
+#[derive(Clone)]
 pub struct Estimator {
-    robot: Robot,
-    sigma_length_m: f64,
-    incarnation: u32,
-    method: u8,
-    lines: Vec<Line>,
-    thread: u32,
+    config: EstimatorConfig,
+    /// One per cable; none for a method of one's own that was not brought along.
+    cables: Vec<Cable>,
     last_life: u64,
     last_cycle: u64,
     last_stamp_ns: u64,
@@ -54,16 +59,63 @@ pub struct Estimator {
     velocity_m_s: Vector3<f64>,
 }
 
+/// A cable: what the method remembers of it, and when it was read.
+#[derive(Clone)]
+struct Cable {
+    method: Box<dyn CableEstimator>,
+    /// Cycle of the newest reading; `None` before the first.
+    read_cycle: Option<u64>,
+}
+
+impl Cable {
+    /// Takes the cable's part of motor/state.
+    fn read(&mut self, state: &MotorState, i: usize) {
+        let sample = CableSample {
+            cycle: state.header.cycle,
+            length_m: Some(state.length_m[i]).filter(|length_m| state.fresh[i] != 0 && length_m.is_finite()),
+            sampled_ns: state.sampled_ns[i],
+            command_m_s: if state.command_m_s[i].is_finite() { state.command_m_s[i] } else { 0.0 },
+        };
+        if sample.length_m.is_some() {
+            self.read_cycle = Some(sample.cycle);
+        }
+        self.method.read(&sample);
+    }
+
+    /// Where it is at an instant; `None` without a reading that is new enough, and where the method has no finite answer.
+    fn at(&self, instant: &Instant) -> Option<Measurement> {
+        if instant.cycle.checked_sub(self.read_cycle?)? > BRIDGED_CYCLES {
+            return None;
+        }
+        self.method.at(instant).filter(|at| at.length_m.is_finite() && at.velocity_m_s.is_finite())
+    }
+
+    fn forget(&mut self) {
+        self.read_cycle = None;
+        self.method.forget();
+    }
+}
+
 impl Estimator {
-    /// An estimator that has not seen anything yet. Give it [`Robot::with_rigid_lines`] to leave stretch uncorrected.
+    /// An estimator that has not seen anything yet. Give it [`Robot::with_rigid_lines`] to leave stretch uncorrected. With a method of one's
+    /// own it has no valid estimate: see [`Estimator::with_method`].
     pub fn new(config: &EstimatorConfig) -> Self {
+        Self::made(config, config.method.cable())
+    }
+
+    /// An estimator with a method of one's own in place of the configured one: each cable gets a copy of `cable`.
+    pub fn with_method(config: &EstimatorConfig, mut cable: Box<dyn CableEstimator>) -> Self {
+        let config = EstimatorConfig { method: config.method.to_own(), ..*config };
+        cable.retune(config.method.parameters());
+        Self::made(&config, Some(cable))
+    }
+
+    fn made(config: &EstimatorConfig, cable: Option<Box<dyn CableEstimator>>) -> Self {
+        let cables =
+            cable.map_or_else(Vec::new, |method| vec![Cable { method, read_cycle: None }; config.robot.cable_count()]);
         Self {
-            robot: config.robot,
-            sigma_length_m: config.sigma_length_m,
-            incarnation: config.incarnation,
-            method: config.method.number(),
-            lines: vec![config.method.line(); config.robot.cable_count()],
-            thread: config.thread,
+            config: *config,
+            cables,
             last_life: 0,
             last_cycle: 0,
             last_stamp_ns: 0,
@@ -74,11 +126,24 @@ impl Estimator {
         }
     }
 
+    /// What it was told.
+    pub fn config(&self) -> &EstimatorConfig {
+        &self.config
+    }
+
+    /// Constants of a method of one's own, as TOML.
+    pub fn constants(&self) -> String {
+        self.cables.first().map(|cable| cable.method.constants()).unwrap_or_default()
+    }
+
     /// Goes on with other parameters, between two steps: what was learnt and filtered stays, so that the estimate does not jump. Robot,
     /// method and life stay what they are; another method is another estimator.
     pub fn configure(&mut self, config: &EstimatorConfig) {
-        self.sigma_length_m = config.sigma_length_m;
-        self.lines.iter_mut().for_each(|line| line.retune(&config.method));
+        self.config.sigma_length_m = config.sigma_length_m;
+        if config.method.number() == self.config.method.number() {
+            self.config.method = config.method;
+            self.cables.iter_mut().for_each(|cable| cable.method.retune(config.method.parameters()));
+        }
     }
 
     /// The estimate for the cycle of one motor/state, true at the instant of its newest reading.
@@ -87,7 +152,7 @@ impl Estimator {
     /// they are read in the cycle itself, so the model bridges only the milliseconds between the reading of each cable
     /// and the common instant, and whole cycles when the bus lost a reading. Nothing is allocated.
     pub fn step(&mut self, state: &MotorState, authority: Option<&MotorAuthority>) -> NodeEstimate {
-        let n = self.robot.cable_count();
+        let n = self.config.robot.cable_count();
         let authority = authority.filter(|authority| same_life(&authority.header, &state.header));
         // Another life of motor-io, or a cycle that is not newer than the last: what was learnt is void.
         if state.header.life != self.last_life || state.header.cycle <= self.last_cycle {
@@ -99,36 +164,40 @@ impl Estimator {
             measured_m: state.length_m,
             seen_authority: authority.map_or(0, |authority| authority.header.cycle),
             epoch: authority.map_or(0, |authority| authority.epoch),
-            incarnation: self.incarnation,
-            thread: self.thread,
+            incarnation: self.config.incarnation,
+            thread: self.config.thread,
             cable_count: n as u8,
-            method: self.method,
+            method: self.config.method.number(),
             ..NodeEstimate::default()
         };
         // Lengths may have been given anew.
         let epoch = authority.map_or(self.last_epoch, |authority| authority.epoch);
         if epoch != self.last_epoch {
             self.last_epoch = epoch;
-            self.lines.iter_mut().for_each(Line::expect_anything);
+            self.cables.iter_mut().for_each(|cable| cable.method.expect_anything());
         }
         (self.last_life, self.last_cycle) = (state.header.life, state.header.cycle);
         (self.last_stamp_ns, self.last_instant_ns) = (state.header.stamp_ns, instant_ns);
-        let mut known = usize::from(state.cable_count) == n && state.position_known != MotorState::POSITION_UNKNOWN;
-        let mut sigma_m = CableVec::repeat(n, self.sigma_length_m);
+        let mut known = usize::from(state.cable_count) == n
+            && self.cables.len() == n
+            && state.position_known != MotorState::POSITION_UNKNOWN;
+        let sigma_length_m = self.config.sigma_length_m;
+        let mut sigma_m = CableVec::repeat(n, sigma_length_m);
         let mut velocity_m_s = CableVec::zeros(n);
-        for (i, line) in self.lines.iter_mut().enumerate() {
-            line.read(state, i);
-            let Some(found) = line.at(state.header.cycle, instant_ns) else {
+        let instant = Instant { cycle: state.header.cycle, time_ns: instant_ns };
+        for (i, cable) in self.cables.iter_mut().enumerate() {
+            cable.read(state, i);
+            let Some(at) = cable.at(&instant) else {
                 known = false;
                 continue;
             };
-            estimate.predicted_m[i] = found.length_m;
-            estimate.cable_velocity_m_s[i] = found.velocity_m_s;
-            [estimate.phi1[i], estimate.phi2[i]] = found.phi;
+            estimate.predicted_m[i] = at.length_m;
+            estimate.cable_velocity_m_s[i] = at.velocity_m_s;
+            [estimate.phi1[i], estimate.phi2[i]] = at.phi;
             // Not `hypot`, which is the system's own and not the same everywhere.
-            sigma_m[i] = (self.sigma_length_m * self.sigma_length_m + found.sigma_m * found.sigma_m).sqrt();
-            velocity_m_s[i] = found.steady_m_s.unwrap_or(state.velocity_m_s[i]);
-            estimate.header.oldest_input_ns = estimate.header.oldest_input_ns.min(found.sampled_ns);
+            sigma_m[i] = (sigma_length_m * sigma_length_m + at.sigma_m * at.sigma_m).sqrt();
+            velocity_m_s[i] = at.steady_velocity_m_s.unwrap_or(state.velocity_m_s[i]);
+            estimate.header.oldest_input_ns = estimate.header.oldest_input_ns.min(at.sampled_ns);
         }
         if known {
             let lengths = CableVec::from_array8(&estimate.predicted_m, n);
@@ -156,7 +225,7 @@ impl Estimator {
 
     fn forget(&mut self) {
         (self.last_cycle, self.last_stamp_ns, self.last_instant_ns) = (0, 0, 0);
-        self.lines.iter_mut().for_each(Line::forget);
+        self.cables.iter_mut().for_each(Cable::forget);
         self.position = None;
         self.velocity_m_s = Vector3::zeros();
     }
@@ -171,12 +240,12 @@ impl Estimator {
         // The lines' statics at rest: 0.3 m/s² would move the node by less than a millimetre, and a motion that is not
         // flown as planned must not move the estimate. Drag is different: in water it is several times that force, lasts as
         // long as the motion and follows from a velocity that is measured; that of the last cycle is near enough.
-        let wrench_n = self.robot.moving_wrench_n(&self.velocity_m_s, &Vector3::zeros());
-        let found = elastic::equilibrium_under(&self.robot, lengths_m, &wrench_n, self.position.as_ref());
+        let wrench_n = self.config.robot.moving_wrench_n(&self.velocity_m_s, &Vector3::zeros());
+        let found = elastic::equilibrium_under(&self.config.robot, lengths_m, &wrench_n, self.position.as_ref());
         let Ok(found) = found else { return };
         let velocity = found.sensitivity.node_velocity(velocity_m_s);
         let covariance =
-            found.covariance(sigma_m) + found.covariance_by_anchors(&self.robot).unwrap_or_else(Matrix3::zeros);
+            found.covariance(sigma_m) + found.covariance_by_anchors(&self.config.robot).unwrap_or_else(Matrix3::zeros);
         let finite = |v: &Vector3<f64>| v.iter().all(|x| x.is_finite());
         if !(finite(&found.position) && finite(&velocity) && covariance.iter().all(|x| x.is_finite())) {
             return;
@@ -200,10 +269,10 @@ impl Estimator {
     /// How far the lengths are from fitting together, m: for rigid lines the RMS misfit; elastic lines always fit
     /// (tensions take it up), there it is what the solution is short of balance, as stretch.
     fn residual_m(&self, found: &elastic::Equilibrium, lengths_m: &CableVec) -> f64 {
-        match self.robot.stiffness_n() {
+        match self.config.robot.stiffness_n() {
             None => found.residual,
             Some(stiffness_n) => {
-                let longest_m = lengths_m.iter().zip(self.robot.routed_length_m().iter()).map(|(l, r)| l + r);
+                let longest_m = lengths_m.iter().zip(self.config.robot.routed_length_m().iter()).map(|(l, r)| l + r);
                 found.residual * longest_m.fold(0.0, f64::max) / stiffness_n
             }
         }

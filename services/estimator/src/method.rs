@@ -1,37 +1,63 @@
-//! How the readings of one line become its length and velocity: the paper's motor model, or a Kalman filter.
+//! The methods of estimation that can be chosen by a name, and that of a program of one's own.
 
-use cable_control::length_filter::{FilterError, FilterSettings};
+use cable_control::length_filter::FilterError;
 use config::EstimatorSection;
-use messages::{MotorState, NodeEstimate};
+use messages::{ControlStatus, NodeEstimate};
 use thiserror::Error;
 
+use crate::cable_estimator::{CableEstimator, Parameters};
 use crate::{kalman, phi};
 
-/// A method that can be chosen by its name in the configuration.
+/// Number in `node/estimate` of a method that nims does not know: as `control/status` has it for laws.
+pub const METHOD_OTHER: u8 = ControlStatus::LAW_OTHER;
+
+/// A method that nims has itself.
+struct Standard {
+    /// Its name in the configuration.
+    name: &'static str,
+    /// Its number in `node/estimate`.
+    number: u8,
+    /// Those of the parameters that it uses, and the defaults of the others.
+    used: fn(&Parameters) -> Result<Parameters, FilterError>,
+    /// A cable of which nothing is known yet.
+    cable: fn(&Parameters) -> Box<dyn CableEstimator>,
+}
+
+/// All of them. Another one is a file with a [`CableEstimator`] and a row here.
+const STANDARD: [Standard; 2] = [
+    Standard { name: "phi", number: NodeEstimate::METHOD_PHI, used: phi::used, cable: phi::cable },
+    Standard { name: "kalman", number: NodeEstimate::METHOD_KALMAN, used: kalman::used, cable: kalman::cable },
+];
+
+fn numbered(number: u8) -> Option<&'static Standard> {
+    STANDARD.iter().find(|standard| standard.number == number)
+}
+
+/// How the readings of a cable become its length and velocity, with the parameters of that method. Two are equal if they compute the same.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Method {
-    /// The paper's: a reading is taken as it is and carried on with the motor model (18), learnt while it runs.
-    Phi {
-        /// Rows of the sliding window of (19).
-        eta: usize,
-        /// Pull towards `prior`, (m/s)².
-        ridge: f64,
-        /// `[φ1, φ2]` of a window that says nothing.
-        prior: [f64; 2],
-    },
-    /// A Kalman filter on length and velocity of each line, with the drive's command as its input.
-    Kalman(FilterSettings),
+pub struct Method {
+    number: u8,
+    parameters: Parameters,
 }
 
 /// A method or a parameter that does not exist.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum MethodError {
     /// No such method.
-    #[error("method is \"{0}\"; accepted: \"phi\" or \"kalman\"")]
+    #[error("method is \"{0}\"; accepted: {names}", names = names())]
     Unknown(String),
     /// A parameter out of range.
     #[error("{0}")]
     Filter(#[from] FilterError),
+}
+
+/// `"phi" or "kalman"`.
+fn names() -> String {
+    let names: Vec<String> = STANDARD.iter().map(|standard| format!("\"{}\"", standard.name)).collect();
+    match names.split_last() {
+        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
+        _ => names.concat(),
+    }
 }
 
 impl Method {
@@ -40,120 +66,42 @@ impl Method {
     /// # Errors
     /// One sentence: what is wrong, what is accepted.
     pub fn of(section: &EstimatorSection) -> Result<Self, MethodError> {
-        let &EstimatorSection { eta, ridge, prior, .. } = section;
-        match section.method.as_str() {
-            "phi" => Ok(Self::Phi { eta, ridge, prior }),
-            "kalman" => Ok(Self::Kalman(FilterSettings::new(
-                section.drive_lag_s,
-                section.acceleration_sigma_m_s2,
-                section.reading_sigma_m,
-            )?)),
-            other => Err(MethodError::Unknown(other.to_owned())),
-        }
+        let chosen = STANDARD.iter().find(|standard| standard.name == section.method);
+        let chosen = chosen.ok_or_else(|| MethodError::Unknown(section.method.clone()))?;
+        Ok(Self { number: chosen.number, parameters: (chosen.used)(&section.into())? })
+    }
+
+    /// That of a program of one's own, which has every parameter of `[estimator]`; the `method` there is not used.
+    #[must_use]
+    pub fn own(section: &EstimatorSection) -> Self {
+        Self { number: METHOD_OTHER, parameters: section.into() }
+    }
+
+    /// The same parameters for a method of one's own.
+    pub(crate) fn to_own(self) -> Self {
+        Self { number: METHOD_OTHER, ..self }
     }
 
     /// Its number in `node/estimate`.
     #[must_use]
     pub fn number(&self) -> u8 {
-        match self {
-            Self::Phi { .. } => NodeEstimate::METHOD_PHI,
-            Self::Kalman(_) => NodeEstimate::METHOD_KALMAN,
-        }
+        self.number
     }
 
-    /// The name of a number, as the configuration has it; `None` for one that this build does not know.
+    /// Its parameters.
+    #[must_use]
+    pub fn parameters(&self) -> &Parameters {
+        &self.parameters
+    }
+
+    /// The name of a number, as the configuration has it; `None` for a method of one's own and for one that this build does not know.
     #[must_use]
     pub fn name_of(number: u8) -> Option<&'static str> {
-        match number {
-            NodeEstimate::METHOD_PHI => Some("phi"),
-            NodeEstimate::METHOD_KALMAN => Some("kalman"),
-            _ => None,
-        }
+        numbered(number).map(|standard| standard.name)
     }
 
-    /// A line of which nothing is known yet.
-    pub(crate) fn line(&self) -> Line {
-        match *self {
-            Self::Phi { eta, ridge, prior } => Line::Phi(Box::new(phi::Line::new(eta, ridge, prior))),
-            Self::Kalman(settings) => Line::Kalman(kalman::Line::new(settings)),
-        }
+    /// A cable of which nothing is known yet; `None` for a method of one's own.
+    pub(crate) fn cable(&self) -> Option<Box<dyn CableEstimator>> {
+        numbered(self.number).map(|standard| (standard.cable)(&self.parameters))
     }
-}
-
-/// One line at the instant of the sample.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Found {
-    /// Unstretched length, m.
-    pub length_m: f64,
-    /// Velocity during the present cycle, m/s.
-    pub velocity_m_s: f64,
-    /// Velocity for the node's own, m/s; `None`: motor-io's over 50 ms, because one encoder step in one cycle is a large
-    /// velocity and a model without memory shows it.
-    pub steady_m_s: Option<f64>,
-    /// Standard deviation that comes on top of a reading's own, m.
-    pub sigma_m: f64,
-    /// `[φ1, φ2]`; zeros where there is no such model.
-    pub phi: [f64; 2],
-    /// When the newest reading in it was taken, ns.
-    pub sampled_ns: u64,
-}
-
-/// What is remembered of one line.
-#[derive(Debug, Clone)]
-pub(crate) enum Line {
-    Phi(Box<phi::Line>),
-    Kalman(kalman::Line),
-}
-
-impl Line {
-    /// Takes the reading of this cycle, if there is one, and the command sent in it.
-    pub(crate) fn read(&mut self, state: &MotorState, i: usize) {
-        match self {
-            Self::Phi(line) => line.read(state, i),
-            Self::Kalman(line) => line.read(state, i),
-        }
-    }
-
-    /// Where the line is at an instant of a cycle; `None` without a reading that is new enough.
-    pub(crate) fn at(&self, cycle: u64, instant_ns: u64) -> Option<Found> {
-        match self {
-            Self::Phi(line) => line.at(cycle, instant_ns),
-            Self::Kalman(line) => line.at(cycle, instant_ns),
-        }
-    }
-
-    /// Other parameters of the same method; what is remembered stays.
-    pub(crate) fn retune(&mut self, method: &Method) {
-        match (self, *method) {
-            (Self::Phi(line), Method::Phi { eta, ridge, prior }) => line.retune(eta, ridge, prior),
-            (Self::Kalman(line), Method::Kalman(settings)) => line.retune(settings),
-            (Self::Phi(_), Method::Kalman(_)) | (Self::Kalman(_), Method::Phi { .. }) => {}
-        }
-    }
-
-    /// The next reading may be anywhere.
-    pub(crate) fn expect_anything(&mut self) {
-        if let Self::Kalman(line) = self {
-            line.expect_anything();
-        }
-    }
-
-    /// What was read is void.
-    pub(crate) fn forget(&mut self) {
-        match self {
-            Self::Phi(line) => line.forget(),
-            Self::Kalman(line) => line.forget(),
-        }
-    }
-}
-
-/// From a reading to an instant of the same or a later cycle, s. Signed: the instant may lie before the reading. A clock that
-/// jumped must not throw the node about: at 250 Hz to 10 Hz no cycle is longer than this.
-pub(crate) fn ahead_s(instant_ns: u64, sampled_ns: u64, silent: u64) -> f64 {
-    let ahead_s = if instant_ns >= sampled_ns {
-        (instant_ns - sampled_ns) as f64 * 1e-9
-    } else {
-        -((sampled_ns - instant_ns) as f64 * 1e-9)
-    };
-    ahead_s.clamp(-0.1, 0.1 * (1 + silent) as f64)
 }

@@ -1,10 +1,10 @@
-//! The paper's method for one line: step 1 of its section VI.
+//! The paper's method for one cable: step 1 of its section VI. A reading is taken as it is and carried on with the motor model (18), learnt
+//! while it runs.
 
+use cable_control::length_filter::FilterError;
 use cable_control::motor_model::PhiModel;
-use messages::MotorState;
 
-use crate::estimator::BRIDGED_CYCLES;
-use crate::method::{Found, ahead_s};
+use crate::cable_estimator::{CableEstimator, CableSample, Instant, Measurement, Parameters};
 
 /// Share of a predicted displacement that counts as its standard deviation: the model (18) leaves 0.2 to 0.8 of the
 /// error of not predicting at all, depending on the run.
@@ -13,9 +13,20 @@ const PREDICTION_SIGMA: f64 = 0.5;
 /// Faster than any winch, m/s: a line that seems to be was given another length. Twice the highest cable speed limit of a robot file.
 const JUMP_M_S: f64 = 20.0;
 
+/// Those of its parameters that it uses, and the defaults of the others. All are in range: the model limits them itself.
+pub(crate) fn used(parameters: &Parameters) -> Result<Parameters, FilterError> {
+    let &Parameters { eta, ridge, prior, .. } = parameters;
+    Ok(Parameters { eta, ridge, prior, ..Parameters::default() })
+}
+
+/// A cable of which nothing is known yet.
+pub(crate) fn cable(parameters: &Parameters) -> Box<dyn CableEstimator> {
+    Box::new(PhiEstimator::new(parameters))
+}
+
 /// See the module's text.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Line {
+struct PhiEstimator {
     phi: PhiModel,
     /// Length at `sampled_ns`, m; `None` before the first reading.
     length_m: Option<f64>,
@@ -28,24 +39,21 @@ pub(crate) struct Line {
     command_m_s: f64,
 }
 
-impl Line {
-    pub(crate) fn new(eta: usize, ridge: f64, prior: [f64; 2]) -> Self {
-        let phi = PhiModel::new(eta, ridge, prior);
+impl PhiEstimator {
+    fn new(parameters: &Parameters) -> Self {
+        let phi = PhiModel::new(parameters.eta, parameters.ridge, parameters.prior);
         Self { phi, length_m: None, sampled_ns: 0, cycle: 0, velocity_m_s: 0.0, command_m_s: 0.0 }
     }
+}
 
-    pub(crate) fn retune(&mut self, eta: usize, ridge: f64, prior: [f64; 2]) {
-        self.phi.retune(eta, ridge, prior);
-    }
-
-    /// Takes the reading of this cycle, if there is one, and teaches the motor model what the last command did.
-    pub(crate) fn read(&mut self, state: &MotorState, i: usize) {
-        let (length_m, sampled_ns) = (state.length_m[i], state.sampled_ns[i]);
-        if state.fresh[i] != 0 && length_m.is_finite() {
-            let elapsed_s = sampled_ns.saturating_sub(self.sampled_ns) as f64 * 1e-9;
+impl CableEstimator for PhiEstimator {
+    /// Teaches the motor model what the last command did.
+    fn read(&mut self, sample: &CableSample) {
+        if let Some(length_m) = sample.length_m {
+            let elapsed_s = sample.sampled_ns.saturating_sub(self.sampled_ns) as f64 * 1e-9;
             match self.length_m {
                 Some(before_m)
-                    if self.cycle + 1 == state.header.cycle
+                    if self.cycle + 1 == sample.cycle
                         && elapsed_s > 0.0
                         && (length_m - before_m).abs() <= JUMP_M_S * elapsed_s =>
                 {
@@ -53,25 +61,19 @@ impl Line {
                 }
                 _ => self.phi.forget_window(),
             }
-            (self.length_m, self.sampled_ns, self.cycle) = (Some(length_m), sampled_ns, state.header.cycle);
+            (self.length_m, self.sampled_ns, self.cycle) = (Some(length_m), sample.sampled_ns, sample.cycle);
         }
-        self.command_m_s = if state.command_m_s[i].is_finite() { state.command_m_s[i] } else { 0.0 };
+        self.command_m_s = sample.command_m_s;
         self.velocity_m_s = self.phi.predict(self.command_m_s);
     }
 
     /// The last reading, carried on to the instant.
-    pub(crate) fn at(&self, cycle: u64, instant_ns: u64) -> Option<Found> {
-        let length_m = self.length_m?;
-        let silent = cycle.checked_sub(self.cycle)?;
-        if silent > BRIDGED_CYCLES {
-            return None;
-        }
-        let moved_m = self.velocity_m_s * ahead_s(instant_ns, self.sampled_ns, silent);
-        let length_m = length_m + moved_m;
-        length_m.is_finite().then_some(Found {
-            length_m,
+    fn at(&self, instant: &Instant) -> Option<Measurement> {
+        let moved_m = self.velocity_m_s * instant.ahead_of_s(self.sampled_ns, self.cycle);
+        Some(Measurement {
+            length_m: self.length_m? + moved_m,
             velocity_m_s: self.velocity_m_s,
-            steady_m_s: None,
+            steady_velocity_m_s: None,
             sigma_m: PREDICTION_SIGMA * moved_m,
             phi: self.phi.phi(),
             sampled_ns: self.sampled_ns,
@@ -79,9 +81,13 @@ impl Line {
     }
 
     /// What was learnt of the winch stays.
-    pub(crate) fn forget(&mut self) {
+    fn forget(&mut self) {
         self.length_m = None;
         self.velocity_m_s = 0.0;
         self.command_m_s = 0.0;
+    }
+
+    fn retune(&mut self, parameters: &Parameters) {
+        self.phi.retune(parameters.eta, parameters.ridge, parameters.prior);
     }
 }

@@ -216,6 +216,38 @@ fn every_unsafe_block_says_why_it_is_sound() {
     }
 }
 
+/// The modules of its crate that a file names: `crate::one` and `crate::{one, other::Name}`.
+fn modules_named(text: &str) -> BTreeSet<String> {
+    let code: Vec<&str> = text.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+    let mut named = BTreeSet::new();
+    for rest in code.join("\n").split("crate::").skip(1) {
+        let inside = rest.strip_prefix('{').map(|rest| rest.split("};").next().unwrap_or(rest));
+        let paths: Vec<&str> = inside.map_or_else(|| vec![rest], |inside| inside.split(',').collect());
+        let first =
+            |path: &str| path.trim().split(|c: char| !c.is_alphanumeric() && c != '_').next().map(str::to_owned);
+        named.extend(paths.into_iter().filter_map(first));
+    }
+    named
+}
+
+/// Each file can be read with those below it alone.
+#[test]
+fn no_two_files_of_the_estimator_name_each_other() {
+    let packages = packages();
+    let mut left: BTreeMap<String, BTreeSet<String>> = sources(&packages["estimator"])
+        .into_iter()
+        .map(|(path, text)| (path.file_stem().unwrap().to_string_lossy().into_owned(), modules_named(&text)))
+        .collect();
+    assert!(left["kalman"].contains("cable_estimator") && left["method"].contains("phi"), "{left:?}");
+    // A file that names none of those that are left stands in no ring.
+    while let Some(lowest) =
+        left.iter().find(|(_, named)| !named.iter().any(|name| left.contains_key(name))).map(|(file, _)| file.clone())
+    {
+        left.remove(&lowest);
+    }
+    assert!(left.is_empty(), "these files name each other in a ring: {left:?}");
+}
+
 #[test]
 fn every_crate_has_the_workspace_lints_and_a_purpose() {
     for (name, package) in &packages() {

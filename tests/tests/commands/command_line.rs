@@ -204,7 +204,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["bench", "--box", ROBOT], &["lab3.toml"]),
         (&["bench", "disk", "--runs", "no-such-folder"], &["no-such-folder", "--runs"]),
         (&["bench", "disk", "--runs", "README.md"], &["README.md", "--runs"]),
-        (&["bench-peer", "nobody"], &["nims bench"]),
+        (&["bench", "bench-peer", "nobody"], &["nims bench"]),
     ];
     for (args, words) in cases {
         refused(args, 2, words);

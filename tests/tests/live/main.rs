@@ -11,6 +11,7 @@ mod faults;
 mod live_tuning;
 mod lives;
 mod losses;
+mod own_estimator;
 mod own_law;
 mod plugged_sensors;
 mod power;

@@ -26,7 +26,9 @@ fn a_law_of_ones_own_flies_by_configuration_alone() {
         let said = said.unwrap();
         let (law, parameters) = (text_of(&said.law), text_of(&said.parameters));
         assert_eq!(law, "my-law");
-        assert!(parameters.ends_with("[law]\ngain_per_s = 1.5"), "{parameters}");
+        // Here the template is a program of the tests.
+        assert!(parameters.contains("\n[law]\ngain_per_s = 1.5\n\n[program]\nname = \"nims-tests\"\n"), "{parameters}");
+        assert!(text_of(&said.version).ends_with(" of nims-tests"), "{}", text_of(&said.version));
         assert!(
             parameters.starts_with("[controller]\n") && parameters.contains("horizon_cycles = 20\n"),
             "{parameters}"

@@ -1,11 +1,12 @@
-//! What can be chosen and swapped: the plain law, the Kalman filter, a law of one's own; against the plant.
+//! What can be chosen and swapped: the plain law, the Kalman filter, a law and a method of estimation of one's own; against the plant.
 
 use crate::law;
+use crate::method::MyEstimator;
 use config::{ControllerSection, EstimatorSection};
 use controller::{Controller, Law};
-use estimator::Method;
-use messages::PlanStatus;
-use nims_tests::lockstep::{Flight, fly, fly_with};
+use estimator::{Estimator, METHOD_OTHER, Method};
+use messages::{ESTIMATORS, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
+use nims_tests::lockstep::{Chain, Flight, Lockstep, fly, fly_with};
 use nims_tests::scenarios::Case;
 
 const QUICK: [f64; 2] = [0.030, 0.040];
@@ -73,6 +74,70 @@ fn the_filter_knows_the_velocity_better_and_the_position_as_well() {
 fn the_template_of_a_law_flies() {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: QUICK };
     let scenario = case.scenario(true).unwrap();
-    let own = |config| Controller::with_law(config, Box::new(law::MyLaw::default()));
+    let own = |chain: Chain| Chain {
+        controller: Controller::with_law(*chain.controller.config(), Box::new(law::MyLaw::default())),
+        ..chain
+    };
     flown("the template", &case, &fly_with(scenario, own).unwrap(), [0.010, 0.020]);
+}
+
+/// The template of a method of estimation, in the place of the configured one.
+fn own_estimator(configured: &Estimator) -> Estimator {
+    Estimator::with_method(configured.config(), Box::new(MyEstimator::default()))
+}
+
+#[test]
+fn the_template_of_an_estimator_flies() {
+    for (robot, mission, motor_s) in [("lab3", "polyline", QUICK), ("lab4", "polyline", SLOW)] {
+        let case = Case { robot, mission, motor_s };
+        let own = |chain: Chain| Chain { estimator: own_estimator(&chain.estimator), ..chain };
+        flown("the template", &case, &fly_with(case.scenario(true).unwrap(), own).unwrap(), [0.003, 0.010]);
+    }
+}
+
+/// It computes in the shadow of the standard one, qualifies, and takes over while the node moves.
+#[test]
+fn the_template_of_an_estimator_is_swapped_in_in_flight() {
+    let scenario = Case { robot: "lab3", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
+    let mission = scenario.mission.clone();
+    let own = own_estimator(&Chain::new(&scenario).unwrap().estimator);
+    let mut lockstep = Lockstep::new(scenario).unwrap();
+    lockstep.zero_and_arm().unwrap();
+    lockstep.run(&mission).unwrap();
+    for _ in 0..200 {
+        lockstep.cycle().unwrap();
+    }
+    lockstep.slots_mut().put_estimator(1, own);
+    let seat = SLOTS * ESTIMATORS + 1;
+    let mut last = lockstep.cycle().unwrap();
+    for _ in 0..200 {
+        last = lockstep.cycle().unwrap();
+    }
+    assert_eq!(last.slots.phase[seat], MotorSlots::PHASE_QUALIFIED);
+    lockstep.request(OperatorRequest::VERB_SWAP, [ESTIMATORS as f64, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    for _ in 0..300 {
+        last = lockstep.cycle().unwrap();
+    }
+    assert_eq!((last.authority.active_estimator, last.authority.unsteered()), (1, 0));
+    assert_eq!((last.estimate.method, last.estimate.valid), (METHOD_OTHER, 1));
+    assert!(last.control.error_norm_m < 0.01, "{} m", last.control.error_norm_m);
+}
+
+/// A copy of a flight with a method of one's own computes the same bits.
+#[test]
+fn a_method_of_ones_own_is_copied_with_what_it_knows() {
+    let scenario = Case { robot: "lab3", mission: "polyline", motor_s: QUICK }.scenario(true).unwrap();
+    let mission = scenario.mission.clone();
+    let chain = Chain::new(&scenario).unwrap();
+    let own = Chain { estimator: own_estimator(&chain.estimator), ..chain };
+    let mut lockstep = Lockstep::with(scenario, own).unwrap();
+    lockstep.zero_and_arm().unwrap();
+    lockstep.run(&mission).unwrap();
+    for _ in 0..200 {
+        lockstep.cycle().unwrap();
+    }
+    let mut copy = lockstep.fork().unwrap();
+    for _ in 0..100 {
+        assert_eq!(lockstep.cycle().unwrap().estimate, copy.cycle().unwrap().estimate);
+    }
 }

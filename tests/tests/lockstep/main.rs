@@ -12,6 +12,9 @@ mod georeference;
 mod law;
 mod laws;
 mod map;
+/// The template for a method of estimation of one's own.
+#[path = "../../../scripts/templates/estimator/src/method.rs"]
+mod method;
 mod motor_table;
 mod planar;
 mod replay;

@@ -5,5 +5,5 @@ mod law;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
-    controller::process::main_with(Box::new(law::MyLaw::default()))
+    controller::process::main_with(controller::program!(), Box::new(law::MyLaw::default()))
 }

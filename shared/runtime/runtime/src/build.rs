@@ -1,4 +1,6 @@
-//! What this build is.
+//! What this build is, and what a program is that is not of nims.
+
+use serde::Serialize;
 
 /// Version of nims, e.g. `0.1.0`.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
@@ -29,6 +31,43 @@ pub fn described(version: &str) -> String {
 pub fn own() -> &'static str {
     static OWN: std::sync::OnceLock<String> = std::sync::OnceLock::new();
     OWN.get_or_init(|| described(VERSION))
+}
+
+/// A program of one's own: what a run says of it in place of the version and the commit of nims. [`crate::program!`] makes it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub struct Program {
+    /// Name of its crate.
+    pub name: &'static str,
+    /// Version of its crate.
+    pub version: &'static str,
+    /// Folder of the sources that it was built from.
+    pub sources: &'static str,
+}
+
+impl Program {
+    /// Its version, how it was built, and its name: `0.1.0 debug of my-law`.
+    #[must_use]
+    pub fn described(&self) -> String {
+        format!("{} {PROFILE} of {}", self.version, self.name)
+    }
+
+    /// As a table of TOML, `[program]`.
+    #[must_use]
+    pub fn to_toml(&self) -> String {
+        format!("[program]\n{}", toml::to_string(self).unwrap_or_default())
+    }
+}
+
+/// The [`build::Program`](crate::build::Program) of the crate in which this stands.
+#[macro_export]
+macro_rules! program {
+    () => {
+        $crate::build::Program {
+            name: env!("CARGO_PKG_NAME"),
+            version: env!("CARGO_PKG_VERSION"),
+            sources: env!("CARGO_MANIFEST_DIR"),
+        }
+    };
 }
 
 #[cfg(test)]
@@ -63,6 +102,15 @@ mod tests {
         let dirty = stamp::of(folder.path()).unwrap();
         assert_eq!(split(&dirty), Some((clean.as_str(), true)));
         assert_eq!(split(""), None);
+    }
+
+    #[test]
+    fn a_program_names_itself() {
+        let program = Program { name: "my-law", version: "2.0.0", sources: "/home/\"you\"/my-law" };
+        assert_eq!(program.described(), format!("2.0.0 {PROFILE} of my-law"));
+        let table: toml::Table = program.to_toml().parse().unwrap();
+        assert_eq!(table["program"]["sources"].as_str(), Some(program.sources));
+        assert_eq!(crate::program!().name, "runtime");
     }
 
     #[test]

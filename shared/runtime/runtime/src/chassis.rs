@@ -14,7 +14,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing::{error, info, warn};
 
 use crate::args::CommonArgs;
-use crate::build;
+use crate::build::{self, Program};
 use crate::declared::{Declared, Since};
 use crate::lease;
 use crate::logging::{self, Log};
@@ -195,6 +195,13 @@ impl Chassis {
         self.declared.ready(now_ns())?;
         self.life = Life::Ready;
         self.send_beat(now_ns())
+    }
+
+    /// This process is a program of one's own: the run names it, its version and its sources in place of the version of nims. Say it before
+    /// [`Chassis::ready`].
+    pub fn is_program(&mut self, program: &Program) {
+        put_text(&mut self.beat.version, &program.described());
+        self.declared.is_program(program);
     }
 
     /// What this process works with, in place of what the box file says for its role: its law, and its parameters as TOML. It goes to

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use bus::{BusError, Publisher};
 use messages::{Header, SystemConfig, put_text};
 
+use crate::build::Program;
 use crate::hash::{ProgramHash, hash_of};
 use config::{BoxFile, RobotFile};
 
@@ -31,6 +32,8 @@ pub(crate) struct Declared {
     port: Option<Publisher<SystemConfig>>,
     sample: Box<SystemConfig>,
     program_hash: ProgramHash,
+    /// `[program]` of a program of one's own, which stands behind the parameters.
+    program: Option<String>,
     /// The process has said that it is ready, so a change is said at once.
     open: bool,
     life: u64,
@@ -50,7 +53,7 @@ impl Declared {
         let program = std::env::current_exe().unwrap_or_default();
         put_text(&mut sample.program, &program.to_string_lossy());
         let program_hash = ProgramHash::begin(program);
-        let mut declared = Self { port, sample, program_hash, open: false, life: 0 };
+        let mut declared = Self { port, sample, program_hash, program: None, open: false, life: 0 };
         if let Some((path, file)) = file {
             let robot = file.robot_file().ok();
             declared.read(path, &parts_of(path, &file.robot, robot.as_ref()));
@@ -75,6 +78,12 @@ impl Declared {
         put_text(&mut self.sample.version, version);
     }
 
+    /// The program is one's own, and no part of nims.
+    pub(crate) fn is_program(&mut self, program: &Program) {
+        self.version(&program.described());
+        self.program = Some(program.to_toml());
+    }
+
     /// The file that the process goes by, and everything that belongs to it.
     pub(crate) fn read(&mut self, file: &Path, parts: &[PathBuf]) {
         put_text(&mut self.sample.file, &file.to_string_lossy());
@@ -84,7 +93,10 @@ impl Declared {
     /// Law and parameters, in place of those that the file's section for this role gives.
     pub(crate) fn uses(&mut self, law: &str, parameters: &str) {
         put_text(&mut self.sample.law, law);
-        put_lines(&mut self.sample.parameters, parameters);
+        match &self.program {
+            Some(program) => put_lines(&mut self.sample.parameters, &format!("{}\n\n{program}", parameters.trim_end())),
+            None => put_lines(&mut self.sample.parameters, parameters),
+        }
     }
 
     /// From when on it holds; said at once if the process is ready.

@@ -53,6 +53,7 @@ mod timing;
 mod tuning;
 
 pub use args::{Args, CommonArgs, LawArgs};
+pub use build::Program;
 pub use bus::clock::now_ns;
 pub use chassis::{
     BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,

@@ -508,15 +508,15 @@ impl Lockstep {
 
 /// Flies the whole scenario.
 pub fn fly(scenario: Scenario) -> Result<Flight> {
-    fly_with(scenario, Controller::new)
+    fly_with(scenario, |chain| chain)
 }
 
-/// Flies the whole scenario with a controller made from what the scenario's would be.
-pub fn fly_with(scenario: Scenario, controller: impl FnOnce(ControllerConfig) -> Controller) -> Result<Flight> {
+/// Flies the whole scenario with a chain made from what the scenario's would be.
+pub fn fly_with(scenario: Scenario, change: impl FnOnce(Chain) -> Chain) -> Result<Flight> {
     let mission = scenario.mission.clone();
     let longest = (scenario.longest_s / scenario.period_s) as u64;
-    let mut lockstep = Lockstep::new(scenario)?;
-    lockstep.slots.controllers[0] = lockstep.slots.controllers[0].take().map(|made| controller(*made.config()));
+    let chain = change(Chain::new(&scenario)?);
+    let mut lockstep = Lockstep::with(scenario, chain)?;
     lockstep.zero_and_arm()?;
     lockstep.run(&mission).context("the planner refused the mission")?;
     let [mut estimate, mut truth, mut between, mut velocity, mut tension] = [Sum::default(); 5];

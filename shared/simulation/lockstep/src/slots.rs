@@ -76,7 +76,13 @@ impl Slots {
     /// Starts an estimator; who was in that slot is gone.
     pub fn start_estimator(&mut self, slot: usize, config: &EstimatorConfig, method: Method) {
         self.lives += 1;
-        self.estimators[slot] = Some(Estimator::new(&EstimatorConfig { incarnation: self.lives, method, ..*config }));
+        let config = EstimatorConfig { incarnation: self.lives, method, ..*config };
+        self.put_estimator(slot, Estimator::new(&config));
+    }
+
+    /// The same with an estimator that was made otherwise.
+    pub fn put_estimator(&mut self, slot: usize, estimator: Estimator) {
+        self.estimators[slot] = Some(estimator);
         self.estimates[slot] = None;
     }
 
