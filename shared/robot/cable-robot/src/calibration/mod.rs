@@ -71,6 +71,7 @@ pub mod joint;
 mod measurements;
 pub mod placement;
 pub mod survey;
+mod undetermined;
 
 pub use covariance::AnchorCovariance;
 pub use error::CalibrationError;
@@ -83,3 +84,4 @@ pub use measurements::{
     Outlier, calibrate,
 };
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
+pub use undetermined::{TwoPlaces, Undetermined};
