@@ -1,9 +1,10 @@
 //! The estimator against lengths made from known positions.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use cable_robot::length_filter::FilterError;
 use cable_robot::{CableVec, Distribution, Jacobian, Robot, RobotParts, Vector3, elastic};
 use config::EstimatorSection;
-use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig, Method};
+use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig, Method, MethodError};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate};
 use proptest::prelude::*;
 
@@ -329,9 +330,15 @@ fn after_a_gap_a_reading_is_believed_at_once() {
 #[test]
 fn methods_that_do_not_exist_are_named() {
     let section = EstimatorSection { method: "guess".into(), ..EstimatorSection::default() };
-    assert_eq!(Method::of(&section).unwrap_err().to_string(), "method is \"guess\"; accepted: \"phi\" or \"kalman\"");
+    let error = Method::of(&section).unwrap_err();
+    assert_eq!(error, MethodError::Unknown("guess".into()));
+    assert!(
+        ["guess", "phi", "kalman"].iter().all(|name| error.to_string().contains(&format!("\"{name}\""))),
+        "{error}"
+    );
     let section = EstimatorSection { method: "kalman".into(), drive_lag_s: 0.0, ..EstimatorSection::default() };
-    assert!(Method::of(&section).unwrap_err().to_string().contains("lag"));
+    let error = Method::of(&section).unwrap_err();
+    assert!(matches!(error, MethodError::Filter(FilterError { value: 0.0, .. })), "{error}");
 }
 
 fn any_number() -> impl Strategy<Value = f64> {
