@@ -88,8 +88,8 @@ pub enum BusError {
         channel: String,
         /// How many there may be.
         limit: usize,
-        /// `publisher(s)`, `subscriber(s)`, `process(es)`.
-        what: &'static str,
+        /// What has all its places.
+        what: PlaceKind,
         /// Who holds the channel; empty where that is not known.
         holders: String,
     },
@@ -148,6 +148,41 @@ pub enum BusError {
         /// One clause.
         why: String,
     },
+}
+
+/// The name of the process itself where the holders of a channel are named.
+pub const THIS_PROCESS: &str = "this process";
+
+/// What has places in a channel, or beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum PlaceKind {
+    /// Who publishes.
+    #[error("publisher(s)")]
+    Publishers,
+    /// Who subscribes.
+    #[error("subscribers")]
+    Subscribers,
+    /// Who subscribes with the whole buffer.
+    #[error("subscribers that hear everything")]
+    DeepSubscribers,
+    /// Who subscribes from the same party.
+    #[error("subscribers of this kind")]
+    SubscribersOfParty,
+    /// Who opens it.
+    #[error("processes")]
+    Processes,
+    /// Who wakes others.
+    #[error("processes that wake it")]
+    Wakers,
+    /// Who is woken.
+    #[error("processes that wait for it")]
+    Waiters,
+    /// Who answers requests.
+    #[error("answering process")]
+    Server,
+    /// Who asks.
+    #[error("commands that wait for an answer")]
+    Clients,
 }
 
 /// Why a name cannot be that of a domain.
@@ -268,10 +303,12 @@ mod tests {
         assert!(held(holders).contains(holders));
         for holders in ["", holders] {
             let channel = "motor/state".to_owned();
-            let full = BusError::Full { channel, limit: 2, what: "subscribers", holders: holders.to_owned() };
+            let full = BusError::Full { channel, limit: 2, what: PlaceKind::Subscribers, holders: holders.to_owned() };
             let sentence = full.to_string();
             assert!(
-                ["motor/state", "2 subscribers", &held(holders)].iter().all(|part| sentence.contains(part)),
+                ["motor/state", &format!("2 {}", PlaceKind::Subscribers), &held(holders)]
+                    .iter()
+                    .all(|part| sentence.contains(part)),
                 "{sentence}"
             );
         }

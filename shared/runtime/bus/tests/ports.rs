@@ -6,7 +6,7 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use bus::clock::now_ns;
-use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain};
+use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain, PlaceKind};
 use messages::{
     Field, Header, Heartbeat, Message, MotorState, NodeEstimate, OperatorRequest, PlanMotion, put_text, text_of,
 };
@@ -121,7 +121,7 @@ fn one_publisher_is_a_lease() {
     let first = one.publisher::<MotorState>("motor/state").unwrap();
     let error = two.publisher::<MotorState>("motor/state").unwrap_err();
     let BusError::Full { channel, limit: 1, what, .. } = &error else { panic!("{error}") };
-    assert_eq!((channel.as_str(), *what), ("motor/state", "publisher(s)"));
+    assert_eq!((channel.as_str(), *what), ("motor/state", PlaceKind::Publishers));
     drop(first);
     two.publisher::<MotorState>("motor/state").unwrap();
 }
