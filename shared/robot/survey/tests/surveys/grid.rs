@@ -318,7 +318,9 @@ fn a_grid_that_makes_no_sense_is_refused() {
     };
     assert_eq!(wrong(&refused([1.0, 1.0], 0.0)), ("cell_m", 0.0));
     assert_eq!(wrong(&refused([1.0, -1.0], 0.1)), ("side_m", -1.0));
-    assert!(matches!(refused([1e9, 1e9], 0.1), SurveyError::Cells { columns, rows, most } if columns.saturating_mul(rows) > most));
+    assert!(
+        matches!(refused([1e9, 1e9], 0.1), SurveyError::Cells { columns, rows, most } if columns.saturating_mul(rows) > most)
+    );
     assert!(GridSpec::covering([0.0, f64::NAN], [1.0, 1.0], 0.1).is_err());
     let bad = GridOptions { reach_m: -1.0, ..GridOptions::default() };
     assert_eq!(wrong(&GridMap::new(spec(0.1), bad).unwrap_err()), ("reach_m", -1.0));
