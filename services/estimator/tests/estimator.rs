@@ -1,12 +1,10 @@
 //! The estimator against lengths made from known positions.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
+use cable_control::length_filter::FilterError;
 use cable_robot::{CableVec, Distribution, Jacobian, Robot, RobotParts, Vector3, elastic};
 use config::EstimatorSection;
-use estimator::{
-    BRIDGED_CYCLES, CableEstimator, CableSample, Estimator, EstimatorConfig, Instant, METHOD_OTHER, Measurement,
-    Method, Parameters,
-};
+use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig, Method, MethodError};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate};
 use proptest::prelude::*;
 
@@ -332,9 +330,15 @@ fn after_a_gap_a_reading_is_believed_at_once() {
 #[test]
 fn methods_that_do_not_exist_are_named() {
     let section = EstimatorSection { method: "guess".into(), ..EstimatorSection::default() };
-    assert_eq!(Method::of(&section).unwrap_err().to_string(), "method is \"guess\"; accepted: \"phi\" or \"kalman\"");
+    let error = Method::of(&section).unwrap_err();
+    assert_eq!(error, MethodError::Unknown("guess".into()));
+    assert!(
+        ["guess", "phi", "kalman"].iter().all(|name| error.to_string().contains(&format!("\"{name}\""))),
+        "{error}"
+    );
     let section = EstimatorSection { method: "kalman".into(), drive_lag_s: 0.0, ..EstimatorSection::default() };
-    assert!(Method::of(&section).unwrap_err().to_string().contains("lag"));
+    let error = Method::of(&section).unwrap_err();
+    assert!(matches!(error, MethodError::Filter(FilterError { value: 0.0, .. })), "{error}");
 }
 
 fn any_number() -> impl Strategy<Value = f64> {
@@ -442,119 +446,4 @@ fn lengths_that_are_given_anew_are_no_movement() {
             assert!(distance(&estimate, at) < 1e-4, "{method:?}, cycle {cycle}: {} m", distance(&estimate, at));
         }
     }
-}
-
-/// A method of one's own that says what it is told to.
-#[derive(Clone, Default)]
-struct Says {
-    measurement: Option<Measurement>,
-    last: Option<CableSample>,
-    lag_s: f64,
-}
-
-impl CableEstimator for Says {
-    fn read(&mut self, sample: &CableSample) {
-        assert!(sample.command_m_s.is_finite() && sample.length_m.is_none_or(f64::is_finite));
-        self.last = Some(*sample);
-    }
-
-    fn at(&self, instant: &Instant) -> Option<Measurement> {
-        let last = self.last?;
-        assert_eq!(instant.cycle, last.cycle);
-        let measured = |length_m| Measurement {
-            length_m,
-            velocity_m_s: 0.0,
-            steady_velocity_m_s: Some(0.0),
-            sigma_m: self.lag_s,
-            phi: [0.0; 2],
-            sampled_ns: last.sampled_ns,
-        };
-        self.measurement.or_else(|| last.length_m.map(measured))
-    }
-
-    fn forget(&mut self) {
-        self.last = None;
-    }
-
-    fn retune(&mut self, parameters: &Parameters) {
-        self.lag_s = parameters.drive_lag_s;
-    }
-}
-
-#[test]
-fn a_method_of_ones_own_takes_the_place_of_the_configured_one() {
-    let robot = robot(3, Some(6000.0));
-    let position = Vector3::new(5.0, 3.0, 1.0);
-    let section = EstimatorSection { drive_lag_s: 0.02, ..EstimatorSection::default() };
-    let mut estimator = Estimator::with_method(&EstimatorConfig::own(&section, robot, 7), Box::new(Says::default()));
-    let estimate = estimator.step(&state(1, &lengths(&robot, position)), None);
-    assert_eq!((estimate.valid, estimate.method, estimate.incarnation), (1, METHOD_OTHER, 7));
-    assert!(distance(&estimate, position) < 1e-6, "{estimate:?}");
-    // It is told the parameters at its start and with each change.
-    let first = spread(&estimate);
-    let section = EstimatorSection { drive_lag_s: 0.2, ..section };
-    estimator.configure(&EstimatorConfig::own(&section, robot, 7));
-    let estimate = estimator.step(&state(2, &lengths(&robot, position)), None);
-    assert!(estimate.valid == 1 && spread(&estimate) > 50.0 * first, "{} and {first}", spread(&estimate));
-    // Not brought along, it has no estimate.
-    let estimate =
-        Estimator::new(&EstimatorConfig::own(&section, robot, 7)).step(&state(1, &lengths(&robot, position)), None);
-    assert_eq!((estimate.valid, estimate.method), (0, METHOD_OTHER));
-}
-
-#[test]
-fn what_a_method_of_ones_own_cannot_know_is_not_valid() {
-    let robot = robot(3, Some(6000.0));
-    let lengths_m = lengths(&robot, Vector3::new(5.0, 3.0, 1.0));
-    let good = Measurement {
-        length_m: lengths_m[0],
-        velocity_m_s: 0.0,
-        steady_velocity_m_s: None,
-        sigma_m: 0.0,
-        phi: [0.0; 2],
-        sampled_ns: 1,
-    };
-    for spoilt in [
-        Measurement { length_m: f64::NAN, ..good },
-        Measurement { velocity_m_s: f64::INFINITY, ..good },
-        Measurement { steady_velocity_m_s: Some(f64::NAN), ..good },
-        Measurement { sigma_m: f64::NAN, ..good },
-        Measurement { length_m: -20.0, ..good },
-    ] {
-        let own = Says { measurement: Some(spoilt), ..Says::default() };
-        let config = EstimatorConfig::own(&EstimatorSection::default(), robot, 7);
-        let mut estimator = Estimator::with_method(&config, Box::new(own));
-        assert_eq!(estimator.step(&state(1, &lengths_m), None).valid, 0, "{spoilt:?}");
-    }
-    // A method that goes on without readings has no say after those that may be bridged.
-    let own = Says { measurement: Some(good), ..Says::default() };
-    let config = EstimatorConfig::own(&EstimatorSection::default(), robot, 7);
-    let mut estimator = Estimator::with_method(&config, Box::new(own));
-    for cycle in 1..=2 + BRIDGED_CYCLES {
-        let mut state = state(cycle, &lengths_m);
-        if cycle > 1 {
-            state.fresh = [0; 8];
-        }
-        let estimate = estimator.step(&state, None);
-        assert_eq!(estimate.predicted_m[0] > 0.0, cycle <= 1 + BRIDGED_CYCLES, "cycle {cycle}");
-    }
-}
-
-/// A parameter that a method does not use makes no other method.
-#[test]
-fn methods_are_equal_that_compute_the_same() {
-    let of = |method: &str, eta, drive_lag_s| {
-        let section = EstimatorSection { method: method.into(), eta, drive_lag_s, ..EstimatorSection::default() };
-        Method::of(&section).unwrap()
-    };
-    assert_eq!(of("phi", 50, 0.07), of("phi", 50, 0.2));
-    assert_ne!(of("phi", 50, 0.07), of("phi", 20, 0.07));
-    assert_eq!(of("kalman", 50, 0.07), of("kalman", 20, 0.07));
-    assert_ne!(of("kalman", 50, 0.07), of("kalman", 50, 0.2));
-    assert_ne!(of("kalman", 50, 0.07), of("phi", 50, 0.07));
-    for method in methods() {
-        let name = Method::name_of(method.number()).unwrap();
-        assert_eq!(of(name, 50, 0.07).number(), method.number());
-    }
-    assert_eq!(Method::name_of(METHOD_OTHER), None);
 }

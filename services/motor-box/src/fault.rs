@@ -346,7 +346,9 @@ mod tests {
             "late 1 60",
         ] {
             let error = text.parse::<FaultRequest>().expect_err(text).to_string();
-            assert!(error.contains("slip CABLE SHARE"), "{error}");
+            let form = |kind: &Kind| format!("{} {}", kind.name, kind.arguments);
+            assert!(KINDS.iter().all(|kind| error.contains(&form(kind))), "{error}");
+            assert!(error.contains(text), "{error}");
         }
     }
 }

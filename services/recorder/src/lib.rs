@@ -25,4 +25,4 @@ pub use batch::{Batch, Heard};
 pub use listen::{Listening, listen_to_known};
 pub use recorder::{Recorder, RecorderError, recover_leftovers};
 pub use row::Row;
-pub use session::{Session, Settings};
+pub use session::{DiskFull, ENDED_DISK_FULL, Session, Settings};

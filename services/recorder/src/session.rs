@@ -25,6 +25,23 @@ const ROOM_FACTOR: f64 = 1.1;
 const STATIC_NS: u64 = 2 * SECOND_NS;
 /// Where the gaps stand in the file.
 const GAPS: &str = "recorder/gap";
+/// What a file says of its end that was closed because the disk is full.
+pub const ENDED_DISK_FULL: &str = "the disk was full";
+
+/// Nothing is recorded, because there is no room.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "the disk is full: {:.0} MB are free at {}, and at least {:.0} MB are needed; make room and it goes on",
+    *free_bytes as f64 / 1e6, folder.display(), *needed_bytes as f64 / 1e6
+)]
+pub struct DiskFull {
+    /// Of the run.
+    pub folder: PathBuf,
+    /// Bytes that can be written there.
+    pub free_bytes: u64,
+    /// Bytes that have to be free.
+    pub needed_bytes: u64,
+}
 
 /// What a recording needs to know.
 #[derive(Debug, Clone)]
@@ -314,7 +331,7 @@ impl Session {
         match &mut self.state {
             State::Recording(_) if self.free_bytes < self.settings.min_free_bytes => {
                 self.say_full();
-                if let Err(error) = self.end("the disk was full") {
+                if let Err(error) = self.end(ENDED_DISK_FULL) {
                     tracing::error!("{error}");
                     self.unfinished = true;
                 }
@@ -421,11 +438,9 @@ impl Session {
     }
 
     fn say_full(&mut self) {
-        let (free, wanted) = (self.free_bytes as f64 / 1e6, self.settings.min_free_bytes as f64 / 1e6);
-        let folder = self.settings.folder.display();
-        self.reason = format!(
-            "the disk is full: {free:.0} MB are free at {folder}, and at least {wanted:.0} MB are needed; make room and it goes on"
-        );
+        let folder = self.settings.folder.clone();
+        let full = DiskFull { folder, free_bytes: self.free_bytes, needed_bytes: self.settings.min_free_bytes };
+        self.reason = full.to_string();
         tracing::error!("NOTHING IS BEING RECORDED: {}", self.reason);
     }
 

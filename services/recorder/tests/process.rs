@@ -249,10 +249,10 @@ fn it_refuses_what_it_cannot_use_with_one_sentence() {
     };
     let (code, said) = ask(&["--domain", domain.name(), "--run", "/no/such/folder"]);
     assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("/no/such/folder: there is no such folder"), "{said}");
+    assert!(said.contains("/no/such/folder") && said.lines().count() == 1, "{said}");
     let (code, said) = ask(&["--run", run.path().to_str().unwrap()]);
     assert_eq!(code, Some(2), "{said}");
-    assert!(said.contains("no domain"), "{said}");
+    assert!(["--box", "--domain"].iter().all(|option| said.contains(option)) && said.lines().count() == 1, "{said}");
 }
 
 /// Not for every machine: `mount -t tmpfs -o size=32m none DIR`, then

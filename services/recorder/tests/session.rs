@@ -7,8 +7,8 @@ use std::fs;
 use std::path::Path;
 
 use messages::{Message, RecorderGap, RecorderStatus, TruthNode, text_of};
-use recorder::{Batch, Heard, Session, Settings};
-use runlog::{ChannelSpec, RunClock, RunReader, info, read_channel, segments};
+use recorder::{Batch, DiskFull, ENDED_DISK_FULL, Heard, Session, Settings};
+use runlog::{ChannelSpec, Finding, RunClock, RunError, RunReader, cause_phrase, info, read_channel, segments};
 
 const SECOND: u64 = 1_000_000_000;
 const MIN_FREE: u64 = 1_000;
@@ -38,6 +38,13 @@ fn hear(session: &mut Session, row: usize, seq: u64, now_ns: u64, missing: u64) 
     session.write(&batch, now_ns, now_ns + 1_000);
 }
 
+/// What a reason looks like where it has to fit into the status.
+fn in_status(reason: &dyn std::fmt::Display) -> String {
+    let mut status = RecorderStatus::default();
+    messages::put_sentence(&mut status.reason, &reason.to_string());
+    text_of(&status.reason)
+}
+
 fn status(session: &Session) -> RecorderStatus {
     session.status(0).next().unwrap()
 }
@@ -56,12 +63,14 @@ fn a_full_disk_stops_the_recording_loudly_and_room_lets_it_go_on() {
 
     session.tick(2 * SECOND, Some(MIN_FREE - 1));
     assert!(!session.is_recording());
-    assert_eq!(info(folder.path()).unwrap().ended.as_deref(), Some("the disk was full"), "the file is closed in order");
+    assert_eq!(info(folder.path()).unwrap().ended.as_deref(), Some(ENDED_DISK_FULL), "the file is closed in order");
     hear(&mut session, row, 2, 2 * SECOND, 0);
     session.tick(3 * SECOND, Some(MIN_FREE));
     assert_eq!(status(&session).state, RecorderStatus::STATE_DISK_FULL, "not for a handful of bytes");
     let reason = text_of(&status(&session).reason);
-    assert!(reason.contains("the disk is full") && reason.ends_with("make room and it goes on"), "{reason}");
+    let folder_of_run = folder.path().to_owned();
+    let full = DiskFull { folder: folder_of_run, free_bytes: MIN_FREE - 1, needed_bytes: MIN_FREE };
+    assert_eq!(reason, in_status(&full));
     hear(&mut session, row, 3, 3 * SECOND, 0);
     assert_eq!(status(&session).lost, 2);
 
@@ -77,7 +86,8 @@ fn a_full_disk_stops_the_recording_loudly_and_room_lets_it_go_on() {
         .collect();
     assert_eq!(numbers, [1, 4]);
     let report = info(folder.path()).unwrap();
-    assert!(report.verdict[0].contains("truth/node: 2 samples missing in 1 gaps"), "{:?}", report.verdict);
+    let lost = Finding::Lost { channel: "truth/node".into(), samples: 2, gaps: 1 };
+    assert_eq!(report.findings[0], lost, "{:?}", report.findings);
 }
 
 #[test]
@@ -107,7 +117,7 @@ fn a_folder_that_was_removed_is_no_full_disk_and_recording_goes_on_in_a_new_one(
     let said = status(&session);
     assert_eq!(said.state, RecorderStatus::STATE_FAILED);
     let reason = text_of(&said.reason);
-    assert!(reason.contains("was removed") && !reason.contains("new file"), "it may not come to one: {reason}");
+    assert_eq!(reason, in_status(&RunError::Removed { path: folder.join("run.mcap") }));
     // A mission that was accepted meanwhile comes behind the configuration.
     fs::create_dir_all(folder.join("missions")).unwrap();
     fs::write(folder.join("missions/1-over.toml"), "y").unwrap();
@@ -141,7 +151,10 @@ fn a_later_reason_takes_the_place_of_the_first() {
     fs::write(&folder, "").unwrap();
     session.tick(3 * SECOND, Some(10_000));
     let second = text_of(&status(&session).reason);
-    assert!(first.contains("was removed") && second.contains("make the folder of the run again"), "{first}\n{second}");
+    let removed = |reason: &str| reason.contains(RunError::REMOVED);
+    assert!(removed(&first) && !removed(&second), "{first}\n{second}");
+    let refused = fs::create_dir_all(&folder).unwrap_err().to_string();
+    assert!(second.contains(folder.to_str().unwrap()) && second.contains(&refused), "{second}");
     fs::remove_file(&folder).unwrap();
     session.tick(9 * SECOND, Some(10_000));
     assert!(session.is_recording());
@@ -320,10 +333,9 @@ fn every_gap_stands_in_the_file_where_samples_are_missing() {
     assert_eq!(text_of(&gaps[0].1.channel), "truth/node");
     let report = info(folder.path()).unwrap();
     assert_eq!(report.gaps.len(), 2);
-    assert!((report.gaps[1].lasted_s - 4.0).abs() < 1e-9 && report.gaps[1].cause == "the disk was full");
+    assert!((report.gaps[1].lasted_s - 4.0).abs() < 1e-9 && report.gaps[1].cause == cause_phrase(full));
     let said = report.to_string();
-    assert!(
-        said.contains("truth/node: 6 samples are missing, 4.000 s from") && said.contains("the disk was full"),
-        "{said}"
-    );
+    let line =
+        |line: &&str| ["truth/node", " 6 ", "4.000 s", cause_phrase(full)].iter().all(|part| line.contains(part));
+    assert_eq!(said.lines().filter(line).count(), 1, "{said}");
 }

@@ -4,7 +4,7 @@ use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{CableVec, Jacobian, NodeJacobian, Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
 use config::ControllerSection;
-use controller::{Asked, CableLaw, Controller, ControllerConfig, Law, Seen};
+use controller::{Asked, CableLaw, Controller, ControllerConfig, Law, LawError, Seen};
 use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
 use segments::segment_message;
@@ -305,14 +305,21 @@ fn far_from_the_setpoint_there_is_no_answer() {
 
 #[test]
 fn laws_are_chosen_by_name_and_wrong_ones_named() {
-    assert!(Law::by_name("pid", 0.0, 1.0).unwrap_err().to_string().contains("lq-endpoint"));
-    assert!(Law::by_name("lq-endpoint", -1.0, 1.0).unwrap_err().to_string().contains("state_weight"));
-    assert!(Law::by_name("lq-endpoint", 0.0, f64::NAN).unwrap_err().to_string().contains("input_weight"));
+    let error = Law::by_name("pid", 0.0, 1.0).unwrap_err();
+    assert_eq!(error, LawError::Unknown("pid".into()));
+    let names = ["pid", "lq-endpoint", "preview", "p-feedforward"];
+    assert!(names.iter().all(|name| error.to_string().contains(&format!("\"{name}\""))), "{error}");
+    let key = |law: Result<Law, LawError>| match law.unwrap_err() {
+        LawError::Parameter { key, .. } => key,
+        other => panic!("{other}"),
+    };
+    assert_eq!(key(Law::by_name("lq-endpoint", -1.0, 1.0)), "state_weight");
+    assert_eq!(key(Law::by_name("lq-endpoint", 0.0, f64::NAN)), "input_weight");
     let gain = |length_gain_per_s| {
         Law::of(&ControllerSection { law: "p-feedforward".into(), length_gain_per_s, ..ControllerSection::default() })
     };
     assert_eq!(gain(2.0).unwrap().number(), ControlStatus::LAW_P_FEEDFORWARD);
-    assert!(gain(0.0).unwrap_err().to_string().contains("length_gain_per_s"));
+    assert_eq!(key(gain(0.0)), "length_gain_per_s");
 }
 
 fn config(robot: Robot, law: Law) -> ControllerConfig {

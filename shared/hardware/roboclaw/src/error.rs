@@ -103,7 +103,33 @@ pub enum Error {
     Line(#[from] serial::Error),
     /// The configuration cannot be meant.
     #[error("{port}: {what}")]
-    Configuration { port: Arc<str>, what: &'static str },
+    Configuration { port: Arc<str>, what: Misfit },
+}
+
+/// Why a configuration cannot be meant.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum Misfit {
+    /// A line without units.
+    #[error("no units on this line; name at least one address")]
+    NoUnits,
+    /// An address that no unit can have.
+    #[error("a unit's address has to be between 0x80 and 0x87")]
+    Address,
+    /// Two units of one line have the same address.
+    #[error("two units with the same address; give each its own")]
+    AddressTwice,
+    /// A unit without a watchdog.
+    #[error("a watchdog of 0 would let the motors run on when this program dies; choose 1 to 255 tenths")]
+    NoWatchdog,
+    /// Two lines with the same name.
+    #[error("named twice; list all units of a line under one port")]
+    PortTwice,
+    /// More units than a robot has.
+    #[error("more than 8 units in all; there are at most 8 cables")]
+    TooManyUnits,
+    /// The system starts no more threads.
+    #[error("no thread could be started for it; the system is out of resources")]
+    NoThread,
 }
 
 impl Error {

@@ -10,7 +10,7 @@ use std::time::Duration;
 use serial::{Line, LineClock, Transport, monotonic_ns};
 
 use crate::driver::{Bus, BusConfig, Counters, Drive, MAX_UNITS, StopInput, UnitAnswer, UnitIdentity};
-use crate::error::Error;
+use crate::error::{Error, Misfit};
 
 /// Most units of a fleet: as many as there can be cables, if each had a unit of its own.
 pub const MAX_FLEET: usize = 8;
@@ -154,13 +154,13 @@ impl Fleet {
         let wrong = |port: &Arc<str>, what| Err(Error::Configuration { port: Arc::clone(port), what });
         for (index, name) in names.iter().enumerate() {
             if names[..index].contains(name) {
-                return wrong(name, "named twice; list all units of a line under one port");
+                return wrong(name, Misfit::PortTwice);
             }
         }
         let port_of_unit: Vec<usize> =
             buses.iter().enumerate().flat_map(|(port, bus)| std::iter::repeat_n(port, bus.unit_count())).collect();
         if port_of_unit.len() > MAX_FLEET {
-            return wrong(&names[0], "more than 8 units in all; there are at most 8 cables");
+            return wrong(&names[0], Misfit::TooManyUnits);
         }
         let slot = |bus: &Bus<T>| Slot {
             stop: false,
@@ -190,10 +190,7 @@ impl Fleet {
             match spawned {
                 Ok(thread) => fleet.threads.push(thread),
                 Err(_) => {
-                    return wrong(
-                        &fleet.names[index],
-                        "no thread could be started for it; the system is out of resources",
-                    );
+                    return wrong(&fleet.names[index], Misfit::NoThread);
                 }
             }
         }

@@ -48,7 +48,7 @@ pub mod unit;
 
 pub use crc::{Crc, crc16};
 pub use driver::{Bus, BusConfig, Counters, Drive, StopInput, Timed, UnitAnswer, UnitConfig, UnitReport};
-pub use error::{Command, Error};
+pub use error::{Command, Error, Misfit};
 pub use fleet::{Fleet, FleetCommand, FleetReply, PortConfig, PortReport};
 pub use packet::{MAX_PACKET, Packet};
 pub use serial::StatusPin;

@@ -66,6 +66,15 @@ pub enum Error {
         /// What the system said.
         kind: io::ErrorKind,
     },
+    /// A pseudo-terminal could not be offered, because something else has its name.
+    #[error(
+        "pseudo-terminal {port}: could not publish its name: a file that is not a link is in the way ({})",
+        io::ErrorKind::AlreadyExists
+    )]
+    NotALink {
+        /// The name.
+        port: Arc<str>,
+    },
 }
 
 impl Error {

@@ -124,9 +124,7 @@ impl Jack {
             fs::create_dir_all(folder).map_err(failed("create its folder"))?;
         }
         if fs::symlink_metadata(&self.link).is_ok_and(|there| !there.is_symlink()) {
-            return Err(failed("publish its name: a file that is not a link is in the way")(
-                io::ErrorKind::AlreadyExists.into(),
-            ));
+            return Err(Error::NotALink { port: Arc::from(self.link.to_string_lossy()) });
         }
         // The process number keeps two boxes that are started at once from sharing the temporary name.
         let mut fresh = self.link.clone().into_os_string();

@@ -311,7 +311,12 @@ mod tests {
         for [lag, acceleration, reading] in
             [[0.0, 0.5, 1e-4], [f64::NAN, 0.5, 1e-4], [0.07, -1.0, 1e-4], [0.07, 0.5, 0.0], [0.07, 0.5, f64::INFINITY]]
         {
-            assert!(FilterSettings::new(lag, acceleration, reading).unwrap_err().to_string().contains("accepted"));
+            let error = FilterSettings::new(lag, acceleration, reading).unwrap_err();
+            assert!(
+                [lag, acceleration, reading].iter().any(|given| given.to_bits() == error.value.to_bits()),
+                "{error}"
+            );
+            assert!(error.to_string().ends_with(error.accepted), "{error}");
         }
     }
 }

@@ -86,7 +86,8 @@ impl Segment {
     /// let profile = Profile::plan(&path, &profile::ProfileLimits::rest_to_rest(0.2, 0.4))?;
     /// let segment = Segment { id: 1, path, profile, start_s: 0.0 };
     /// let refusal = segment.check(&robot, Distribution::Unique, 0.01).unwrap_err();
-    /// assert!(refusal.to_string().contains("above the upper limit of 60.00 N"), "{refusal}");
+    /// let motion::Cause::Tension(violation) = refusal.cause else { panic!("{refusal}") };
+    /// assert!(violation.limit_n == 60.0 && violation.tension_n > 60.0, "{refusal}");
     /// # Ok::<(), Box<dyn std::error::Error>>(())
     /// ```
     pub fn check(&self, robot: &Robot, distribution: Distribution, step_m: f64) -> Result<Report, Refusal> {

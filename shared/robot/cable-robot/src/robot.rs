@@ -531,7 +531,8 @@ mod tests {
             let error = Robot::new(bad).unwrap_err();
             assert_eq!(error.key, *key, "{error}");
             let sentence = error.to_string();
-            assert!(sentence.starts_with(key) && sentence.contains("; accepted: "), "{sentence}");
+            assert!(sentence.starts_with(key) && sentence.ends_with(error.accepted), "{sentence}");
+            assert!(!error.accepted.is_empty() && sentence.contains(&error.problem), "{sentence}");
         }
     }
 

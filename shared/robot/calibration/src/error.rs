@@ -7,6 +7,7 @@
 //! assert!(["invalid_argument", "rank_deficient"].contains(&refusal.kind()));
 //! ```
 
+use super::{TwoPlaces, Undetermined};
 use thiserror::Error;
 
 /// What a calibration cannot answer; every message names what was wrong, where, and what to do. Anchors, cables and
@@ -24,10 +25,10 @@ pub enum CalibrationError {
     Unreachable(String),
     /// Two mirror solutions and nothing to choose by.
     #[error("{0}")]
-    Ambiguous(String),
+    Ambiguous(TwoPlaces),
     /// The measurements do not determine the anchors.
     #[error("{0}")]
-    RankDeficient(String),
+    RankDeficient(Undetermined),
     /// The best fit of the lengths puts an anchor at a negative squared height.
     #[error(
         "the lengths fit best with anchor {anchor} at a squared height of {squared_height_m2:.4} m², which no anchor has: \
@@ -64,8 +65,8 @@ pub(super) fn degenerate<T>(sentence: impl Into<String>) -> Result<T, Calibratio
     Err(CalibrationError::DegenerateGeometry(sentence.into()))
 }
 
-pub(super) fn undetermined<T>(sentence: impl Into<String>) -> Result<T, CalibrationError> {
-    Err(CalibrationError::RankDeficient(sentence.into()))
+pub(super) fn undetermined<T>(why: Undetermined) -> Result<T, CalibrationError> {
+    Err(CalibrationError::RankDeficient(why))
 }
 
 /// A standard deviation: finite and above zero.

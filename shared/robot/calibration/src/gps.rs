@@ -6,6 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 
 use super::error::{CalibrationError, degenerate, invalid, undetermined};
+use super::{TwoPlaces, Undetermined};
 use cable_robot::kinematics::{KinematicsError, LONGEST_M, trilaterate};
 
 /// Bound of the refinement; it needs about five steps.
@@ -83,10 +84,7 @@ fn upper(p: [Vector3<f64>; 3], l: [f64; 3], lenient: bool) -> Result<Vector3<f64
     let [a, b] = pair.points;
     let apart = (a - b).norm();
     if apart > 1e-9 && (a.z - b.z).abs() < 1e-9 * apart.max(1.0) {
-        return Err(CalibrationError::Ambiguous(
-            "the points lie in a vertical plane, which leaves two anchors at the same height; move one of them"
-                .to_owned(),
-        ));
+        return Err(CalibrationError::Ambiguous(TwoPlaces::VerticalPlane));
     }
     Ok(if a.z >= b.z { a } else { b })
 }
@@ -98,10 +96,7 @@ fn upper(p: [Vector3<f64>; 3], l: [f64; 3], lenient: bool) -> Result<Vector3<f64
 pub fn gps_anchor_least_squares(points_m: &[[f64; 3]], lengths_m: &[f64]) -> Result<GpsAnchor, CalibrationError> {
     check(points_m, lengths_m)?;
     if points_m.len() < 3 {
-        return undetermined(format!(
-            "{} point(s) with known positions cannot determine an anchor; measure at least three that are not on one line",
-            points_m.len()
-        ));
+        return undetermined(Undetermined::FewKnownPoints { points: points_m.len() });
     }
     let points: Vec<Vector3<f64>> = points_m.iter().map(|p| Vector3::from(*p)).collect();
     let [i, j, k] = widest_triple(&points);
@@ -119,9 +114,7 @@ pub fn gps_anchor_least_squares(points_m: &[[f64; 3]], lengths_m: &[f64]) -> Res
         residuals_m.push(l - d);
     }
     let Some(inverse) = normal.cholesky().map(|c| c.inverse()) else {
-        return undetermined(
-            "the points lie in one plane with the anchor, which leaves it open; add points beside that plane",
-        );
+        return undetermined(Undetermined::InAPlane);
     };
     let by_length = directions.iter().map(|u| inverse * u).collect();
     Ok(GpsAnchor { anchor_m: anchor, residuals_m, by_length, directions })

@@ -14,6 +14,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::Undetermined;
 use super::error::{CalibrationError, invalid, undetermined};
 use super::survey::{check_anchors, flatness};
 use cable_robot::{CableVec, MAX_CABLES};
@@ -128,10 +129,7 @@ pub(super) fn check_lengths(anchors: usize, lengths: &[CableVec]) -> Result<(), 
 }
 
 pub(super) fn too_few(points: usize) -> CalibrationError {
-    CalibrationError::RankDeficient(format!(
-        "{points} point(s) cannot determine the heights, whatever the number of cables; measure at least three that are \
-         not on one line"
-    ))
+    CalibrationError::RankDeficient(Undetermined::FewPoints { points })
 }
 
 /// The minimum of (4) with what it needs to be checked by whoever calls; use [`calibrate_heights`] to have it checked.
@@ -176,10 +174,7 @@ fn solve(anchors: &[[f64; 2]], lengths: &[CableVec], with_sensitivity: bool) -> 
     }
     mean_ell.iter_mut().for_each(|sum| *sum /= m as f64);
     if !(flatness(&alpha) > COLLINEAR_SHARE) {
-        return undetermined(
-            "the points lie on one line, which leaves the heights undetermined whatever the number of cables; \
-             add points to its sides",
-        );
+        return undetermined(Undetermined::OnALine);
     }
     let regression = regress(&alpha, &beta);
     let (e, v) = (regression.e, regression.v);
@@ -373,7 +368,7 @@ pub fn calibrate_heights(anchors_xy_m: &[[f64; 2]], lengths_m: &[CableVec]) -> R
         let w = found.squared_heights_m2[i].abs();
         let std = found.covariance(i, i, sigma).max(0.0).sqrt();
         if is_open(found.squared_heights_m2[i], std) && is_flat(&found.points_xy_m) {
-            return undetermined(nearly_on_a_line(&found.points_xy_m, i, std / (2.0 * w.sqrt())));
+            return undetermined(nearly_on_a_line(&found.points_xy_m, i, std / (2.0 * w.sqrt()), None));
         }
     }
     let heights_m = found.heights_m()?;
@@ -443,11 +438,7 @@ pub(super) fn check_spread(
     if spread * spread > LEAST_SIGNAL * variance {
         return Ok(());
     }
-    undetermined(format!(
-        "the points lie on one line as far as the lengths can tell ({spread:.3} m to its sides, of which noise alone makes \
-         {:.3} m), which leaves the heights undetermined whatever the number of cables; add points to both sides of that line",
-        variance.sqrt()
-    ))
+    undetermined(Undetermined::OnALineInNoise { across_m: spread, noise_m: variance.sqrt() })
 }
 
 /// Unit vector across the line that fits points best.
@@ -470,13 +461,9 @@ pub(super) fn is_flat(points: &[[f64; 2]]) -> bool {
     across < 0.15 * along
 }
 
-pub(super) fn nearly_on_a_line(points: &[[f64; 2]], anchor: usize, std_m: f64) -> String {
-    let [along, across] = spread(points);
-    format!(
-        "the points lie nearly on one line ({across:.2} m to its sides and {along:.2} m along it, root mean square), which \
-         leaves the height of anchor {} uncertain by {std_m:.2} m; add points to both sides of that line",
-        anchor + 1
-    )
+pub(super) fn nearly_on_a_line(points: &[[f64; 2]], anchor: usize, std_m: f64, limit_m: Option<f64>) -> Undetermined {
+    let [along_m, across_m] = spread(points);
+    Undetermined::NearALine { across_m, along_m, anchor: anchor + 1, std_m, limit_m }
 }
 
 /// The point of the plane that fits these lengths best in length: Gauss-Newton in two unknowns from the linear estimate.

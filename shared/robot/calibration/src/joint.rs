@@ -13,6 +13,7 @@ mod descent;
 
 use nalgebra::DMatrix;
 
+use super::Undetermined;
 use super::covariance::AnchorCovariance;
 use super::error::{CalibrationError, check_sigma, invalid};
 use super::heights::{self, Frame, check_lengths, closed_form};
@@ -289,15 +290,10 @@ fn start(input: &JointInput, to_frame: bool) -> Result<State, CalibrationError> 
 /// The refusal of data that leave an unknown open, with the likely reason.
 fn open(state: &State) -> CalibrationError {
     CalibrationError::RankDeficient(if heights::is_flat(&state.points) {
-        let [along, across] = heights::spread(&state.points);
-        format!(
-            "the points lie on one line or nearly so ({across:.3} m to its sides, {along:.3} m along it, root mean square), \
-             which leaves the anchors undetermined; add points to both sides of that line"
-        )
+        let [along_m, across_m] = heights::spread(&state.points);
+        Undetermined::OpenNearALine { across_m, along_m }
     } else {
-        "the measurements leave an unknown open; add points, ranges between anchors or directly measured heights, or do \
-         not estimate scale and zeros"
-            .to_owned()
+        Undetermined::Open
     })
 }
 

@@ -75,6 +75,7 @@ mod measurements;
 pub mod motor_fit;
 pub mod placement;
 pub mod survey;
+mod undetermined;
 
 pub use covariance::AnchorCovariance;
 pub use error::CalibrationError;
@@ -87,3 +88,4 @@ pub use measurements::{
     Outlier, calibrate,
 };
 pub use survey::{Range, Side, Survey, fourth_anchor, survey_anchors, survey_network};
+pub use undetermined::{TwoPlaces, Undetermined};

@@ -4,6 +4,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::Undetermined;
 use super::covariance::AnchorCovariance;
 use super::error::{CalibrationError, check_sigma, invalid, undetermined};
 use super::heights::{self, Frame, check_lengths, closed_form, closed_form_with_sensitivity};
@@ -204,18 +205,13 @@ pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration,
     Ok(found)
 }
 
-fn refusal(measured: &Measurements, found: &Calibration, anchor: usize, axis: usize, std: f64) -> String {
-    let limit = measured.refuse_above_std_m;
+fn refusal(measured: &Measurements, found: &Calibration, anchor: usize, axis: usize, std: f64) -> Undetermined {
+    let limit_m = measured.refuse_above_std_m;
     let xy: Vec<_> = found.points_m.iter().map(|p| [p[0], p[1]]).collect();
     if found.method != Method::Gps && axis == 2 && heights::is_flat(&xy) {
-        return format!("{} (more than {limit} m is refused)", heights::nearly_on_a_line(&xy, anchor, std));
+        return heights::nearly_on_a_line(&xy, anchor, std, Some(limit_m));
     }
-    format!(
-        "these measurements leave {} of anchor {} uncertain by {std:.2} m (more than {limit} m is refused); spread the points \
-         to the corners below the anchors, add points, or measure more exactly",
-        ["x", "y", "z"][axis],
-        anchor + 1
-    )
+    Undetermined::Uncertain { axis: ['x', 'y', 'z'][axis], anchor: anchor + 1, std_m: std, limit_m }
 }
 
 /// What tells how well the data agree with the model.
@@ -310,9 +306,7 @@ fn by_survey(measured: &Measurements) -> Result<(Calibration, Fit), CalibrationE
             }
         }
         Err(CalibrationError::RankDeficient(why)) if !measured.heights.is_empty() => {
-            return undetermined(format!(
-                "{why}; or use the joint method, which takes the measured heights into account"
-            ));
+            return undetermined(Undetermined::WithoutHeights(Box::new(why)));
         }
         Err(error) => return Err(error),
     }

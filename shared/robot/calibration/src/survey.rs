@@ -6,6 +6,7 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::error::{CalibrationError, degenerate, invalid, undetermined};
+use super::{TwoPlaces, Undetermined};
 use cable_robot::MAX_CABLES;
 
 /// Three anchors whose triangle is flatter than this share of its longest side count as collinear; below it rounding
@@ -207,11 +208,7 @@ pub fn fourth_anchor(
     }
     match (ranges_m, side) {
         ([r1, r2], Some(side)) => intersect(&anchors_xy_m[0], &anchors_xy_m[1], *r1, *r2, side),
-        ([_, _], None) => Err(CalibrationError::Ambiguous(
-            "two ranges leave two places for the fourth anchor; give its side of the line from anchor 1 to anchor 2, \
-             or a third range"
-                .to_owned(),
-        )),
+        ([_, _], None) => Err(CalibrationError::Ambiguous(TwoPlaces::Fourth)),
         ([_, _, _], _) => {
             check_anchors(anchors_xy_m)?;
             let known: Vec<_> = anchors_xy_m.iter().zip(ranges_m).map(|(a, r)| (*a, *r, 1.0)).collect();
@@ -366,7 +363,7 @@ pub fn survey_network(n: usize, ranges: &[Range], sides: &[Option<Side>]) -> Res
         (weight > 0.0).then(|| (sum / weight, 1.0 / weight.sqrt()))
     };
     let Some((baseline, _)) = between(0, 1) else {
-        return undetermined("there is no range between anchors 1 and 2, which define the x axis; measure it");
+        return undetermined(Undetermined::NoBaseline);
     };
     let mut placed: Vec<Option<[f64; 2]>> = vec![None; n];
     (placed[0], placed[1]) = (Some([0.0, 0.0]), Some([baseline, 0.0]));
@@ -376,11 +373,7 @@ pub fn survey_network(n: usize, ranges: &[Range], sides: &[Option<Side>]) -> Res
         let side = sides.get(next).copied().flatten().or((next == 2).then_some(Side::Left));
         placed[next] = Some(match known.as_slice() {
             [] | [_] => {
-                return undetermined(format!(
-                    "anchor {} is reached by {} range(s) from anchors whose place is known; measure ranges to two more",
-                    next + 1,
-                    known.len()
-                ));
+                return undetermined(Undetermined::FewRanges { anchor: next + 1, ranges: known.len() });
             }
             [(0, _, d1, _), (1, _, d3, _)] if next == 2 => {
                 survey_anchors([*d1, baseline, *d3], side.unwrap_or_default())?[2]
@@ -388,23 +381,15 @@ pub fn survey_network(n: usize, ranges: &[Range], sides: &[Option<Side>]) -> Res
             [(i, a, ra, _), (j, b, rb, _)] => match side {
                 Some(side) => intersect(a, b, *ra, *rb, side)?,
                 None => {
-                    return Err(CalibrationError::Ambiguous(format!(
-                        "two ranges leave two places for anchor {}; give its side of the line from anchor {} to anchor {} \
-                         (1 left, -1 right), or a third range",
-                        next + 1,
-                        i + 1,
-                        j + 1
-                    )));
+                    let (anchor, from, to) = (next + 1, i + 1, j + 1);
+                    return Err(CalibrationError::Ambiguous(TwoPlaces::Anchor { anchor, from, to }));
                 }
             },
             several => {
                 let known: Vec<_> = several.iter().map(|(_, p, r, s)| (*p, *r, *s)).collect();
                 let places: Vec<_> = known.iter().map(|(p, _, _)| *p).collect();
                 if !(flatness(&places) > COLLINEAR_SHARE) {
-                    return undetermined(format!(
-                        "the anchors with ranges to anchor {} lie on one line; measure a range from another one",
-                        next + 1
-                    ));
+                    return undetermined(Undetermined::RangesOnALine { anchor: next + 1 });
                 }
                 best_point(&known)
             }
@@ -454,7 +439,7 @@ fn refine(mut xy: Vec<[f64; 2]>, ranges: &[Range]) -> Result<Survey, Calibration
             }
         }
         let Some(cholesky) = normal.cholesky() else {
-            return undetermined("the ranges do not hold the anchors in place; measure one between each pair");
+            return undetermined(Undetermined::LooseRanges);
         };
         let step = cholesky.solve(&gradient);
         inverse = cholesky.inverse();

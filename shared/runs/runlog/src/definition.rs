@@ -4,7 +4,7 @@ use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
 
 use messages::ros::Payload;
-use messages::schema::{Schema, is_type_name, split};
+use messages::schema::{Schema, SchemaError, is_type_name, split};
 use messages::{hash_of, ros, schema_name};
 
 /// A channel as it is found on the bus.
@@ -84,37 +84,55 @@ impl Definitions {
     }
 }
 
+/// Why a channel is recorded as plain bytes.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Refusal {
+    /// Its type has a name that some reader cannot take.
+    #[error("the type name `{0}` is not `package/Type/hash`")]
+    TypeName(String),
+    /// It came without a definition.
+    #[error("the channel has no definition")]
+    NoDefinition,
+    /// Its definition is outside the subset that every reader decodes alike.
+    #[error(transparent)]
+    Schema(#[from] SchemaError),
+    /// Its definition does not describe the sample's bytes.
+    #[error("the definition describes {described} bytes, a sample has {sample}: is there hidden padding?")]
+    Size {
+        /// Bytes that the definition describes.
+        described: usize,
+        /// Bytes of a sample.
+        sample: usize,
+    },
+}
+
 /// The two-part type name, if the definition is one that every reader decodes and that describes just the sample's bytes.
-fn check(spec: &ChannelSpec) -> Result<String, String> {
+fn check(spec: &ChannelSpec) -> Result<String, Refusal> {
     let name = schema_name(&spec.type_name)
         .map(|name| name.replacen("/msg/", "/", 1))
         .filter(|name| is_type_name(name))
-        .ok_or_else(|| format!("the type name `{}` is not `package/Type/hash`", spec.type_name))?;
+        .ok_or_else(|| Refusal::TypeName(spec.type_name.clone()))?;
     if spec.schema.is_empty() {
-        return Err("the channel has no definition".to_owned());
+        return Err(Refusal::NoDefinition);
     }
     if ros::schema_of(&spec.type_name).is_some_and(|known| known == spec.schema) {
         return Ok(name); // with texts and lists, and known to every reader
     }
-    let schema = Schema::parse(&spec.schema).map_err(|error| error.to_string())?;
+    let schema = Schema::parse(&spec.schema)?;
     if schema.size() != spec.size {
-        return Err(format!(
-            "the definition describes {} bytes, a sample has {}: is there hidden padding?",
-            schema.size(),
-            spec.size
-        ));
+        return Err(Refusal::Size { described: schema.size(), sample: spec.size });
     }
     Ok(name)
 }
 
-fn opaque(spec: &ChannelSpec, why: &str) -> Definition {
+fn opaque(spec: &ChannelSpec, why: &Refusal) -> Definition {
     Definition {
         schema_name: format!("nims_msgs/msg/Opaque{}", spec.size),
         text: format!("uint8[{}] data\n", spec.size.max(1)),
         metadata: BTreeMap::from([
             ("type".to_owned(), spec.type_name.clone()),
             ("original_schema".to_owned(), spec.schema.clone()),
-            ("refused".to_owned(), why.to_owned()),
+            ("refused".to_owned(), why.to_string()),
         ]),
     }
 }
@@ -185,17 +203,19 @@ mod tests {
     #[test]
     fn a_definition_that_is_wrong_becomes_plain_bytes_with_the_reason() {
         let mut definitions = Definitions::default();
+        let string = Schema::parse("string x\n").unwrap_err();
         for (spec, why) in [
-            (foreign("wind", "float64 x\n", 8), "package/Type"),
-            (foreign("my-pkg/Wind/1", "float64 x\n", 8), "package/Type"),
-            (foreign("my_pkg/Wind/1", "", 8), "no definition"),
-            (foreign("my_pkg/Wind/1", "string x\n", 8), "line 1"),
-            (foreign("my_pkg/Wind/1", "float64 x\nuint8 y\n", 16), "hidden padding"),
+            (foreign("wind", "float64 x\n", 8), Refusal::TypeName("wind".into())),
+            (foreign("my-pkg/Wind/1", "float64 x\n", 8), Refusal::TypeName("my-pkg/Wind/1".into())),
+            (foreign("my_pkg/Wind/1", "", 8), Refusal::NoDefinition),
+            (foreign("my_pkg/Wind/1", "string x\n", 8), Refusal::Schema(string)),
+            (foreign("my_pkg/Wind/1", "float64 x\nuint8 y\n", 16), Refusal::Size { described: 9, sample: 16 }),
         ] {
             let definition = definitions.of(&spec);
             assert_eq!(definition.schema_name, format!("nims_msgs/msg/Opaque{}", spec.size));
             assert_eq!(definition.text, format!("uint8[{}] data\n", spec.size));
-            assert!(definition.metadata["refused"].contains(why), "{}", definition.metadata["refused"]);
+            assert_eq!(check(&spec).as_ref(), Err(&why));
+            assert_eq!(definition.metadata["refused"], why.to_string());
             assert_eq!(definition.metadata["original_schema"], spec.schema);
         }
     }

@@ -36,7 +36,7 @@ pub enum RunError {
         /// The file or folder.
         path: PathBuf,
         /// What it is instead.
-        what: String,
+        what: NoRun,
     },
     /// A recorder holds the file.
     #[error("{} is being recorded right now; stop the recording first", path.display())]
@@ -66,6 +66,46 @@ pub enum RunError {
     },
 }
 
+/// Why a file or a folder is no run, or not the part of one that was asked for.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum NoRun {
+    /// A folder without run files.
+    #[error("the folder holds no run file (*.mcap or *.mcap.part)")]
+    NoFiles,
+    /// A pipe, a device or a folder where a file is needed.
+    #[error("it is no regular file")]
+    NotRegular,
+    /// A file of another name than run files have.
+    #[error("the name of a run file ends in .mcap or .mcap.part")]
+    Name,
+    /// A file that was recovered before, beside it.
+    #[error("{} exists already; move it away to recover again", beside.display())]
+    RecoveredBefore {
+        /// What the recovery made.
+        beside: PathBuf,
+    },
+    /// A file without a byte.
+    #[error("the file is empty")]
+    Empty,
+    /// A file with other content.
+    #[error("not an MCAP file")]
+    NotMcap,
+    /// A run without samples.
+    #[error("it holds no samples")]
+    NoSamples,
+    /// A run without the channels that are wanted.
+    #[error("no channel {}; there are {}", wanted.join(", "), there.join(", "))]
+    NoChannel {
+        /// As they were asked for.
+        wanted: Vec<String>,
+        /// The channels of the run.
+        there: Vec<String>,
+    },
+    /// A run without samples in the time that is wanted.
+    #[error("no sample in that time")]
+    NoSampleThen,
+}
+
 impl RunError {
     /// What stands in the sentence of a file that was removed or moved, however long its path is. Where only the sentence arrives, it is
     /// known by this.
@@ -79,8 +119,8 @@ impl RunError {
         move |error| Self::Write { path: path.to_owned(), why: words(&error) }
     }
 
-    pub(crate) fn not_a_run(path: &Path, what: impl Into<String>) -> Self {
-        Self::NotARun { path: path.to_owned(), what: what.into() }
+    pub(crate) fn not_a_run(path: &Path, what: NoRun) -> Self {
+        Self::NotARun { path: path.to_owned(), what }
     }
 }
 
@@ -97,9 +137,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_removed_file_is_known_by_its_sentence_and_promises_no_other() {
+    fn a_removed_file_is_known_by_its_sentence() {
         let said = RunError::Removed { path: PathBuf::from("/runs/one/run.mcap.part") }.to_string();
         assert!(said.contains(RunError::REMOVED) && said.ends_with("/runs/one/run.mcap.part"), "{said}");
-        assert!(!said.contains("new file"), "{said}");
     }
 }

@@ -7,7 +7,7 @@ use std::time::SystemTime;
 
 use rustix::fs::{FlockOperation, Mode, OFlags, flock};
 
-use crate::RunError;
+use crate::{NoRun, RunError};
 
 /// Ending of a finished file.
 pub const FILE_ENDING: &str = ".mcap";
@@ -56,7 +56,7 @@ pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
         .filter_map(|entry| Some((stem(&entry.file_name())?, entry.path())))
         .collect();
     if found.is_empty() {
-        return Err(RunError::not_a_run(folder, "the folder holds no run file (*.mcap or *.mcap.part)"));
+        return Err(RunError::not_a_run(folder, NoRun::NoFiles));
     }
     let of = |stem: &str| stem.strip_suffix(RECOVERED_ENDING).unwrap_or(stem).to_owned();
     let recovered: Vec<String> =
@@ -85,7 +85,7 @@ pub(crate) fn open_file(path: &Path) -> Result<fs::File, RunError> {
         rustix::fs::open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty());
     let file = fs::File::from(opened.map_err(|error| RunError::io(path, "open the run file")(error.into()))?);
     let kind = file.metadata().map_err(RunError::io(path, "read the run file"))?.file_type();
-    if kind.is_file() { Ok(file) } else { Err(RunError::not_a_run(path, "it is no regular file")) }
+    if kind.is_file() { Ok(file) } else { Err(RunError::not_a_run(path, NoRun::NotRegular)) }
 }
 
 /// `NAME` of `NAME.mcap` or `NAME.mcap.part`.
@@ -130,7 +130,8 @@ mod tests {
     #[test]
     fn files_come_in_the_order_of_writing_and_names_are_not_used_twice() {
         let folder = tempfile::tempdir().unwrap();
-        assert!(segments(folder.path()).unwrap_err().to_string().contains("no run file"));
+        let error = segments(folder.path()).unwrap_err();
+        assert!(matches!(&error, RunError::NotARun { path, what: NoRun::NoFiles } if path == folder.path()), "{error}");
         for expected in ["run", "run-0002", "run-0003"] {
             let path = next_file(folder.path());
             assert_eq!(path, folder.path().join(format!("{expected}.mcap")));
@@ -148,7 +149,8 @@ mod tests {
         assert_eq!(names, ["run-recovered.mcap", "run-0002.mcap.part", "run-0003-recovered.mcap"]);
         rustix::fs::mknodat(rustix::fs::CWD, folder.path().join("pipe.mcap"), FileType::Fifo, Mode::RWXU, 0).unwrap();
         for path in [folder.path().join("pipe.mcap"), folder.path().to_path_buf(), "/dev/zero".into()] {
-            assert!(matches!(open_file(&path), Err(RunError::NotARun { .. })), "{}", path.display());
+            let opened = open_file(&path);
+            assert!(matches!(opened, Err(RunError::NotARun { what: NoRun::NotRegular, .. })), "{}", path.display());
         }
         assert!(free_bytes(folder.path()).unwrap() > 0);
         let removed = folder.path().join("removed/by/hand");

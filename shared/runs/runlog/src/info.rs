@@ -11,7 +11,7 @@ use serde::Serialize;
 
 use crate::folder::{is_held, silent_s};
 use crate::read::{Recorded, RecordedChannel, RunReader};
-use crate::{Damage, RunError, Sequence, utc};
+use crate::{Damage, Finding, Lack, RunError, Sequence, utc};
 
 /// One file of the run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
@@ -72,7 +72,7 @@ pub struct GapReport {
     pub at_s: f64,
     /// To the sample behind, s.
     pub lasted_s: f64,
-    /// Half a sentence.
+    /// Half a sentence; see [`cause_phrase`].
     pub cause: &'static str,
 }
 
@@ -83,6 +83,9 @@ pub struct RunReport {
     pub healthy: bool,
     /// One sentence per thing that is wrong, or one that says that nothing is.
     pub verdict: Vec<String>,
+    /// The same for programs; empty where nothing is wrong.
+    #[serde(skip)]
+    pub findings: Vec<Finding>,
     /// When the first sample was published.
     pub started: Option<String>,
     /// The same, UNIX time.
@@ -222,11 +225,17 @@ fn gap_report(gap: &RecorderGap, reader: &RunReader, begin_ns: u64) -> GapReport
         // What was missing before the file began is missing from its beginning on.
         at_s: ((unix(gap.last_ns) as f64 - begin_ns as f64) * 1e-9).max(0.0),
         lasted_s: gap.next_ns.saturating_sub(gap.last_ns) as f64 * 1e-9,
-        cause: match gap.cause {
-            RecorderGap::CAUSE_DISK_FULL => "the disk was full",
-            RecorderGap::CAUSE_FAILED => "the file was removed or could not be written",
-            _ => "the recorder did not take them in time",
-        },
+        cause: cause_phrase(gap.cause),
+    }
+}
+
+/// Half a sentence for the cause of a gap, one of the `CAUSE_` values of [`RecorderGap`].
+#[must_use]
+pub fn cause_phrase(cause: u8) -> &'static str {
+    match cause {
+        RecorderGap::CAUSE_DISK_FULL => "the disk was full",
+        RecorderGap::CAUSE_FAILED => "the file was removed or could not be written",
+        _ => "the recorder did not take them in time",
     }
 }
 
@@ -282,10 +291,12 @@ fn report(
         .collect();
     let fast = channels.iter().filter(|channel| channel.rate_hz.is_some_and(|rate_hz| rate_hz >= FAST_HZ));
     let unrecorded_s = fast.map(|channel| channel.unrecorded_s).fold(0.0, f64::max);
-    let verdict = verdict(&files, &channels, unrecorded_s, reader.orphaned());
+    let findings = findings(&files, &channels, unrecorded_s, reader.orphaned());
+    let well = || vec!["complete, nothing missing".to_owned()];
     RunReport {
-        healthy: verdict.is_empty(),
-        verdict: if verdict.is_empty() { vec!["complete, nothing missing".into()] } else { verdict },
+        healthy: findings.is_empty(),
+        verdict: if findings.is_empty() { well() } else { findings.iter().map(ToString::to_string).collect() },
+        findings,
         started: bounds.map(|(first, _)| utc(first)),
         started_unix_ns: bounds.map(|(first, _)| first),
         duration_s: bounds.map_or(0.0, |(first, last)| seconds(last - first)),
@@ -304,45 +315,42 @@ fn report(
     }
 }
 
-fn verdict(files: &[FileReport], channels: &[ChannelReport], unrecorded_s: f64, orphaned: u64) -> Vec<String> {
+fn findings(files: &[FileReport], channels: &[ChannelReport], unrecorded_s: f64, orphaned: u64) -> Vec<Finding> {
     let mut found = Vec::new();
     let short = is_short(channels, unrecorded_s);
     for (at, file) in files.iter().enumerate() {
         let holes = file.damage.iter().filter(|damage| !damage.torn_end).count();
-        let path = file.path.display();
+        let path = file.path.clone();
         if file.recording && file.silent_s > 0 {
-            found.push(format!(
-                "{path}: a recorder holds it, but nothing has been written for {} s; read up to what is on the disk",
-                file.silent_s
-            ));
+            found.push(Finding::Silent { path, silent_s: file.silent_s });
         } else if file.recording {
-            found.push(format!("{path}: is being recorded, and read up to what is on the disk"));
+            found.push(Finding::Recording { path });
         } else if holes > 0 {
-            found.push(format!("{path}: {holes} damaged places; run `nims recover`"));
+            found.push(Finding::Damaged { path, places: holes });
         } else if !file.finished {
-            found.push(format!("{path}: not closed properly; run `nims recover`"));
+            found.push(Finding::NotClosed { path });
         } else if file.recovered {
             let lack = match (short, at + 1 == files.len()) {
-                (true, _) => "what its recorder had not yet given to the disk when it ended is missing",
-                (false, true) => {
-                    "at most the last half second before its recorder ended is missing, after a power cut the last two"
-                }
-                (false, false) => "by their numbers, no samples are missing between it and the next file",
+                (true, _) => Lack::NotOnDisk,
+                (false, true) => Lack::Unknown,
+                (false, false) => Lack::Nothing,
             };
-            found.push(format!("{path}: recovered; {lack}"));
+            found.push(Finding::Recovered { path, lack });
         }
     }
     if unrecorded_s >= RunReport::LEAST_S {
-        found.push(format!("{unrecorded_s:.2} s were not recorded"));
+        found.push(Finding::Unrecorded { seconds: unrecorded_s });
     }
-    for channel in channels.iter().filter(|channel| channel.lost > 0) {
-        found.push(format!("{}: {} samples missing in {} gaps", channel.name, channel.lost, channel.gaps));
-    }
+    found.extend(channels.iter().filter(|channel| channel.lost > 0).map(|channel| Finding::Lost {
+        channel: channel.name.clone(),
+        samples: channel.lost,
+        gaps: channel.gaps,
+    }));
     if orphaned > 0 {
-        found.push(format!("{orphaned} samples of channels that nothing in the file describes"));
+        found.push(Finding::Orphaned { samples: orphaned });
     }
     if channels.is_empty() {
-        found.push("no samples".into());
+        found.push(Finding::NoSamples);
     }
     found
 }

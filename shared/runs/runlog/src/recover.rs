@@ -15,7 +15,7 @@ use serde::Serialize;
 use crate::folder::{FILE_ENDING, PART_ENDING, RECOVERED_ENDING, open_file, stem, sync_folder};
 use crate::scan::{Item, Scanner};
 use crate::write::{Attachment, CHANNELS_BEGINNING, Counted, Repeated, attach, options};
-use crate::{Damage, RunError};
+use crate::{Damage, NoRun, RunError};
 
 /// Name of the metadata record that says what was recovered.
 pub(crate) const RECOVERED: &str = "recovered";
@@ -113,7 +113,7 @@ pub fn recover(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Recove
 fn target_of(path: &Path) -> Result<PathBuf, RunError> {
     let stem = path.file_name().and_then(stem);
     let Some(stem) = stem else {
-        return Err(RunError::not_a_run(path, "the name of a run file ends in .mcap or .mcap.part"));
+        return Err(RunError::not_a_run(path, NoRun::Name));
     };
     let plain = path.with_file_name(format!("{stem}{FILE_ENDING}"));
     if !plain.exists() {
@@ -121,8 +121,7 @@ fn target_of(path: &Path) -> Result<PathBuf, RunError> {
     }
     let beside = path.with_file_name(format!("{stem}{RECOVERED_ENDING}{FILE_ENDING}"));
     if beside.exists() {
-        let what = format!("{} exists already; move it away to recover again", beside.display());
-        return Err(RunError::not_a_run(path, what));
+        return Err(RunError::not_a_run(path, NoRun::RecoveredBefore { beside }));
     }
     Ok(beside)
 }

@@ -13,9 +13,9 @@ use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Serialize;
 
-use crate::RunError;
 use crate::error::words;
 use crate::folder::open_file;
+use crate::{NoRun, RunError};
 
 /// Bytes of one chunk or record at most. Chunks have about one MiB; this bounds what a damaged length can make the reader allocate.
 const RECORD_BYTES: u64 = 256 << 20;
@@ -119,7 +119,7 @@ impl Scanner {
         if !wrong {
             scanner.at = MAGIC.len() as u64;
         } else if scanner.find_chunk(0)?.is_none() {
-            let what = if scanner.length == 0 { "the file is empty" } else { "not an MCAP file" };
+            let what = if scanner.length == 0 { NoRun::Empty } else { NoRun::NotMcap };
             return Err(RunError::not_a_run(path, what));
         }
         Ok(scanner)

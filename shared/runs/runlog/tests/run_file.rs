@@ -104,8 +104,9 @@ fn samples_come_back_bit_for_bit_with_their_times() {
     let state = &report.channels[0];
     assert_eq!((state.name.as_str(), state.messages, state.lost), ("motor/state", 300, 0));
     assert!((state.rate_hz.unwrap() - 100.0).abs() < 1e-6 && (state.longest_silence_s - 0.01).abs() < 1e-9);
+    assert!(report.findings.is_empty() && report.verdict.len() == 1, "{:?}", report.verdict);
     let text = report.to_string();
-    assert!(text.contains("motor/state") && text.contains("nothing missing"), "{text}");
+    assert!(text.contains("motor/state") && text.contains(&report.verdict[0]), "{text}");
     assert!(serde_json::to_value(&report).unwrap()["channels"][1]["name"] == "truth/node");
 }
 
@@ -120,15 +121,20 @@ fn losses_are_seen_by_number() {
         write(&mut writer, channel, &random.sample::<MotorState>(seq, seq));
     }
     let short = writer.write(channel, 10, 1, 1, &[0; 8]).unwrap_err();
-    assert!(short.to_string().contains("motor/state: a sample of 8 bytes"), "{short}");
+    let bytes = size_of::<MotorState>();
+    let RunError::Size { channel: named, got: 8, expected } = &short else { panic!("{short}") };
+    assert_eq!((named.as_str(), *expected), ("motor/state", bytes));
     writer.finish(&BTreeMap::new()).unwrap();
     let report = info(&path).unwrap();
     assert_eq!((report.channels[0].lost, report.channels[0].gaps, report.messages), (4, 2, 5));
-    assert!(!report.healthy && report.verdict.iter().any(|part| part.contains("4 samples missing in 2 gaps")));
+    let lost = Finding::Lost { channel: "motor/state".into(), samples: 4, gaps: 2 };
+    assert!(!report.healthy && report.findings.contains(&lost), "{:?}", report.findings);
     // 6 and 7 are missing between 5 and 8, 9 and 10 ... each a nanosecond behind the last.
     assert!(report.channels[0].unrecorded_s > 0.0);
-    let wrong = read_channel::<NodeEstimate>(&path, "motor/state").unwrap_err().to_string();
-    assert!(wrong.contains("motor/state holds nims_msgs/MotorState/"), "{wrong}");
+    let wrong = read_channel::<NodeEstimate>(&path, "motor/state").unwrap_err();
+    let RunError::Type { channel, found, wanted } = &wrong else { panic!("{wrong}") };
+    assert_eq!(channel, "motor/state");
+    assert_eq!((found.as_str(), wanted.as_str()), (MotorState::type_name(), NodeEstimate::type_name()));
 }
 
 #[test]
@@ -136,25 +142,26 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     let folder = tempfile::tempdir().unwrap();
     let (writer, path) = run(folder.path(), 130);
     let part = folder.path().join("run.mcap.part");
-    assert!(recover(&part, &mut quiet).unwrap_err().to_string().contains("being recorded right now"));
+    let busy = recover(&part, &mut quiet).unwrap_err();
+    assert!(matches!(&busy, RunError::Busy { path } if *path == part), "{busy}");
     // as after a kill: nothing is closed, but the lock is gone
     let abandoned = folder.path().join("run-0002.mcap.part");
     fs::copy(&part, &abandoned).unwrap();
     assert_eq!(states(&abandoned), (1..=100).collect::<Vec<_>>());
     let report = info(&part).unwrap();
     assert!(report.recording && !report.healthy && report.files[0].recording, "{:?}", report.verdict);
-    assert!(report.silent_s == 0 && report.verdict[0].contains("is being recorded"), "{:?}", report.verdict);
+    assert_eq!((report.silent_s, &report.findings[0]), (0, &Finding::Recording { path: part.clone() }));
     // A recorder that is stopped holds its file, and writes nothing.
     let written = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
     fs::File::open(&part).unwrap().set_modified(written).unwrap();
     let report = info(&part).unwrap();
     assert!(report.recording && (60..600).contains(&report.silent_s), "{} s", report.silent_s);
-    let said = &report.verdict[0];
-    assert!(said.contains("nothing has been written for 6") && !said.contains("being recorded"), "{said}");
-    assert!(report.to_string().contains("open, but nothing has been written for"), "{report}");
+    assert_eq!(report.findings[0], Finding::Silent { path: part.clone(), silent_s: report.silent_s });
+    let silent = format!(" {} s", report.silent_s);
+    assert_eq!(report.to_string().matches(&silent).count(), 2, "of the file and of the run: {report}");
     let report = info(&abandoned).unwrap();
     assert!(!report.recording && !report.files[0].recording);
-    assert!(!report.healthy && report.verdict[0].contains("not closed properly"), "{:?}", report.verdict);
+    assert!(!report.healthy && report.findings[0] == Finding::NotClosed { path: abandoned.clone() });
 
     let mut told = (0, 0);
     let recovery = recover(&abandoned, &mut |done, all| told = (done, all)).unwrap();
@@ -164,8 +171,7 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     assert!(recovery.kept.is_none() && !abandoned.exists());
     let report = info(&recovery.file).unwrap();
     assert!(report.files[0].recovered && report.files[0].finished && !report.healthy, "what was lost is not known");
-    assert!(report.verdict.len() == 1 && report.verdict[0].contains("recovered"), "{:?}", report.verdict);
-    assert!(report.verdict[0].contains("at most the last half second"), "{:?}", report.verdict);
+    assert_eq!(report.findings, [Finding::Recovered { path: recovery.file, lack: Lack::Unknown }]);
     assert_eq!(report.attachments, ["box.toml"]);
     assert_eq!(report.about["robot"], "lab3");
     writer.finish(&BTreeMap::new()).unwrap();
@@ -174,13 +180,15 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     let recovery = recover(&path, &mut quiet).unwrap();
     assert_eq!(recovery.file, folder.path().join("run-recovered.mcap"));
     assert_eq!(recovery.kept.as_deref(), Some(path.as_path()));
-    assert!(recover(&path, &mut quiet).unwrap_err().to_string().contains("exists already"));
+    let again = recover(&path, &mut quiet).unwrap_err();
+    let RunError::NotARun { what: NoRun::RecoveredBefore { beside }, .. } = &again else { panic!("{again}") };
+    assert_eq!(*beside, recovery.file);
 }
 
 #[test]
 fn a_recovered_file_lacks_what_the_numbers_of_the_next_one_show() {
     // Each file but the last is as a killed recorder leaves it: flushed to sample 100 and recovered.
-    for (next, lacks) in [(101_u64, "no samples are missing between it"), (131, "not yet given to the disk")] {
+    for (next, lack) in [(101_u64, Lack::Nothing), (131, Lack::NotOnDisk)] {
         let folder = tempfile::tempdir().unwrap();
         let (writer, _) = run(folder.path(), 130);
         let part = folder.path().join("run.mcap.part");
@@ -199,9 +207,10 @@ fn a_recovered_file_lacks_what_the_numbers_of_the_next_one_show() {
         }
         writer.finish(&BTreeMap::new()).unwrap();
         let report = info(folder.path()).unwrap();
-        let words = report.verdict.join("\n");
-        assert!(!report.healthy && words.contains("run.mcap: recovered") && words.contains(lacks), "{words}");
-        assert_eq!(words.contains("not recorded"), next > 101, "{words}");
+        let recovered = Finding::Recovered { path: folder.path().join("run.mcap"), lack };
+        assert!(!report.healthy && report.findings.contains(&recovered), "{:?}", report.findings);
+        let unrecorded = report.findings.iter().any(|finding| matches!(finding, Finding::Unrecorded { .. }));
+        assert_eq!(unrecorded, next > 101, "{:?}", report.findings);
     }
 }
 
@@ -274,7 +283,7 @@ fn a_type_nobody_can_read_spoils_nothing() {
     };
     let bad = writer.add_channel(&spec("sensor/bad", "x/Bad/1", "float64 a\nuint8 b\n", 16)).unwrap();
     let good = writer.add_channel(&spec("sensor/good", "x/Good/1", "float64 a\nuint8[8] b\n", 16)).unwrap();
-    assert!(writer.refusal(bad).unwrap().contains("hidden padding"));
+    assert_eq!(writer.refusal(bad), Some(Refusal::Size { described: 9, sample: 16 }.to_string().as_str()));
     assert!(writer.refusal(good).is_none());
     for channel in [bad, good] {
         writer.write(channel, 1, 5, 5, &[7; 16]).unwrap();
@@ -286,22 +295,30 @@ fn a_type_nobody_can_read_spoils_nothing() {
 }
 
 #[test]
-fn what_is_not_a_run_file_is_refused_with_a_sentence() {
+fn what_is_not_a_run_file_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("note.mcap");
-    for (content, why) in [(&b""[..], "empty"), (b"hello", "not an MCAP file"), (&[0x89; 100_000], "not an MCAP file")]
-    {
+    for (content, why) in [(&b""[..], NoRun::Empty), (b"hello", NoRun::NotMcap), (&[0x89; 100_000], NoRun::NotMcap)] {
         fs::write(&path, content).unwrap();
-        let error = info(&path).unwrap_err().to_string();
-        assert!(error.contains(why) && error.contains("note.mcap"), "{error}");
+        let error = info(&path).unwrap_err();
+        assert!(matches!(&error, RunError::NotARun { path: at, what } if *at == path && *what == why), "{error}");
     }
-    assert!(info(&folder.path().join("absent.mcap")).unwrap_err().to_string().contains("could not open"));
+    let absent = folder.path().join("absent.mcap");
+    let error = info(&absent).unwrap_err();
+    let missing = std::io::ErrorKind::NotFound;
+    assert!(
+        matches!(&error, RunError::Io { path, source, .. } if *path == absent && source.kind() == missing),
+        "{error}"
+    );
     let other = folder.path().join("note.txt");
     fs::write(&other, "x").unwrap();
-    assert!(recover(&other, &mut quiet).unwrap_err().to_string().contains(".mcap"));
+    let error = recover(&other, &mut quiet).unwrap_err();
+    assert!(matches!(&error, RunError::NotARun { path, what: NoRun::Name } if *path == other), "{error}");
     let writer = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]).unwrap();
     let twice = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]);
-    assert!(twice.err().unwrap().to_string().contains("could not create the run file"));
+    let error = twice.err().unwrap();
+    let (part, exists) = (folder.path().join("note.mcap.part"), std::io::ErrorKind::AlreadyExists);
+    assert!(matches!(&error, RunError::Io { path, source, .. } if *path == part && source.kind() == exists), "{error}");
     drop(writer);
 }
 

@@ -12,8 +12,8 @@ use iceoryx2::prelude::{CallbackProgression, Config, FileName, Node, NodeState, 
 use rustix::fs::{FlockOperation, flock, statfs};
 use rustix::process::geteuid;
 
-use crate::BusError;
 use crate::clock::WallClock;
+use crate::error::{BadName, BusError, Unfit};
 
 /// Where POSIX shared memory lies on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
@@ -75,12 +75,12 @@ impl Domain {
     /// # Errors
     /// [`BusError::DomainName`] unless it is 1 to 20 letters, digits or `-`; [`BusError::DomainFolder`] if the folder is another user's.
     pub fn new(name: &str) -> Result<Self, BusError> {
-        let bad = |why: String| BusError::DomainName { name: name.to_owned(), why };
+        let bad = |why| BusError::DomainName { name: name.to_owned(), why };
         if name.is_empty() || name.len() > NAME_BYTES {
-            return Err(bad(format!("give it 1 to {NAME_BYTES} characters")));
+            return Err(bad(BadName::Length { most: NAME_BYTES }));
         }
         if !usable(name) {
-            return Err(bad("use only letters, digits and `-`".to_owned()));
+            return Err(bad(BadName::Characters));
         }
         Self::make(name.to_owned(), Path::new(SHARED_MEMORY).join(format!("nims-{}-{name}", geteuid().as_raw())))
     }
@@ -94,7 +94,7 @@ impl Domain {
     pub fn from_root(root: &Path) -> Result<Self, BusError> {
         let name = root.to_string_lossy().into_owned();
         if !root.is_absolute() {
-            return Err(BusError::DomainName { name, why: "give the folder as an absolute path".to_owned() });
+            return Err(BusError::DomainName { name, why: BadName::Relative });
         }
         Self::make(name, root.to_owned())
     }
@@ -153,13 +153,10 @@ impl Domain {
         let prefix = format!("nims{:08x}_", messages::hash_of(&root.to_string_lossy()));
         let bytes = root.as_os_str().len() + prefix.len();
         if bytes > ROOT_AND_PREFIX_BYTES {
-            let why = format!("its folder is {} bytes too long", bytes - ROOT_AND_PREFIX_BYTES);
+            let why = BadName::LongFolder { excess: bytes - ROOT_AND_PREFIX_BYTES };
             return Err(BusError::DomainName { name, why });
         }
-        let unusable = |_| BusError::DomainName {
-            name: name.clone(),
-            why: "it has a character that a path cannot have".to_owned(),
-        };
+        let unusable = |_| BusError::DomainName { name: name.clone(), why: BadName::NoPath };
         let mut config = Config::default();
         config.global.prefix = FileName::new(prefix.as_bytes()).map_err(unusable)?;
         config
@@ -178,47 +175,36 @@ impl Domain {
     /// Makes the folder, mode 0700, or checks that the one that is there is this user's alone and a domain's. Its mode is never changed: it
     /// may be a folder that someone else made for something else.
     fn make_folder(&self) -> Result<(), BusError> {
-        let unusable = |why: String| BusError::DomainFolder { path: self.root.clone(), why };
+        let unusable = |why: Unfit| BusError::DomainFolder { path: self.root.clone(), why };
         if self.is_chosen() {
             let existing = if self.root.exists() { Some(self.root.as_path()) } else { self.root.parent() };
             let found = existing.and_then(|path| statfs(path).ok());
             if found.is_some_and(|found| !MEMORY_FILE_SYSTEMS.contains(&(found.f_type as u32))) {
-                return Err(unusable(
-                    "it is not in memory; give a folder on tmpfs, such as one in /dev/shm or /run".to_owned(),
-                ));
+                return Err(unusable(Unfit::NotInMemory));
             }
         }
         match fs::DirBuilder::new().mode(0o700).create(&self.root) {
             Ok(()) => return self.mark(),
             Err(error) if error.kind() == io::ErrorKind::AlreadyExists => {}
-            Err(error) => return Err(unusable(format!("it cannot be made ({error})"))),
+            Err(error) => return Err(unusable(Unfit::NotMade(error.to_string()))),
         }
-        let found = fs::symlink_metadata(&self.root).map_err(|error| unusable(error.to_string()))?;
+        let found = fs::symlink_metadata(&self.root).map_err(|error| unusable(error.into()))?;
         if !found.is_dir() {
-            return Err(unusable("it is not a folder; remove it".to_owned()));
+            return Err(unusable(Unfit::NotAFolder));
         }
         let user = geteuid().as_raw();
         if found.uid() != user {
-            return Err(unusable(format!(
-                "it belongs to user {}, and this is user {user}; run everything as one user",
-                found.uid()
-            )));
+            return Err(unusable(Unfit::OtherUser { owner: found.uid(), user }));
         }
         if self.is_chosen() && !self.is_marked() {
-            let empty =
-                fs::read_dir(&self.root).map_err(|error| unusable(error.to_string()))?.flatten().next().is_none();
+            let empty = fs::read_dir(&self.root).map_err(|error| unusable(error.into()))?.flatten().next().is_none();
             // another process may have marked it between the two looks
             if !empty && !self.is_marked() {
-                return Err(unusable(
-                    "it holds files that are no robot's; give a folder that is empty or does not exist".to_owned(),
-                ));
+                return Err(unusable(Unfit::OtherFiles));
             }
         }
         if found.mode() & 0o077 != 0 {
-            return Err(unusable(format!(
-                "other users may enter it (mode {:o}); make it private with `chmod 700`",
-                found.mode() & 0o777
-            )));
+            return Err(unusable(Unfit::Open { mode: found.mode() & 0o777 }));
         }
         self.mark()
     }
@@ -237,7 +223,7 @@ impl Domain {
             return Ok(());
         }
         fs::write(self.root.join(MARKER_FILE), "a robot's shared memory; see `nims --help`\n")
-            .map_err(|error| BusError::DomainFolder { path: self.root.clone(), why: error.to_string() })
+            .map_err(|error| BusError::DomainFolder { path: self.root.clone(), why: error.into() })
     }
 
     /// The text that [`Domain::parse`] turns into this domain again.
@@ -281,7 +267,7 @@ impl Domain {
         };
         match done {
             Err(error) if clock.is_some() || error.kind() != io::ErrorKind::NotFound => {
-                Err(BusError::DomainFolder { path, why: error.to_string() })
+                Err(BusError::DomainFolder { path, why: error.into() })
             }
             _ => Ok(()),
         }
@@ -323,7 +309,7 @@ impl Domain {
     /// # Errors
     /// [`BusError::Claimed`] if another process does.
     pub fn claim(&self) -> Result<Claim, BusError> {
-        let unusable = |error: io::Error| BusError::DomainFolder { path: self.root.clone(), why: error.to_string() };
+        let unusable = |error: io::Error| BusError::DomainFolder { path: self.root.clone(), why: error.into() };
         let path = self.root.join(CLAIM_FILE);
         for _ in 0..CLAIM_ATTEMPTS {
             self.make_folder()?; // whoever ran the domain before may just be removing it

@@ -11,16 +11,16 @@ pub enum BusError {
     DomainName {
         /// As it was given.
         name: String,
-        /// One clause.
-        why: String,
+        /// What is wrong with it.
+        why: BadName,
     },
     /// The folder of a domain cannot be used.
     #[error("the folder {path} of the domain cannot be used: {why}")]
     DomainFolder {
         /// The folder.
         path: PathBuf,
-        /// One clause.
-        why: String,
+        /// What is wrong with it.
+        why: Unfit,
     },
     /// Another supervisor runs this domain.
     #[error(
@@ -88,8 +88,8 @@ pub enum BusError {
         channel: String,
         /// How many there may be.
         limit: usize,
-        /// `publisher(s)`, `subscriber(s)`, `process(es)`.
-        what: &'static str,
+        /// What has all its places.
+        what: PlaceKind,
         /// Who holds the channel; empty where that is not known.
         holders: String,
     },
@@ -150,6 +150,113 @@ pub enum BusError {
     },
 }
 
+/// The name of the process itself where the holders of a channel are named.
+pub const THIS_PROCESS: &str = "this process";
+
+/// What has places in a channel, or beside it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum PlaceKind {
+    /// Who publishes.
+    #[error("publisher(s)")]
+    Publishers,
+    /// Who subscribes.
+    #[error("subscribers")]
+    Subscribers,
+    /// Who subscribes with the whole buffer.
+    #[error("subscribers that hear everything")]
+    DeepSubscribers,
+    /// Who subscribes from the same party.
+    #[error("subscribers of this kind")]
+    SubscribersOfParty,
+    /// Who opens it.
+    #[error("processes")]
+    Processes,
+    /// Who wakes others.
+    #[error("processes that wake it")]
+    Wakers,
+    /// Who is woken.
+    #[error("processes that wait for it")]
+    Waiters,
+    /// Who answers requests.
+    #[error("answering process")]
+    Server,
+    /// Who asks.
+    #[error("commands that wait for an answer")]
+    Clients,
+}
+
+/// Why a name cannot be that of a domain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
+pub enum BadName {
+    /// None, or too many characters.
+    #[error("give it 1 to {most} characters")]
+    Length {
+        /// As many as it may have.
+        most: usize,
+    },
+    /// Other characters than those of names.
+    #[error("use only letters, digits and `-`")]
+    Characters,
+    /// A folder that depends on where the process stands.
+    #[error("give the folder as an absolute path")]
+    Relative,
+    /// A folder whose path leaves no room for what is in it.
+    #[error("its folder is {excess} bytes too long")]
+    LongFolder {
+        /// Bytes.
+        excess: usize,
+    },
+    /// A character that the shared memory cannot have in a path.
+    #[error("it has a character that a path cannot have")]
+    NoPath,
+}
+
+/// Why the folder of a domain cannot be used.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Unfit {
+    /// It stands on a disk.
+    #[error("it is not in memory; give a folder on tmpfs, such as one in /dev/shm or /run")]
+    NotInMemory,
+    /// The system does not make it; in its words.
+    #[error("it cannot be made ({0})")]
+    NotMade(String),
+    /// Something else has its name.
+    #[error("it is not a folder; remove it")]
+    NotAFolder,
+    /// It is another user's.
+    #[error("it belongs to user {owner}, and this is user {user}; run everything as one user")]
+    OtherUser {
+        /// Whose it is.
+        owner: u32,
+        /// Whose process this is.
+        user: u32,
+    },
+    /// It is used for something else.
+    #[error("it holds files that are no robot's; give a folder that is empty or does not exist")]
+    OtherFiles,
+    /// Other users may enter it.
+    #[error("other users may enter it (mode {mode:o}); make it private with `chmod 700`")]
+    Open {
+        /// Its permissions.
+        mode: u32,
+    },
+    /// No thread could be started that removes what the dead have left; in the system's words.
+    #[error("no cleaner could be started ({0})")]
+    NoCleaner(String),
+    /// What the dead have left cannot be removed in time.
+    #[error("removing what killed processes left takes too long; end every process of the domain and start again")]
+    CleanerHangs,
+    /// The system refuses something else; in its words.
+    #[error("{0}")]
+    System(String),
+}
+
+impl From<std::io::Error> for Unfit {
+    fn from(error: std::io::Error) -> Self {
+        Self::System(error.to_string())
+    }
+}
+
 fn megabytes(bytes: u64) -> String {
     format!("{:.1} MB", bytes as f64 * 1e-6)
 }
@@ -191,14 +298,19 @@ mod tests {
 
     #[test]
     fn a_full_channel_names_its_holders_where_they_are_known() {
-        let full = |holders: &str| {
-            BusError::Full { channel: "x".to_owned(), limit: 2, what: "subscribers", holders: holders.to_owned() }
-                .to_string()
-        };
-        assert_eq!(full(""), "channel `x` already has its 2 subscribers: stop one of them first");
-        assert_eq!(
-            full("a (process 1)"),
-            "channel `x` already has its 2 subscribers; it is held by a (process 1): stop one of them first"
-        );
+        let holders = "a (process 1)";
+        assert_eq!(held(""), "", "no clause about a name that is not known");
+        assert!(held(holders).contains(holders));
+        for holders in ["", holders] {
+            let channel = "motor/state".to_owned();
+            let full = BusError::Full { channel, limit: 2, what: PlaceKind::Subscribers, holders: holders.to_owned() };
+            let sentence = full.to_string();
+            assert!(
+                ["motor/state", &format!("2 {}", PlaceKind::Subscribers), &held(holders)]
+                    .iter()
+                    .all(|part| sentence.contains(part)),
+                "{sentence}"
+            );
+        }
     }
 }

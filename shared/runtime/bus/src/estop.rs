@@ -57,7 +57,7 @@ impl Receiver {
     /// [`BusError::DomainFolder`] if the socket cannot be made.
     pub fn open(domain: &Domain) -> Result<Self, BusError> {
         let path = domain.root().join(SOCKET);
-        let unusable = |error: io::Error| BusError::DomainFolder { path: path.clone(), why: error.to_string() };
+        let unusable = |error: io::Error| BusError::DomainFolder { path: path.clone(), why: error.into() };
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(unusable(error)),
             _ => {}

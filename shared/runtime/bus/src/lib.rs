@@ -52,7 +52,7 @@ mod waiter;
 mod wire;
 
 pub use domain::{Claim, Domain, NodeInfo, TestDomain};
-pub use error::BusError;
+pub use error::{BadName, BusError, PlaceKind, THIS_PROCESS, Unfit};
 pub use memory::Memory;
 pub use node::Bus;
 pub use places::Party;

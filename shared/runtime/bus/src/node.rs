@@ -22,6 +22,7 @@ use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::definition::{self, Sheet};
 use crate::domain::info_of;
+use crate::error::{PlaceKind, THIS_PROCESS};
 use crate::places::{Party, Refused, listed};
 use crate::wire::Wire;
 use crate::{BusError, CHANNELS_EVENT, Domain};
@@ -194,7 +195,7 @@ impl Bus {
                 BusError::TypeMismatch { channel: channel_name, found, wanted: wanted.to_owned(), holders }
             }
             E::ExceedsMaxNumberOfNodes => {
-                BusError::Full { channel: channel_name, limit: quality.nodes, what: "processes", holders }
+                BusError::Full { channel: channel_name, limit: quality.nodes, what: PlaceKind::Processes, holders }
             }
             E::DoesNotSupportRequestedMinSubscriberBorrowedSamples | E::IncompatibleOverflowBehavior => {
                 quality_mismatch(channel_name, "it was not made by this project's bus", holders)
@@ -228,7 +229,7 @@ impl Bus {
             if let NodeState::Alive(node) = node {
                 let info = info_of(node);
                 holders.push(if info.pid == std::process::id() {
-                    "this process".to_owned()
+                    THIS_PROCESS.to_owned()
                 } else {
                     format!("{} (process {})", info.name, info.pid)
                 });
@@ -276,7 +277,7 @@ impl Bus {
             })
         };
         self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
-            Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, "processes that wake it"),
+            Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, PlaceKind::Wakers),
             Refused::Error(error) => failed(channel, "make its event", &error),
         })
     }
@@ -293,13 +294,13 @@ impl Bus {
             })
         };
         self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
-            Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, "processes that wait for it"),
+            Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, PlaceKind::Waiters),
             Refused::Error(error) => failed(channel, "be waited for", &error),
         })
     }
 
     /// That a channel, or the event or the requests of that name, has all the ports of this kind that it may have.
-    pub(crate) fn full(&self, channel: &str, pattern: MessagingPattern, limit: usize, what: &'static str) -> BusError {
+    pub(crate) fn full(&self, channel: &str, pattern: MessagingPattern, limit: usize, what: PlaceKind) -> BusError {
         BusError::Full { channel: channel.to_owned(), limit, what, holders: self.held_by(channel, pattern) }
     }
 

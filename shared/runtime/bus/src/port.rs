@@ -14,6 +14,7 @@ use messages::{Quality, quality_for};
 use std::fmt::Debug;
 
 use crate::BusError;
+use crate::error::PlaceKind;
 use crate::losses::Losses;
 use crate::memory::CONNECTION_BYTES;
 use crate::node::{BORROWS, Bus, LOANS, PubSub, failed};
@@ -68,7 +69,7 @@ impl Bus {
         };
         let refused = |error| match error {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
-                self.full(channel, MessagingPattern::PublishSubscribe, quality.publishers, "publisher(s)")
+                self.full(channel, MessagingPattern::PublishSubscribe, quality.publishers, PlaceKind::Publishers)
             }
             other => failed(channel, "be published on", &other),
         };
@@ -130,13 +131,15 @@ impl Bus {
         if is_deep(buffer) && all_deep() {
             self.clean();
             if all_deep() {
-                return Err(full(Quality::DEEP_PLACES, "subscribers that hear everything"));
+                return Err(full(Quality::DEEP_PLACES, PlaceKind::DeepSubscribers));
             }
         }
         let names = || taken().into_iter().map(|(name, _): (PortName, usize)| name).collect();
         let refused = |refused| match refused {
-            Refused::NoPlace(limit) => full(limit, "subscribers of this kind"),
-            Refused::Error(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => full(limit, "subscribers"),
+            Refused::NoPlace(limit) => full(limit, PlaceKind::SubscribersOfParty),
+            Refused::Error(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
+                full(limit, PlaceKind::Subscribers)
+            }
             Refused::Error(other) => failed(channel, "be subscribed to", &other),
         };
         self.whole(channel, || self.take_place(limit, names, make).map_err(refused))

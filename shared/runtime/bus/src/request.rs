@@ -10,6 +10,7 @@ use iceoryx2::service::port_factory::{request_response, server::ServerCreateErro
 use messages::{OperatorRequest, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
+use crate::error::PlaceKind;
 use crate::node::{Bus, failed, seconds};
 use crate::places::{Refused, listed};
 use crate::requester::sign;
@@ -129,7 +130,7 @@ impl Bus {
             ServerCreateError::ExceedsMaxSupportedServers => BusError::Full {
                 channel: event.clone(),
                 limit: 1,
-                what: "answering process",
+                what: PlaceKind::Server,
                 holders: format!("another `{process}`"),
             },
             other => failed(&event, "be answered", &other),
@@ -161,9 +162,7 @@ impl Bus {
             })
         };
         let refused = |refused| match refused {
-            Refused::NoPlace(limit) => {
-                self.full(&event, MessagingPattern::RequestResponse, limit, "commands that wait for an answer")
-            }
+            Refused::NoPlace(limit) => self.full(&event, MessagingPattern::RequestResponse, limit, PlaceKind::Clients),
             Refused::Error(error) => failed(&event, "be asked", &error),
         };
         let port = self.whole(&event, || self.take_place(CLIENTS, taken, make).map_err(refused))?;

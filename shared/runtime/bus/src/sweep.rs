@@ -10,6 +10,7 @@ use rustix::process::geteuid;
 
 use crate::clock::{now_ns, sleep_until};
 use crate::domain::SHARED_MEMORY;
+use crate::error::Unfit;
 use crate::{BusError, Domain};
 
 /// Something is half made for a millisecond, and for as long as the machine stands still meanwhile; what is older was left by a killed process.
@@ -57,16 +58,12 @@ impl Domain {
                     .create::<ipc::Service>();
                 let _ = done.send(node.map(|node| node.try_cleanup_dead_nodes()).ok());
             });
-            let hangs = |why: &str| BusError::DomainFolder { path: self.root().to_owned(), why: why.to_owned() };
-            cleaner.map_err(|error| hangs(&format!("no cleaner could be started ({error})")))?;
+            let hangs = |why| BusError::DomainFolder { path: self.root().to_owned(), why };
+            cleaner.map_err(|error| hangs(Unfit::NoCleaner(error.to_string())))?;
             match result.recv_timeout(PATIENCE) {
                 Ok(Some(state)) => (swept.removed, swept.failed) = (state.cleanups, state.failed_cleanups),
                 Ok(None) => swept.failed = dead as u64,
-                Err(_) => {
-                    return Err(hangs(
-                        "removing what killed processes left takes too long; end every process of the domain and start again",
-                    ));
-                }
+                Err(_) => return Err(hangs(Unfit::CleanerHangs)),
             }
         }
         Ok(swept)

@@ -8,7 +8,7 @@ use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
-use bus::{Bus, BusError, Client, Domain, Party, Subscriber, Tap};
+use bus::{Bus, BusError, Client, Domain, Party, Subscriber, THIS_PROCESS, Tap};
 use messages::{LogEvent, MotorState, OperatorRequest, Quality, quality_of};
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
@@ -98,7 +98,7 @@ fn who_looks_on_and_who_commands_leave_places_to_the_robot() {
     let _server = members.server("motor-io").unwrap();
     let clients: Vec<Client> = (0..100).map_while(|_| commands.client("motor-io").ok()).collect();
     assert!(clients.len() >= 8, "{}", clients.len());
-    let refused = |error: BusError| matches!(&error, BusError::Full { holders, .. } if holders == "this process");
+    let refused = |error: BusError| matches!(&error, BusError::Full { holders, .. } if holders == THIS_PROCESS);
     assert!(commands.client("motor-io").is_err_and(refused), "it says who asks");
     members.client("motor-io").expect("a place for what stops the robot");
     let waiting: Vec<_> = (0..100).map_while(|_| guests.waiter(&[STATE]).ok()).collect();

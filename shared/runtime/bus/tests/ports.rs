@@ -6,7 +6,7 @@ use std::cell::Cell;
 use std::time::Duration;
 
 use bus::clock::now_ns;
-use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain};
+use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain, PlaceKind};
 use messages::{
     Field, Header, Heartbeat, Message, MotorState, NodeEstimate, OperatorRequest, PlanMotion, put_text, text_of,
 };
@@ -120,8 +120,8 @@ fn one_publisher_is_a_lease() {
     let (one, two) = (Bus::join(&domain, "motor-io").unwrap(), Bus::join(&domain, "intruder").unwrap());
     let first = one.publisher::<MotorState>("motor/state").unwrap();
     let error = two.publisher::<MotorState>("motor/state").unwrap_err();
-    assert!(matches!(error, BusError::Full { limit: 1, .. }), "{error}");
-    assert!(error.to_string().contains("channel `motor/state` already has its 1 publisher(s)"), "{error}");
+    let BusError::Full { channel, limit: 1, what, .. } = &error else { panic!("{error}") };
+    assert_eq!((channel.as_str(), *what), ("motor/state", PlaceKind::Publishers));
     drop(first);
     two.publisher::<MotorState>("motor/state").unwrap();
 }
@@ -138,7 +138,7 @@ fn builds_that_disagree_refuse_each_other_in_one_sentence() {
     // A sensor that was changed gets another name, and is told so.
     let _sensor = bus.publisher::<messages::Reading>("sensor/soil").unwrap();
     let error = bus.publisher::<Heartbeat>("sensor/soil").unwrap_err().to_string();
-    assert!(error.contains("a changed type needs a new name") && error.contains("`soil-2`"), "{error}");
+    assert!(error.contains("`soil-2`") && error.lines().count() == 1, "{error}");
 }
 
 #[test]

@@ -126,6 +126,7 @@ pub(super) fn found(folder: &Path, named: &Path) -> PathBuf {
 
 #[cfg(test)]
 mod tests {
+    use crate::file;
     use crate::toml_file::ConfigError;
     use crate::{CalibrationFile, RobotFile};
     use std::path::Path;
@@ -197,7 +198,9 @@ mod tests {
         // whatever the box file says meanwhile
         assert_eq!(own.encoders(&counts).unwrap().unwrap(), counts);
         for other in [&[10000.0, 10000.0, 5000.0][..], &[10000.0, -10000.0], &[20000.0, -20000.0, 10000.0]] {
-            assert!(own.encoders(other).unwrap_err().contains("other encoders"));
+            let sentence = own.encoders(other).unwrap_err();
+            assert!(["`motor_io.counts_per_m`", &own.date].iter().all(|part| sentence.contains(part)), "{sentence}");
+            assert!(sentence.contains(&format!("{other:?}")) && sentence.contains("10100.0"), "{sentence}");
         }
         // A tape's error says nothing of the encoders.
         assert_eq!(with("scale = 1.01\nscale_std = 0.001").encoders(&[1.0]), Ok(None));
@@ -212,29 +215,34 @@ mod tests {
         let anchors = "anchors_m = [[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]]\n";
         let line = "calibration = \"../sites/pond.toml\"\n";
         std::fs::create_dir_all(folder.path().join("robots")).unwrap();
-        for (robot, site, table, says) in [
+        let unreadable = file::ReadError::Missing.to_string();
+        for (robot, site, table, file, says) in [
             (
                 ROBOT.replace(line, &format!("{line}{anchors}")),
                 calibration("1e-4"),
                 TABLE,
+                "robot.toml",
                 &["anchors_m", "calibration"][..],
             ),
-            (ROBOT.replace(line, ""), calibration("1e-4"), TABLE, &["anchors_m", "calibration"]),
-            (ROBOT.replace("pond", "lake"), calibration("1e-4"), TABLE, &["lake.toml", "no such file"]),
-            (ROBOT.into(), calibration("-1e-4"), TABLE, &["covariance_m2", "accepted"]),
-            (ROBOT.into(), calibration("nan"), TABLE, &["covariance_m2", "accepted"]),
-            (ROBOT.into(), "method = \"survey\"\n".into(), TABLE, &["pond.toml", "date"]),
-            (ROBOT.into(), calibration("1e-4"), "speeds_m_s = [0.0]\n", &["winch.toml", "tensions_n"]),
+            (ROBOT.replace(line, ""), calibration("1e-4"), TABLE, "robot.toml", &["anchors_m", "calibration"]),
+            (ROBOT.replace("pond", "lake"), calibration("1e-4"), TABLE, "lake.toml", &[&unreadable]),
+            (ROBOT.into(), calibration("-1e-4"), TABLE, "robot.toml", &["covariance_m2"]),
+            (ROBOT.into(), calibration("nan"), TABLE, "robot.toml", &["covariance_m2"]),
+            (ROBOT.into(), "method = \"survey\"\n".into(), TABLE, "pond.toml", &["date"]),
+            (ROBOT.into(), calibration("1e-4"), "speeds_m_s = [0.0]\n", "winch.toml", &["tensions_n"]),
             (
                 ROBOT.into(),
                 calibration("1e-4"),
                 &TABLE.replace("[-0.5, 0.5]", "[0.5, -0.5]"),
-                &["winch.toml", "rising"],
+                "winch.toml",
+                &["speeds_m_s"],
             ),
         ] {
             std::fs::write(&sites, site).unwrap();
             std::fs::write(folder.path().join("robots/winch.toml"), table).unwrap();
-            let sentence = load(folder.path(), &robot).unwrap_err().to_string();
+            let error = load(folder.path(), &robot).unwrap_err();
+            let sentence = error.to_string();
+            assert_eq!(error.path().file_name(), Some(file.as_ref()), "{sentence}");
             assert!(says.iter().all(|word| sentence.contains(word)) && !sentence.contains('\n'), "{sentence}");
         }
     }

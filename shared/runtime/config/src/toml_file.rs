@@ -38,6 +38,23 @@ pub enum ConfigError {
 }
 
 impl ConfigError {
+    /// The file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        match self {
+            Self::Unreadable { path, .. } | Self::Text { path, .. } | Self::Value { path, .. } => path,
+        }
+    }
+
+    /// The key that is wrong, if there is one: with the names of its tables where the problem says them.
+    #[must_use]
+    pub fn key(&self) -> Option<&str> {
+        match self {
+            Self::Unreadable { .. } => None,
+            Self::Text { problem, .. } | Self::Value { problem, .. } => problem.split('`').nth(1),
+        }
+    }
+
     /// A file whose text is well-formed and whose values are not usable; `problem` is one clause that names the key, between the first
     /// two backticks, with the names of its tables before it where several tables have such a key. The line is looked up in the file.
     #[must_use]
@@ -168,34 +185,34 @@ mod tests {
         count: u32,
     }
 
-    fn sentence(text: &str) -> String {
-        let sentence = parse::<Example>(text, Path::new("box.toml")).unwrap_err().to_string();
+    /// Line and key of what is wrong, and the clause about it.
+    fn refused(text: &str) -> (usize, Option<String>, String) {
+        let error = parse::<Example>(text, Path::new("box.toml")).unwrap_err();
+        let sentence = error.to_string();
         assert_eq!(sentence.lines().count(), 1, "{sentence}");
-        sentence
+        let key = error.key().map(str::to_owned);
+        let ConfigError::Text { path, line, problem } = error else { panic!("{sentence}") };
+        assert_eq!(path, Path::new("box.toml"));
+        assert!(sentence.starts_with("box.toml, ") && sentence.contains(&format!(" {line}: {problem}")), "{sentence}");
+        (line, key, problem)
     }
 
     #[test]
     fn errors_name_file_line_key_and_what_is_accepted() {
         parse::<Example>("speed_m_s = 0.2\nlaw = \"preview\"", Path::new("box.toml")).unwrap();
-        let wrong_type = sentence("speed_m_s = \"0.2\"\nlaw = \"preview\"");
-        assert!(
-            wrong_type.starts_with("box.toml, line 1: `speed_m_s`: ") && wrong_type.contains("expected f64"),
-            "{wrong_type}"
-        );
-        let wrong_choice = sentence("speed_m_s = 0.2\n\nlaw = \"pid\"");
-        assert!(wrong_choice.starts_with("box.toml, line 3: `law`: "), "{wrong_choice}");
-        assert!(wrong_choice.contains("`lq-endpoint`") && wrong_choice.contains("`preview`"), "{wrong_choice}");
-        let unknown = sentence("speed_m_s = 0.2\nlaw = \"preview\"\nsped = 1");
-        assert!(
-            unknown.starts_with("box.toml, line 3: unknown field `sped`, expected one of `speed_m_s`"),
-            "{unknown}"
-        );
-        let missing = sentence("law = \"preview\"");
-        assert!(missing.contains("missing field `speed_m_s`"), "{missing}");
-        let nested = sentence("speed_m_s = 0.2\nlaw = \"preview\"\n[inner]\ncount = -1");
-        assert!(nested.starts_with("box.toml, line 4: `count`: "), "{nested}");
-        let broken = sentence("speed_m_s = 0.2\nlaw = \"preview");
-        assert!(broken.starts_with("box.toml, line 2: "), "{broken}");
+        let cases: [(&str, usize, &str, &[&str]); 5] = [
+            ("speed_m_s = \"0.2\"\nlaw = \"preview\"", 1, "speed_m_s", &["f64"]),
+            ("speed_m_s = 0.2\n\nlaw = \"pid\"", 3, "law", &["`pid`", "`lq-endpoint`", "`preview`"]),
+            ("speed_m_s = 0.2\nlaw = \"preview\"\nsped = 1", 3, "sped", &["`speed_m_s`"]),
+            ("law = \"preview\"", 1, "speed_m_s", &[]),
+            ("speed_m_s = 0.2\nlaw = \"preview\"\n[inner]\ncount = -1", 4, "count", &["-1", "u32"]),
+        ];
+        for (text, line, key, parts) in cases {
+            let (at, named, problem) = refused(text);
+            assert_eq!((at, named.as_deref()), (line, Some(key)), "{problem}");
+            assert!(parts.iter().all(|part| problem.contains(part)), "{problem}");
+        }
+        assert_eq!(refused("speed_m_s = 0.2\nlaw = \"preview").0, 2);
     }
 
     #[test]
@@ -214,14 +231,18 @@ mod tests {
         }
         let file = tempfile::NamedTempFile::new().unwrap();
         std::fs::write(file.path(), text).unwrap();
-        let error = ConfigError::value(file.path(), "`motor_io.ramp_s` is 90; accepted: 0.05 to 10 s").to_string();
-        assert!(error.ends_with(", line 5: `motor_io.ramp_s` is 90; accepted: 0.05 to 10 s"), "{error}");
+        let error = ConfigError::value(file.path(), "`motor_io.ramp_s` is 90");
+        assert!(matches!(error, ConfigError::Text { line: 5, .. }), "{error}");
+        assert_eq!((error.path(), error.key()), (file.path(), Some("motor_io.ramp_s")));
+        assert!(error.to_string().ends_with(": `motor_io.ramp_s` is 90"), "{error}");
     }
 
     #[test]
     fn a_file_that_is_not_there_is_said_so() {
         let error = load::<Example>(Path::new("/nowhere/box.toml")).unwrap_err();
-        assert_eq!(error.to_string(), "the file /nowhere/box.toml cannot be read: there is no such file");
+        let why = file::ReadError::Missing.to_string();
+        assert!(error.to_string().contains("/nowhere/box.toml") && error.to_string().ends_with(&why), "{error}");
+        assert!(matches!(error, ConfigError::Unreadable { .. }) && error.path() == Path::new("/nowhere/box.toml"));
     }
 
     #[test]

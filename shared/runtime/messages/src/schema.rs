@@ -18,6 +18,10 @@
 use std::collections::HashMap;
 use std::fmt;
 
+mod flaw;
+
+pub use flaw::{Flaw, SchemaError};
+
 /// Fields of one sample at most, after nested types are laid out; more than any sample has, little enough to be kept in memory.
 const FIELDS: usize = 65_536;
 /// Bytes of one sample at most.
@@ -26,16 +30,6 @@ const BYTES: usize = 1 << 30;
 const DEPTH: usize = 16;
 /// Between the definitions.
 const SEPARATOR_LENGTH: usize = 80;
-
-/// What a definition breaks, and in which line.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("schema line {line}: {what}")]
-pub struct SchemaError {
-    /// From 1.
-    pub line: usize,
-    /// One sentence.
-    pub what: String,
-}
 
 /// A kind of number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
@@ -385,8 +379,8 @@ struct Definition<'a> {
     members: Vec<Member<'a>>,
 }
 
-fn refuse<T>(line: usize, what: impl Into<String>) -> Result<T, SchemaError> {
-    Err(SchemaError { line, what: what.into() })
+fn refuse<T>(line: usize, what: Flaw) -> Result<T, SchemaError> {
+    Err(SchemaError { line, what })
 }
 
 fn definitions(text: &str) -> Result<Vec<Definition<'_>>, SchemaError> {
@@ -397,15 +391,15 @@ fn definitions(text: &str) -> Result<Vec<Definition<'_>>, SchemaError> {
     for (at, raw) in text.split('\n').enumerate() {
         let number = at + 1;
         if raw.contains('\r') {
-            return refuse(number, "the line ends in CR LF; end lines in LF alone");
+            return refuse(number, Flaw::CarriageReturn);
         }
         if expect_name {
             let name = raw.strip_prefix("MSG: ").map(str::trim_end).filter(|name| is_type_name(name));
             let Some(name) = name else {
-                return refuse(number, format!("`{raw}` stands behind the separator; expected `MSG: package/Type`"));
+                return refuse(number, Flaw::NoHead(raw.to_owned()));
             };
             if names.insert(name, found.len()).is_some() {
-                return refuse(number, format!("`{name}` is defined twice"));
+                return refuse(number, Flaw::TypeTwice(name.to_owned()));
             }
             found.push(Definition { line: number, name, members: Vec::new() });
             expect_name = false;
@@ -417,14 +411,14 @@ fn definitions(text: &str) -> Result<Vec<Definition<'_>>, SchemaError> {
         }
         if line.starts_with("==") {
             if line.len() != SEPARATOR_LENGTH || line.bytes().any(|byte| byte != b'=') {
-                return refuse(number, format!("the separator of definitions is exactly {SEPARATOR_LENGTH} `=`"));
+                return refuse(number, Flaw::Separator);
             }
             constants.clear();
             expect_name = true;
             continue;
         }
         let Some((kind, rest)) = line.split_once(char::is_whitespace) else {
-            return refuse(number, format!("`{line}` is not `type name` or `type NAME=value`"));
+            return refuse(number, Flaw::NotAMember(line.to_owned()));
         };
         if let Some((name, value)) = rest.split_once('=') {
             constants.push(constant(number, kind, name.trim(), value.trim())?);
@@ -433,33 +427,36 @@ fn definitions(text: &str) -> Result<Vec<Definition<'_>>, SchemaError> {
         let Some(definition) = found.last_mut() else { continue };
         let member = member(number, kind, rest.trim(), &mut constants)?;
         if definition.members.iter().any(|other| other.name == member.name) {
-            return refuse(number, format!("field `{}` stands twice", member.name));
+            return refuse(number, Flaw::FieldTwice(member.name.to_owned()));
         }
         definition.members.push(member);
     }
     if expect_name {
-        return refuse(text.lines().count(), "the text ends behind a separator");
+        return refuse(text.lines().count(), Flaw::EndsBehindSeparator);
     }
     if let Some(empty) = found.iter().find(|definition| definition.members.is_empty()) {
-        return refuse(empty.line, "a type without a field has one byte in some readers and none in others");
+        return refuse(empty.line, Flaw::Empty);
     }
     Ok(found)
 }
 
 fn constant(line: usize, kind: &str, name: &str, value: &str) -> Result<(Primitive, String, i128), SchemaError> {
     let Some((primitive, (least, greatest))) = Primitive::of(kind).and_then(|kind| Some((kind, kind.range()?))) else {
-        return refuse(line, format!("constant `{name}` has the type `{kind}`; only integers can be constants"));
+        return refuse(line, Flaw::ConstantType { name: name.to_owned(), kind: kind.to_owned() });
     };
     let upper = name.starts_with(|c: char| c.is_ascii_uppercase())
         && name.chars().all(|c| c.is_ascii_uppercase() || c.is_ascii_digit() || c == '_');
     if !upper {
-        return refuse(line, format!("constant `{name}` is not in UPPER_CASE"));
+        return refuse(line, Flaw::ConstantName(name.to_owned()));
     }
     let decimal = value.strip_prefix('-').unwrap_or(value);
     let parsed = value.parse::<i128>().ok().filter(|_| decimal.bytes().all(|byte| byte.is_ascii_digit()));
     match parsed.filter(|value| (least..=greatest).contains(value)) {
         Some(value) => Ok((primitive, name.to_owned(), value)),
-        None => refuse(line, format!("`{value}` is not a decimal {kind} for constant `{name}`")),
+        None => {
+            let (value, kind, name) = (value.to_owned(), kind.to_owned(), name.to_owned());
+            refuse(line, Flaw::ConstantValue { value, kind, name })
+        }
     }
 }
 
@@ -470,12 +467,7 @@ fn member<'a>(
     constants: &mut Vec<(Primitive, String, i128)>,
 ) -> Result<Member<'a>, SchemaError> {
     if !is_snake(name) || PYTHON_KEYWORDS.contains(&name) {
-        return refuse(
-            line,
-            format!(
-                "`{name}` is not a field name: lower case, digits and single `_`, no `_` at an end, no Python keyword"
-            ),
-        );
+        return refuse(line, Flaw::FieldName(name.to_owned()));
     }
     let (base, count) = match kind.split_once('[') {
         None => (kind, None),
@@ -483,9 +475,7 @@ fn member<'a>(
             let length = rest.strip_suffix(']').filter(|digits| digits.bytes().all(|byte| byte.is_ascii_digit()));
             match length.and_then(|digits| digits.parse::<usize>().ok()).filter(|length| *length > 0) {
                 Some(length) => (base, Some(length)),
-                None => {
-                    return refuse(line, format!("`{kind}`: only arrays of one dimension and fixed length, e.g. [8]"));
-                }
+                None => return refuse(line, Flaw::Array(kind.to_owned())),
             }
         }
     };
@@ -493,12 +483,7 @@ fn member<'a>(
     let kind = match primitive {
         Some(primitive) => Kind::Number(primitive),
         None if is_type_name(base) => Kind::Nested(base),
-        None => {
-            return refuse(
-                line,
-                format!("`{base}` is neither a number type nor `package/Type`; strings, char and byte are not used"),
-            );
-        }
+        None => return refuse(line, Flaw::FieldType(base.to_owned())),
     };
     // constants belong to the field that follows them directly and has their type
     let named = constants.drain(..).filter(|(of, _, _)| Some(*of) == primitive).map(|(_, n, v)| (n, v)).collect();
@@ -516,7 +501,7 @@ impl Layout<'_> {
         let definitions = self.definitions;
         let definition = &definitions[definition];
         if depth > DEPTH {
-            return refuse(definition.line, format!("types are nested more than {DEPTH} deep, or in themselves"));
+            return refuse(definition.line, Flaw::TooDeep);
         }
         for member in &definition.members {
             let path = if prefix.is_empty() { member.name.to_owned() } else { format!("{prefix}.{}", member.name) };
@@ -524,7 +509,7 @@ impl Layout<'_> {
                 Kind::Number(primitive) => self.number(member, primitive, path)?,
                 Kind::Nested(name) => {
                     let Some(nested) = definitions.iter().position(|other| other.name == name) else {
-                        return refuse(member.line, format!("type `{name}` is not defined in this text"));
+                        return refuse(member.line, Flaw::Undefined(name.to_owned()));
                     };
                     match member.count {
                         None => self.place(nested, &path, depth + 1)?,
@@ -542,10 +527,7 @@ impl Layout<'_> {
 
     fn number(&mut self, member: &Member<'_>, primitive: Primitive, path: String) -> Result<(), SchemaError> {
         if !self.offset.is_multiple_of(primitive.size()) {
-            return refuse(
-                member.line,
-                format!("`{path}` would stand at byte {}: put explicit padding before it", self.offset),
-            );
+            return refuse(member.line, Flaw::Unaligned { path, offset: self.offset });
         }
         let end = member
             .count
@@ -554,7 +536,7 @@ impl Layout<'_> {
             .and_then(|size| size.checked_add(self.offset))
             .filter(|end| *end <= BYTES && self.fields.len() < FIELDS);
         let Some(end) = end else {
-            return refuse(member.line, format!("more than {BYTES} bytes or {FIELDS} fields in one sample"));
+            return refuse(member.line, Flaw::TooLarge);
         };
         let (count, constants) = (member.count, member.constants.clone());
         self.fields.push(SchemaField { path, primitive, offset: self.offset, count, constants });

@@ -37,6 +37,9 @@ pub const NAME_VARIABLE: &str = "NIMS_NAME";
 /// The same: that another process of its name runs until this one has said something, so that what belongs to the name is free only then.
 pub const SUCCESSOR_VARIABLE: &str = "NIMS_SUCCESSOR";
 
+/// The last event of a process that ends in order.
+pub const ENDED: &str = "ended in order";
+
 /// The same: how many changes of `nims set` are in the box file that it gets.
 pub const CHANGES_VARIABLE: &str = "NIMS_CHANGES";
 
@@ -404,7 +407,7 @@ where
     chassis.declared.version(&version);
     match body(&args, &mut chassis) {
         Ok(()) => {
-            info!("ended in order");
+            info!("{ENDED}");
             ExitCode::SUCCESS
         }
         Err(error) => {

@@ -56,8 +56,8 @@ pub use args::{Args, CommonArgs, LawArgs};
 pub use build::Program;
 pub use bus::clock::now_ns;
 pub use chassis::{
-    BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
-    main_as,
+    BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, ENDED, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code,
+    main, main_as,
 };
 pub use declared::{Since, parts_of};
 pub use hash::{ProgramHash, hash_of};

@@ -160,7 +160,7 @@ mod tests {
         let (reached, warning) = apply(&section, "motor-io");
         assert!(!reached.pinned);
         let warning = warning.unwrap();
-        assert!(warning.contains("processor 100000") && warning.lines().count() == 1, "{warning}");
+        assert!(warning.contains("100000") && warning.lines().count() == 1, "{warning}");
     }
 
     #[test]

@@ -25,7 +25,7 @@ use serial::{StatusPin, Transport, byte_time_ns};
 pub use report::{Counters, StopInput, Timed, UnitAnswer, UnitIdentity, UnitReport};
 
 use crate::codec::{ADDRESSES, Version};
-use crate::error::Error;
+use crate::error::{Error, Misfit};
 use crate::status::StatusWidth;
 
 /// Most units on one line: the protocol has eight addresses.
@@ -156,19 +156,17 @@ impl<T: Transport> Bus<T> {
         let port = Arc::clone(line.name());
         let wrong = |what| Err(Error::Configuration { port: Arc::clone(&port), what });
         if config.units.is_empty() {
-            return wrong("no units on this line; name at least one address");
+            return wrong(Misfit::NoUnits);
         }
         for (index, unit) in config.units.iter().enumerate() {
             if !ADDRESSES.contains(&unit.address) {
-                return wrong("a unit's address has to be between 0x80 and 0x87");
+                return wrong(Misfit::Address);
             }
             if config.units[..index].iter().any(|other| other.address == unit.address) {
-                return wrong("two units with the same address; give each its own");
+                return wrong(Misfit::AddressTwice);
             }
             if unit.watchdog_tenths == 0 {
-                return wrong(
-                    "a watchdog of 0 would let the motors run on when this program dies; choose 1 to 255 tenths",
-                );
+                return wrong(Misfit::NoWatchdog);
             }
         }
         let unit = |config: &UnitConfig| Unit {

@@ -7,7 +7,7 @@ use std::thread::JoinHandle;
 
 use roboclaw::driver::WIRE_MARGIN_NS;
 use roboclaw::unit::{Unit, UnitLine, UnitOptions};
-use roboclaw::{BusConfig, Drive, Error, Fleet, FleetCommand, FleetReply, PortConfig, UnitConfig};
+use roboclaw::{BusConfig, Drive, Error, Fleet, FleetCommand, FleetReply, Misfit, PortConfig, UnitConfig};
 use serial::{Device, Jack, Paced, Pipe, monotonic_ns, sleep_until};
 
 const MS: u64 = 1_000_000;
@@ -146,13 +146,14 @@ fn a_restart_is_found_out_on_a_real_terminal() {
 }
 
 #[test]
-fn a_port_that_was_never_there_is_missing_in_words() {
+fn a_port_that_was_never_there_is_missing_by_its_name() {
     let missing = std::env::temp_dir().join(format!("nims-no-such-port-{}", std::process::id()));
     let config = PortConfig { path: missing.to_str().unwrap().into(), bus: bus_config(&[0x80], PATIENCE_NS) };
     let mut fleet = Fleet::open(&[config]).unwrap();
     let reply = until(&mut fleet, PATIENCE_NS, Drive::HOLD, |reply| reply.ports[0].lost.is_some());
-    let words = reply.units[0].outcome.clone().unwrap_err().to_string();
-    assert!(words.contains("no such device") && words.contains(missing.to_str().unwrap()), "{words}");
+    let error = reply.units[0].outcome.clone().unwrap_err();
+    assert_eq!(error, Error::Line(serial::Error::Missing { port: missing.to_str().unwrap().into() }));
+    assert!(error.to_string().contains(missing.to_str().unwrap()), "{error}");
 }
 
 #[test]
@@ -200,7 +201,8 @@ fn ports_and_units_are_counted_and_named_once() {
         path: path.into(),
         bus: bus_config(&(0..units as u8).map(|unit| 0x80 + unit).collect::<Vec<_>>(), WIRE_MARGIN_NS),
     };
-    let refuse = |ports: &[PortConfig]| Fleet::open(ports).map(|_| ()).unwrap_err().to_string();
-    assert!(refuse(&[config("/dev/a", 1), config("/dev/a", 1)]).contains("named twice"));
-    assert!(refuse(&[config("/dev/a", 5), config("/dev/b", 4)]).contains("more than 8 units"));
+    let refuse = |ports: &[PortConfig]| Fleet::open(ports).map(|_| ()).unwrap_err();
+    let wrong = |what| Error::Configuration { port: "/dev/a".into(), what };
+    assert_eq!(refuse(&[config("/dev/a", 1), config("/dev/a", 1)]), wrong(Misfit::PortTwice));
+    assert_eq!(refuse(&[config("/dev/a", 5), config("/dev/b", 4)]), wrong(Misfit::TooManyUnits));
 }

@@ -4,4 +4,5 @@
 mod codec;
 mod driver;
 mod fleet;
+mod sentences;
 mod unit;

@@ -128,7 +128,7 @@ fn a_winch_that_is_no_such_model_has_a_misfit() {
 }
 
 #[test]
-fn records_that_say_nothing_are_refused_in_a_sentence() {
+fn records_that_say_nothing_are_refused() {
     let record = |commands: &[CableVec], velocities: &[CableVec]| {
         let reading_s = CableVec::repeat(1, 0.004);
         identify(&Record {
@@ -141,7 +141,7 @@ fn records_that_say_nothing_are_refused_in_a_sentence() {
     };
     let flat = |value: f64, n: usize| vec![CableVec::repeat(1, value); n];
     let still = record(&flat(0.0, 100), &flat(0.0, 100)).unwrap_err();
-    assert!(still.to_string().contains("jog"), "{still}");
+    assert_eq!(still, IdentifyError::NotExcited { naive_m: 0.0 });
     assert!(matches!(record(&flat(0.1, 100), &flat(0.1, 100)), Err(IdentifyError::NotExcited { .. })));
     assert!(matches!(record(&flat(0.1, 10), &flat(0.1, 10)), Err(IdentifyError::WrongCount { cycles: 10, .. })));
     assert!(matches!(record(&flat(0.1, 100), &flat(0.1, 99)), Err(IdentifyError::WrongCount { .. })));

@@ -150,23 +150,40 @@ fn every_refusal_names_its_place_and_cause() {
     let reluctant = RobotParts { cable_speed_limit_m_s: Some(0.1), ..parts() };
     let gentle = RobotParts { acceleration_limit_m_s2: 0.2, ..parts() };
     let short = RobotParts { length_limits_m: Some(vec![[0.5, 5.5]; 3]), ..parts() };
-    let cases = [
-        (check(parts(), &up), "above the upper limit of 60.00 N"),
-        (check(parts(), &out), "below the lower limit of 1.00 N"),
-        (check(parts(), &down), "below the ground limit of 0.000 m"),
-        (check(parts(), &dwell), "below the ground limit of 0.000 m"),
-        (check(boxed, &fine), "keep-out box 2"),
-        (check(slow, &fine), "the speed limit is 0.100 m/s"),
-        (check(reluctant, &fine), "m/s, and cable_speed_limit_m_s is 0.100 m/s"),
-        (check(gentle, &fine), "the limit is 0.200 m/s²"),
-        (check(short, &fine), "its length limits are 0.500 to 5.500 m"),
-        (check(parts(), &Segment { profile: up.profile, ..fine }), "plan the profile for this path"),
-        (check(parts(), &Segment { start_s: f64::NAN, ..fine }), "give a finite time"),
+    type Expected = fn(&Cause) -> bool;
+    let cases: [(_, Expected, &[&str]); 11] = [
+        (check(parts(), &up), |cause| matches!(cause, Cause::Tension(v) if v.tension_n > v.limit_n), &["60.00 N"]),
+        (check(parts(), &out), |cause| matches!(cause, Cause::Tension(v) if v.tension_n < v.limit_n), &["1.00 N"]),
+        (check(parts(), &down), |cause| matches!(cause, Cause::Ground { .. }), &["0.000 m"]),
+        (check(parts(), &dwell), |cause| matches!(cause, Cause::Ground { .. }), &["0.000 m", "0.200 m"]),
+        (check(boxed, &fine), |cause| matches!(cause, Cause::KeepOut { number: 1 }), &["2"]),
+        (check(slow, &fine), |cause| matches!(cause, Cause::NodeSpeed { .. }), &["0.100 m/s"]),
+        (
+            check(reluctant, &fine),
+            |cause| matches!(cause, Cause::CableSpeed { .. }),
+            &["cable_speed_limit_m_s", "0.100 m/s"],
+        ),
+        (check(gentle, &fine), |cause| matches!(cause, Cause::NodeAcceleration { .. }), &["0.200 m/s²"]),
+        (check(short, &fine), |cause| matches!(cause, Cause::Length { .. }), &["0.500", "5.500 m"]),
+        (
+            check(parts(), &Segment { profile: up.profile, ..fine }),
+            |cause| matches!(cause, Cause::LengthMismatch { .. }),
+            &["1.95"],
+        ),
+        (
+            check(parts(), &Segment { start_s: f64::NAN, ..fine }),
+            |cause| matches!(cause, Cause::BadStart { .. }),
+            &["NaN"],
+        ),
     ];
-    for (result, expected) in cases {
-        let sentence = result.unwrap_err().to_string();
-        assert!(sentence.starts_with("at (") && sentence.contains(expected), "{sentence}");
-        assert!(sentence.contains(" m along the segment: "), "{sentence}");
+    for (result, expected, numbers) in cases {
+        let refusal = result.unwrap_err();
+        assert!(expected(&refusal.cause), "{refusal:?}");
+        let (sentence, cause, place) = (refusal.to_string(), refusal.cause.to_string(), refusal.position);
+        assert!(numbers.iter().all(|number| cause.contains(number)), "{cause}");
+        let place = format!("({:.3}, {:.3}, {:.3}) m", place.x, place.y, place.z);
+        assert!(sentence.contains(&place) && sentence.contains(&format!("{:.3} m", refusal.path_s_m)), "{sentence}");
+        assert!(sentence.ends_with(&cause), "{sentence}");
     }
 }
 

@@ -215,6 +215,5 @@ fn drag_counts_where_a_motion_is_checked() {
     assert!(water > air + 2.0, "{air} N in air, {water} N in water");
     assert!(matches!(syrup.unwrap_err().cause, Cause::Tension(_)));
     let beside = segment(Vector3::new(5.5, 0.3, 2.0), 0.2).check(&robot(4), Distribution::LeastNorm, 0.02).unwrap_err();
-    assert!(matches!(beside.cause, Cause::OutOfPlane { .. }), "{beside}");
-    assert!(beside.to_string().contains("beside the plane y = 0"), "{beside}");
+    assert!(matches!(beside.cause, Cause::OutOfPlane { y_m } if y_m > 0.0), "{beside}");
 }

@@ -1,7 +1,7 @@
 //! The robots that are measured, and measurements of them with chosen errors.
 
 use cable_robot::{CableVec, Vector3};
-use calibration::{CalibrationError, Measurements, Range, Side, survey_anchors};
+use calibration::{CalibrationError, Measurements, Range, Side, Undetermined, survey_anchors};
 
 /// SplitMix64 and Box-Muller: seeded, and nobody else's.
 pub struct Random(pub u64);
@@ -101,8 +101,16 @@ impl Noise {
 }
 
 /// The sentence of a refusal of this kind.
-pub fn refused(found: Result<impl std::fmt::Debug, CalibrationError>, kind: &str) -> String {
+pub fn refused(found: Result<impl std::fmt::Debug, CalibrationError>, kind: &str) -> CalibrationError {
     let error = found.unwrap_err();
     assert_eq!(error.kind(), kind, "{error}");
-    error.to_string()
+    error
+}
+
+/// What they leave open.
+pub fn undetermined(found: Result<impl std::fmt::Debug, CalibrationError>) -> Undetermined {
+    match found.unwrap_err() {
+        CalibrationError::RankDeficient(why) => why,
+        other => panic!("{other}"),
+    }
 }

@@ -22,7 +22,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::{RecordedChannel, RunError, RunReader};
+use crate::{NoRun, RecordedChannel, RunError, RunReader};
 use table::{Table, Times};
 
 /// How a table is written.
@@ -231,17 +231,18 @@ fn is_wanted(patterns: &[String], name: &str) -> bool {
         })
 }
 
-fn nothing_found(reader: &RunReader, wanted: &Wanted) -> String {
+fn nothing_found(reader: &RunReader, wanted: &Wanted) -> NoRun {
     let mut names: Vec<&str> = reader.channels().iter().map(|channel| channel.name.as_str()).collect();
     names.sort_unstable();
     if names.is_empty() {
-        return "it holds no samples".to_owned();
+        return NoRun::NoSamples;
     }
     let absent = !names.iter().any(|name| is_wanted(&wanted.channels, name));
     if absent {
-        format!("no channel {}; there are {}", wanted.channels.join(", "), names.join(", "))
+        let there = names.into_iter().map(str::to_owned).collect();
+        NoRun::NoChannel { wanted: wanted.channels.clone(), there }
     } else {
-        "no sample in that time".to_owned()
+        NoRun::NoSampleThen
     }
 }
 

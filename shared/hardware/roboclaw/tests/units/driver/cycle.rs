@@ -2,7 +2,7 @@
 
 use roboclaw::codec::Write;
 use roboclaw::unit::{Measured, Target, UnitLine, UnitOptions};
-use roboclaw::{Bus, Drive, Error, Status, StatusWidth, UnitConfig};
+use roboclaw::{Bus, Drive, Error, Misfit, Status, StatusWidth, UnitConfig};
 use serial::{Device, Paced, Pipe, Transport};
 
 use super::clockwork::*;
@@ -161,13 +161,16 @@ fn encoders_go_on_over_the_wrap_of_their_32_bits() {
 }
 
 #[test]
-fn configurations_that_cannot_be_meant_are_refused_in_words() {
+fn configurations_that_cannot_be_meant_are_refused() {
     let refuse = |units: Vec<UnitConfig>| {
         let device = Clockwork { line: UnitLine::new(Vec::new()), told: Vec::new() };
-        Bus::new(Pipe::new("test line", BAUD, device), &config(units)).unwrap_err().to_string()
+        Bus::new(Pipe::new("test line", BAUD, device), &config(units)).unwrap_err()
     };
-    assert_eq!(refuse(vec![]), "test line: no units on this line; name at least one address");
-    assert!(refuse(vec![unit_config(0x7f)]).contains("between 0x80 and 0x87"));
-    assert!(refuse(vec![unit_config(0x80), unit_config(0x80)]).contains("same address"));
-    assert!(refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]).contains("watchdog of 0"));
+    let wrong = |what| Error::Configuration { port: "test line".into(), what };
+    assert_eq!(refuse(vec![]), wrong(Misfit::NoUnits));
+    for address in [0x7f, 0x88] {
+        assert_eq!(refuse(vec![unit_config(address)]), wrong(Misfit::Address));
+    }
+    assert_eq!(refuse(vec![unit_config(0x80), unit_config(0x80)]), wrong(Misfit::AddressTwice));
+    assert_eq!(refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]), wrong(Misfit::NoWatchdog));
 }
