@@ -87,6 +87,8 @@ fn dependencies_point_one_way() {
         ("cable-control", &["cable-robot"]),
         ("calibration", &["cable-robot"]),
         ("survey", &[]),
+        // for tests only
+        ("sentences", &[]),
         // a driver is made over the transport of `serial`
         ("serial", &["cable-robot", "evidence"]),
         ("roboclaw", &["cable-robot", "serial"]),

@@ -72,14 +72,14 @@ impl Robot {
         let mut child = command.spawn().map_err(Failure::not_now)?;
         let stdin = child.stdin.take();
         let domain = Domain::parse(wanted.domain)?;
-        while !Running::of(&domain).is_some_and(|running| running.pid == child.id()) {
+        while Running::of(&domain).is_none_or(|running| running.pid != child.id()) {
             still_starting(&mut child, &stop)?;
         }
         let bus = Bus::join_as(&domain, NAME, Party::Command)?;
         let mut beats = bus.subscriber::<Heartbeat>(&format!("system/heartbeat/{SUPERVISOR}"))?;
         let ready = |beat: &Heartbeat| beat.state == Heartbeat::STATE_READY;
         let own = child.id();
-        while !beats.latest()?.is_some_and(|beat| beat.pid == own && ready(&beat)) {
+        while beats.latest()?.is_none_or(|beat| beat.pid != own || !ready(&beat)) {
             still_starting(&mut child, &stop)?;
         }
         let (authority, table) = (bus.subscriber("motor/authority")?, bus.subscriber("system/process")?);

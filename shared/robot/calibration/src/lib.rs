@@ -64,6 +64,8 @@
 //! ```
 
 #![forbid(unsafe_code)]
+#![allow(clippy::neg_cmp_op_on_partial_ord, reason = "`!(a <= b)` also refuses NaN, which `a > b` would let pass")]
+#![allow(clippy::needless_range_loop, reason = "matrix kernels read like their formulas, with indices")]
 
 mod covariance;
 mod error;
