@@ -5,8 +5,8 @@ use std::process::ExitCode;
 
 use bus::clock::now_ns;
 use bus::{CHANNELS_EVENT, Party};
-use runlog::RunClock;
 use config::ViewerSection;
+use runlog::RunClock;
 use runtime::{Chassis, CommonArgs};
 use viewer::{Settings, Viewer};
 

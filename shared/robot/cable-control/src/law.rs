@@ -68,7 +68,7 @@ pub enum InputWeight {
 /// use cable_robot::NodeJacobian;
 /// use cable_robot::Vector3;
 /// use cable_robot::kinematics::Jacobian;
-/// use crate::law::{InputWeight, LqGain};
+/// use cable_control::law::{InputWeight, LqGain};
 /// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.1], [4.0, 8.0, 2.9]])?;
 /// let jacobian = Jacobian::at(&anchors, &Vector3::new(4.0, 3.0, 1.0))?;
 /// let b = NodeJacobian::at(&anchors, &Vector3::new(4.0, 3.0, 1.0))?;
@@ -158,12 +158,12 @@ pub const MAX_LENGTH_GAIN: f64 = 50.0;
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use crate::law::PFeedforward;
+/// use cable_control::law::PFeedforward;
 /// let law = PFeedforward::new(2.0)?;
 /// let [speed, desired, actual] = [[0.1, -0.2, 0.0], [5.0, 6.0, 7.0], [4.99, 6.0, 7.01]];
 /// let u = law.velocity(&speed, &desired, &actual);
 /// assert!((u[0] - 0.12).abs() < 1e-12 && (u[1] + 0.2).abs() < 1e-12 && (u[2] + 0.02).abs() < 1e-12);
-/// # Ok::<(), crate::law::LawError>(())
+/// # Ok::<(), cable_control::law::LawError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PFeedforward {

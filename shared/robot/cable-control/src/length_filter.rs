@@ -72,7 +72,7 @@ pub enum Verdict {
 /// The filter of one line.
 ///
 /// ```
-/// use crate::length_filter::{FilterSettings, LengthFilter, Verdict};
+/// use cable_control::length_filter::{FilterSettings, LengthFilter, Verdict};
 /// let mut filter = LengthFilter::new(FilterSettings::new(0.07, 0.5, 1e-4)?, 5.0);
 /// for cycle in 1..=100 {
 ///     filter.predict(0.1, 0.01); // the drive was told 0.1 m/s for 10 ms
@@ -80,7 +80,7 @@ pub enum Verdict {
 /// }
 /// assert!((filter.length_m() - 5.1).abs() < 1e-4 && (filter.velocity_m_s() - 0.1).abs() < 1e-3);
 /// assert_eq!(filter.read(9.0), Verdict::Refused);
-/// # Ok::<(), crate::length_filter::FilterError>(())
+/// # Ok::<(), cable_control::length_filter::FilterError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LengthFilter {

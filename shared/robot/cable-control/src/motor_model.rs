@@ -113,7 +113,7 @@ impl Sums {
 /// in it, both m/s. A ridge, (m/s)², pulls towards the prior; 0 is the paper's plain least squares.
 ///
 /// ```
-/// use crate::motor_model::fit;
+/// use cable_control::motor_model::fit;
 /// let desired = [0.0, 0.1, 0.2, 0.2, 0.0, -0.1];
 /// let mut actual = [0.0; 6];
 /// for n in 1..6 {
@@ -121,7 +121,7 @@ impl Sums {
 /// }
 /// let phi = fit(&desired, &actual, 4, 0.0, [0.0, 0.0])?;
 /// assert!((phi[0] - 0.7).abs() < 1e-12 && (phi[1] - 0.3).abs() < 1e-12);
-/// # Ok::<(), crate::motor_model::FitError>(())
+/// # Ok::<(), cable_control::motor_model::FitError>(())
 /// ```
 pub fn fit(
     desired_m_s: &[f64],
@@ -156,7 +156,7 @@ pub fn fit(
 /// The model of one cable's winch.
 ///
 /// ```
-/// use crate::motor_model::{PRIOR, PhiModel, RIDGE};
+/// use cable_control::motor_model::{PRIOR, PhiModel, RIDGE};
 /// let mut model = PhiModel::new(10, RIDGE, PRIOR);
 /// assert_eq!(model.predict(0.2), 0.2); // nothing learnt yet: carried out at once
 /// model.update(0.2, 0.1);

@@ -20,13 +20,13 @@ const COINCIDENT_M: f64 = 1e-3;
 /// vectors and forces stay vectors of space with y = 0; ranks and redundancies are counted in the plane.
 ///
 /// ```
-/// use crate::Anchors;
+/// use cable_robot::Anchors;
 /// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.0, 8.0, 3.0]])?;
 /// assert_eq!((anchors.len(), anchors.dimensions()), (3, 3));
 /// let planar = Anchors::planar(&[[0.0, 4.0], [6.0, 4.0], [6.0, 0.0], [0.0, 0.0]])?;
 /// assert_eq!((planar.len(), planar.dimensions()), (4, 2));
-/// assert_eq!(planar[1], crate::Vector3::new(6.0, 0.0, 4.0));
-/// # Ok::<(), crate::RobotError>(())
+/// assert_eq!(planar[1], cable_robot::Vector3::new(6.0, 0.0, 4.0));
+/// # Ok::<(), cable_robot::RobotError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Anchors {
@@ -90,11 +90,11 @@ impl Anchors {
     /// True if all of them lie on one straight line, so that the node can swing around it whatever the lines do. In a plane it cannot.
     ///
     /// ```
-    /// # use crate::Anchors;
+    /// # use cable_robot::Anchors;
     /// let in_a_row = [[0.0, 0.0, 3.0], [4.0, 0.0, 3.0], [8.0, 0.0, 3.0]];
     /// assert!(Anchors::new(&in_a_row)?.are_on_a_line());
     /// assert!(!Anchors::in_plane(&in_a_row)?.are_on_a_line());
-    /// # Ok::<(), crate::RobotError>(())
+    /// # Ok::<(), cable_robot::RobotError>(())
     /// ```
     pub fn are_on_a_line(&self) -> bool {
         !self.planar && on_a_line(self)

@@ -20,11 +20,11 @@ pub struct TooManyCables {
 /// One `f64` per cable: lengths, velocities, tensions. A slice in use, an array in storage.
 ///
 /// ```
-/// use crate::CableVec;
+/// use cable_robot::CableVec;
 /// let lengths = CableVec::from_slice(&[5.1, 4.9, 6.0])?;
 /// assert_eq!(lengths.len(), 3);
 /// assert_eq!(lengths.to_array8()[3], 0.0);
-/// # Ok::<(), crate::cables::TooManyCables>(())
+/// # Ok::<(), cable_robot::cables::TooManyCables>(())
 /// ```
 #[derive(Clone, Copy, PartialEq)]
 pub struct CableVec {

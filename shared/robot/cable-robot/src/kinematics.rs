@@ -118,9 +118,9 @@ pub struct Forward {
 /// mirror solutions do not fit equally well, the lower one unless the upper one fits clearly better.
 ///
 /// ```
-/// use crate::Anchors;
-/// use crate::Vector3;
-/// use crate::kinematics::*;
+/// use cable_robot::Anchors;
+/// use cable_robot::Vector3;
+/// use cable_robot::kinematics::*;
 /// let anchors = Anchors::new(&[[0.0, 0.0, 3.0], [9.0, 0.0, 3.1], [8.0, 8.0, 3.2], [0.0, 9.0, 3.3]])?;
 /// let p = Vector3::new(4.0, 4.5, 1.0);
 /// let found = forward_kinematics(&anchors, &inverse_kinematics(&anchors, &p), None)?;

@@ -18,13 +18,13 @@ pub struct Scaled {
 /// standstill and factor 0.
 ///
 /// ```
-/// use crate::CableVec;
-/// use crate::limits::scale_to_limits;
+/// use cable_robot::CableVec;
+/// use cable_robot::limits::scale_to_limits;
 /// let wanted = CableVec::from_slice(&[0.2, -0.8, 0.4])?;
 /// let scaled = scale_to_limits(&wanted, &[0.4, 0.4, 0.4]);
 /// assert_eq!(scaled.factor, 0.5);
 /// assert_eq!(&scaled.velocities_m_s[..], &[0.1, -0.4, 0.2]);
-/// # Ok::<(), crate::cables::TooManyCables>(())
+/// # Ok::<(), cable_robot::cables::TooManyCables>(())
 /// ```
 pub fn scale_to_limits(velocities_m_s: &CableVec, limits_m_s: &[f64]) -> Scaled {
     let standstill = Scaled { velocities_m_s: CableVec::zeros(velocities_m_s.len()), factor: 0.0 };

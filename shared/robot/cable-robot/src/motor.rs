@@ -5,7 +5,7 @@ use crate::robot::{RobotError, not_negative, positive};
 /// A geared winch motor, seen from the line; the keys of the robot file's `[motor]`.
 ///
 /// ```
-/// use crate::motor::Motor;
+/// use cable_robot::motor::Motor;
 /// let motor = Motor::default();
 /// // Lifting costs more current than lowering.
 /// assert!(motor.current_a(20.0, 0.2) > motor.current_a(20.0, -0.2));

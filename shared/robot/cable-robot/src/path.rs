@@ -102,8 +102,8 @@ pub struct Spiral {
 /// The geometry of one segment of a motion.
 ///
 /// ```
-/// use crate::Vector3;
-/// use crate::path::{Parabola, Path};
+/// use cable_robot::Vector3;
+/// use cable_robot::path::{Parabola, Path};
 /// let path = Path::Parabola(Parabola {
 ///     from: Vector3::new(2.0, 2.0, 2.0),
 ///     to: Vector3::new(7.0, 3.0, 2.2),
@@ -112,7 +112,7 @@ pub struct Spiral {
 /// path.check()?;
 /// let middle = path.at(0.5 * path.length());
 /// assert!(middle.position.z < 2.0 && (middle.tangent.norm() - 1.0).abs() < 1e-12);
-/// # Ok::<(), crate::path::PathError>(())
+/// # Ok::<(), cable_robot::path::PathError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Path {

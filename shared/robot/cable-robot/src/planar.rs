@@ -22,12 +22,12 @@ const MAX_ITERATIONS: usize = 50;
 /// Of two mirror solutions it is the nearer to `near` if given, otherwise the lower one.
 ///
 /// ```
-/// use crate::Vector3;
-/// use crate::planar::forward_kinematics;
+/// use cable_robot::Vector3;
+/// use cable_robot::planar::forward_kinematics;
 /// let anchors = [Vector3::new(0.0, 0.0, 4.0), Vector3::new(6.0, 0.0, 4.0)];
 /// let found = forward_kinematics(&anchors, &[5.0, 5.0], None)?;
 /// assert!((found.position - Vector3::new(3.0, 0.0, 0.0)).norm() < 1e-12);
-/// # Ok::<(), crate::KinematicsError>(())
+/// # Ok::<(), cable_robot::KinematicsError>(())
 /// ```
 pub fn forward_kinematics(
     anchors: &[Vector3<f64>],

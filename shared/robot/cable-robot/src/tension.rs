@@ -196,11 +196,11 @@ pub fn least_norm_unbounded(structure: &StructureMatrix, wrench_n: &Vector3<f64>
 /// Tensions within `limits_n` = [min, max] whose forces add up to the wrench, N.
 ///
 /// ```
-/// use crate::Anchors;
-/// use crate::Distribution;
-/// use crate::StructureMatrix;
-/// use crate::Vector3;
-/// use crate::tension;
+/// use cable_robot::Anchors;
+/// use cable_robot::Distribution;
+/// use cable_robot::StructureMatrix;
+/// use cable_robot::Vector3;
+/// use cable_robot::tension;
 /// let anchors = Anchors::new(&[[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]])?;
 /// let structure = StructureMatrix::at(&anchors, &Vector3::new(3.0, 4.0, 2.0))?;
 /// let weight = Vector3::new(0.0, 0.0, 19.6);

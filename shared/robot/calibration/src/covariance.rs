@@ -2,7 +2,7 @@
 //! A 3N x 3N matrix in m², anchor by anchor, x, y and z each; anchors and axes count from 0. Nothing here fails.
 //!
 //! ```
-//! use crate::{Measurements, Method, Range, calibrate};
+//! use calibration::{Measurements, Method, Range, calibrate};
 //! use cable_robot::{CableVec, Vector3};
 //! let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.2], [5.0, 8.0, 2.9f64]];
 //! let range = |i: usize, j: usize| {
@@ -24,7 +24,7 @@
 //! assert!(x == 0.0 && y == 0.0 && z > 0.0);
 //! assert!(found.covariance.contains_95(0, &Vector3::new(0.0, 0.0, z)));
 //! assert!(!found.covariance.contains_95(0, &Vector3::new(0.0, 0.0, 3.0 * z)));
-//! # Ok::<(), cable_robot::CalibrationError>(())
+//! # Ok::<(), calibration::CalibrationError>(())
 //! ```
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};

@@ -1,6 +1,6 @@
 //! Why a calibration is refused.
 //! ```
-//! use crate::{Measurements, Method, calibrate};
+//! use calibration::{Measurements, Method, calibrate};
 //! let refusal = calibrate(&Measurements::new(3), Method::Survey).unwrap_err();
 //! // A sentence for people, a word for programs.
 //! assert!(refusal.to_string().len() > 20);

@@ -35,10 +35,10 @@ pub struct GpsAnchor {
 /// points in a vertical plane, which leave two anchors at the same height.
 ///
 /// ```
-/// use cable_robot::gps_anchor;
+/// use calibration::gps_anchor;
 /// let found = gps_anchor(&[[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0], [0.0, 3.0, 0.0]], &[5.0, 5.0, 5.0])?;
 /// assert!((found[2] - 4.0).abs() < 1e-12 && found[0].abs() < 1e-12);
-/// # Ok::<(), cable_robot::CalibrationError>(())
+/// # Ok::<(), calibration::CalibrationError>(())
 /// ```
 pub fn gps_anchor(points_m: &[[f64; 3]; 3], lengths_m: &[f64; 3]) -> Result<[f64; 3], CalibrationError> {
     check(points_m, lengths_m)?;

@@ -345,7 +345,7 @@ fn regress(alpha: &[[f64; 2]], beta: &[f64]) -> Regression {
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use cable_robot::calibrate_heights;
+/// use calibration::calibrate_heights;
 /// let anchors = [[0.0, 0.0], [8.0, 0.0], [4.0, 6.0]];
 /// let lengths: Vec<_> = [[1.0, 1.0], [7.0, 1.0], [4.0, 5.0]]
 ///     .iter()
@@ -358,7 +358,7 @@ fn regress(alpha: &[[f64; 2]], beta: &[f64]) -> Regression {
 ///     .collect();
 /// let found = calibrate_heights(&anchors, &lengths)?;
 /// assert!(found.heights_m.iter().all(|z| (z - 3.0).abs() < 1e-12));
-/// # Ok::<(), cable_robot::CalibrationError>(())
+/// # Ok::<(), calibration::CalibrationError>(())
 /// ```
 pub fn calibrate_heights(anchors_xy_m: &[[f64; 2]], lengths_m: &[CableVec]) -> Result<Heights, CalibrationError> {
     let found = closed_form_with_sensitivity(anchors_xy_m, lengths_m)?;

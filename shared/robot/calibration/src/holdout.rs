@@ -3,7 +3,7 @@
 //!
 //! ```
 //! use cable_robot::CableVec;
-//! use crate::{Measurements, Method, Range, hold_out};
+//! use calibration::{Measurements, Method, Range, hold_out};
 //! let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.2], [5.0, 8.0, 2.9f64]];
 //! let range = |i: usize, j: usize| {
 //!     let (dx, dy) = (anchors[i][0] - anchors[j][0], anchors[i][1] - anchors[j][1]);
@@ -24,7 +24,7 @@
 //! let mut wrong = measured;
 //! wrong.lengths_m.iter_mut().for_each(|point| *point = CableVec::from_fn(3, |i| point[i] + [0.05, 0.0, 0.0][i]));
 //! assert!(hold_out(&wrong, Method::Survey)?.expect("five points").position_rms_m > 100.0 * exact.position_rms_m);
-//! # Ok::<(), cable_robot::CalibrationError>(())
+//! # Ok::<(), calibration::CalibrationError>(())
 //! ```
 
 use nalgebra::Vector3;

@@ -151,8 +151,8 @@ pub struct Joint {
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use cable_robot::JointInput;
-/// use cable_robot::calibrate_joint;
+/// use calibration::JointInput;
+/// use calibration::calibrate_joint;
 /// let anchors = [[0.0, 0.0], [8.0, 0.0], [4.0, 6.0]];
 /// // Lines that read 1 % too long.
 /// let lengths: Vec<_> = [[1.0, 1.0], [7.0, 1.0], [4.0, 5.0], [4.0, 3.0], [2.0, 2.0], [6.0, 2.0]]
@@ -168,7 +168,7 @@ pub struct Joint {
 /// let found = calibrate_joint(&input)?;
 /// assert!((found.scale - 1.01).abs() < 1e-3);
 /// assert!((found.anchors_m[0][2] - 3.0).abs() < 0.01);
-/// # Ok::<(), cable_robot::CalibrationError>(())
+/// # Ok::<(), calibration::CalibrationError>(())
 /// ```
 pub fn calibrate_joint(input: &JointInput) -> Result<Joint, CalibrationError> {
     check(input)?;

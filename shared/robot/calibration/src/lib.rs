@@ -27,7 +27,7 @@
 //!
 //! # Example
 //! ```
-//! use crate::{Measurements, Method, Range, calibrate};
+//! use calibration::{Measurements, Method, Range, calibrate};
 //! use cable_robot::CableVec;
 //!
 //! // What would be measured with anchors at (0, 0, 3.0), (10, 0, 3.2) and (5, 8, 2.9).
@@ -60,7 +60,7 @@
 //! let too_few = Measurements { lengths_m: measured.lengths_m[..2].to_vec(), ..measured };
 //! let refusal = calibrate(&too_few, Method::Survey).unwrap_err();
 //! assert_eq!(refusal.kind(), "rank_deficient");
-//! # Ok::<(), cable_robot::CalibrationError>(())
+//! # Ok::<(), calibration::CalibrationError>(())
 //! ```
 
 #![forbid(unsafe_code)]

@@ -154,10 +154,10 @@ impl Calibration {
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use cable_robot::Measurements;
-/// use cable_robot::Method;
-/// use cable_robot::Range;
-/// use cable_robot::calibrate;
+/// use calibration::Measurements;
+/// use calibration::Method;
+/// use calibration::Range;
+/// use calibration::calibrate;
 /// let anchors = [[0.0, 0.0, 3.0], [10.0, 0.0, 3.2], [5.0, 8.0, 2.9f64]];
 /// let range = |i: usize, j: usize| {
 ///     let (dx, dy) = (anchors[i][0] - anchors[j][0], anchors[i][1] - anchors[j][1]);
@@ -173,7 +173,7 @@ impl Calibration {
 /// };
 /// let found = calibrate(&measured, Method::Joint)?;
 /// assert!((found.anchors_m[2][2] - 2.9).abs() < 1e-6 && found.rms_residual_m() < 1e-6);
-/// # Ok::<(), cable_robot::CalibrationError>(())
+/// # Ok::<(), calibration::CalibrationError>(())
 /// ```
 pub fn calibrate(measured: &Measurements, method: Method) -> Result<Calibration, CalibrationError> {
     let n = measured.cable_count;

@@ -7,7 +7,8 @@
 //!
 //! # Example
 //! ```
-//! use cable_robot::energy::{Current, CurrentTable, fit::{Sample, covered, fit}};
+//! use cable_robot::energy::{Current, CurrentTable};
+//! use calibration::motor_fit::{Sample, covered, fit};
 //! use cable_robot::motor::Motor;
 //! let motor = Motor::default();
 //! let samples: Vec<Sample> = (0..4000)

@@ -12,7 +12,7 @@ use cable_robot::CableVec;
 /// anchors to `reach` of its distance (0.9 keeps every line taut), later rounds a little nearer. x and y, m.
 ///
 /// ```
-/// use cable_robot::placement::corners;
+/// use calibration::placement::corners;
 /// let points = corners(&[[0.0, 0.0], [9.0, 0.0], [0.0, 9.0]], 3, 0.9);
 /// assert!((points[1][0] - 8.4).abs() < 1e-12 && (points[1][1] - 0.3).abs() < 1e-12);
 /// ```

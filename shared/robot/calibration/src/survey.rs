@@ -75,11 +75,11 @@ fn check_range(name: &str, m: f64) -> Result<(), CalibrationError> {
 /// `invalid_argument`, or `degenerate_geometry` for ranges that form no triangle.
 ///
 /// ```
-/// use cable_robot::Side;
-/// use cable_robot::survey_anchors;
+/// use calibration::Side;
+/// use calibration::survey_anchors;
 /// let xy = survey_anchors([5.0, 6.0, 5.0], Side::Left)?;
 /// assert_eq!(xy, [[0.0, 0.0], [6.0, 0.0], [3.0, 4.0]]);
-/// # Ok::<(), cable_robot::CalibrationError>(())
+/// # Ok::<(), calibration::CalibrationError>(())
 /// ```
 pub fn survey_anchors(ranges_m: [f64; 3], side: Side) -> Result<[[f64; 2]; 3], CalibrationError> {
     let [d1, d2, d3] = ranges_m;

@@ -9,7 +9,9 @@ use cable_robot::energy::{Bounds, Hoist};
 use cable_robot::motor::Motor;
 use cable_robot::{Anchors, Distribution, StructureMatrix, Vector3, tension};
 use clarabel::algebra::CscMatrix;
-use clarabel::solver::{DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT};
+use clarabel::solver::{
+    DefaultSettings, DefaultSettingsBuilder, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT,
+};
 use criterion::{BatchSize, Criterion};
 use microlp::{ComparisonOp, OptimizationDirection, Problem};
 

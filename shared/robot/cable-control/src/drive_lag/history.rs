@@ -7,7 +7,7 @@ use cable_robot::{CableVec, MAX_CABLES};
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use crate::drive_lag::CommandHistory;
+/// use cable_control::drive_lag::CommandHistory;
 /// let mut sent = CommandHistory::new();
 /// sent.note(7, &CableVec::repeat(3, 0.1));
 /// sent.note(9, &CableVec::repeat(3, 0.2)); // cycle 8 was skipped: the drives kept what they had

@@ -89,7 +89,7 @@ pub enum IdentifyError {
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use crate::drive_lag::{CycleModel, DriveLag, Record, Winch, identify};
+/// use cable_control::drive_lag::{CycleModel, DriveLag, Record, Winch, identify};
 /// let truth = DriveLag::new(0.03, 0.05)?;
 /// let (period_s, reading_s) = (0.01, 0.004);
 /// // A jog: 0.05 m/s for a second.

@@ -19,7 +19,7 @@ const MEMORY_S: f64 = 1.5;
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use crate::drive_lag::{CommandHistory, CycleModel, DriveLag, MisfitMeter, Winch};
+/// use cable_control::drive_lag::{CommandHistory, CycleModel, DriveLag, MisfitMeter, Winch};
 /// let (truth, wrong) = (DriveLag::new(0.05, 0.05)?, DriveLag::new(0.03, 0.04)?);
 /// let drive = CycleModel::new(&truth, 0.01, 0.01)?;
 /// let (mut right, mut off) = (MisfitMeter::new(), MisfitMeter::new());

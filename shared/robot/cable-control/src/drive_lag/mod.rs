@@ -11,10 +11,10 @@
 //! than no model.
 //!
 //! ```
-//! use crate::drive_lag::DriveLag;
+//! use cable_control::drive_lag::DriveLag;
 //! let winch = DriveLag::new(0.030, 0.040)?;
 //! assert_eq!(winch.delay_s() + winch.lag_s(), 0.070);
-//! # Ok::<(), crate::drive_lag::LagError>(())
+//! # Ok::<(), cable_control::drive_lag::LagError>(())
 //! ```
 
 mod history;

@@ -30,8 +30,8 @@ pub struct Led {
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use crate::drive_lag::DriveLag;
-/// use crate::preview::Lead;
+/// use cable_control::drive_lag::DriveLag;
+/// use cable_control::preview::Lead;
 /// let mut lead = Lead::new(&DriveLag::new(0.03, 0.04)?, 0.01, 40)?;
 /// // A ramp of 0.2 m/s: its own speed is the command, and the winch runs on it.
 /// let wanted = |cycle: u64| 6.0 + 0.002 * cycle as f64;
@@ -40,7 +40,7 @@ pub struct Led {
 ///     let led = lead.step(cycle, &ahead);
 ///     assert!((led.command_m_s[0] - 0.2).abs() < 1e-6 && (led.winches[0].length_m - wanted(cycle)).abs() < 1e-6);
 /// }
-/// # Ok::<(), crate::preview::PreviewError>(())
+/// # Ok::<(), cable_control::preview::PreviewError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lead {

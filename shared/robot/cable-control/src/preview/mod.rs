@@ -79,8 +79,8 @@ impl Cycle {
 /// Gains of the law for one delay and lag; the same for every cable.
 ///
 /// ```
-/// use crate::drive_lag::{DriveLag, Winch};
-/// use crate::preview::PreviewGain;
+/// use cable_control::drive_lag::{DriveLag, Winch};
+/// use cable_control::preview::PreviewGain;
 /// let gain = PreviewGain::new(&DriveLag::new(0.03, 0.04)?, 0.01, 40, 1e-5)?;
 /// // On a ramp, and on it already: the command is the ramp's own speed.
 /// let winch = Winch { length_m: 0.0, velocity_m_s: 0.2 };

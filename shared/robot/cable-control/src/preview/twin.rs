@@ -20,8 +20,8 @@ const BRIDGED: u64 = 10;
 ///
 /// ```
 /// use cable_robot::CableVec;
-/// use crate::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
-/// use crate::preview::Twin;
+/// use cable_control::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
+/// use cable_control::preview::Twin;
 /// let lag = DriveLag::new(0.03, 0.04)?;
 /// let (drive, mut twin) = (CycleModel::new(&lag, 0.01, 0.01)?, Twin::new(&lag, 0.01)?);
 /// let (mut sent, mut winch) = (CommandHistory::new(), Winch { length_m: 6.0, velocity_m_s: 0.0 });

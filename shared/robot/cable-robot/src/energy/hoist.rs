@@ -21,7 +21,7 @@
 //! // Twice as fast takes half the time, and an ideal motor loses the same power all the while.
 //! let quick = hoist.constant_speed(&line, 0.4, 32)?;
 //! assert!((quick.energy_j - 0.5 * cost.energy_j).abs() < 1e-9);
-//! # Ok::<(), crate::energy::EnergyError>(())
+//! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
 
 use nalgebra::Vector3;

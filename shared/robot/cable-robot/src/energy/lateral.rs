@@ -23,7 +23,7 @@
 //! let found = hoist.best_lateral(&from, &to, 0.2, 32, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
 //! let (bow, cost) = found.lateral.expect("such a path costs less than the best parabola here");
 //! assert!(cost.energy_j < found.parabola.cost.energy_j && bow.side_m != [0.0; 3]);
-//! # Ok::<(), crate::energy::EnergyError>(())
+//! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
 
 use nalgebra::Vector3;

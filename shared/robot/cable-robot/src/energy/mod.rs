@@ -27,7 +27,7 @@
 //! let best = hoist.best_parabola(&from, &to, 0.2, 64, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
 //! let line = best.line.expect("the straight line is possible here");
 //! assert!(best.cost.energy_j < 0.7 * line.energy_j && best.cost.duration_s > line.duration_s);
-//! # Ok::<(), crate::energy::EnergyError>(())
+//! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
 
 pub mod flight;

@@ -16,7 +16,7 @@
 //!     Ok(Cost { energy_j, duration_s: 1.0, length_m: 5.0, peak_tension_n: 0.0, peak_current_a: 0.0, margin_n: 1.0 })
 //! })?;
 //! assert!((found.mu_per_m - 0.3).abs() < 1e-3);
-//! # Ok::<(), crate::energy::EnergyError>(())
+//! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
 
 use nalgebra::Vector3;

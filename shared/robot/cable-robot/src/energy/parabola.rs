@@ -38,9 +38,9 @@ pub fn check(path: &Parabola) -> Result<(), EnergyError> {
 /// The point at a horizontal fraction.
 ///
 /// ```
-/// use crate::Vector3;
-/// use crate::energy::parabola;
-/// use crate::path::Parabola;
+/// use cable_robot::Vector3;
+/// use cable_robot::energy::parabola;
+/// use cable_robot::path::Parabola;
 /// let path = Parabola { from: Vector3::new(0.0, 0.0, 2.0), to: Vector3::new(4.0, 3.0, 2.0), mu_per_m: 0.1 };
 /// let middle = parabola::at_fraction(&path, 0.5);
 /// assert!((middle.position.z - (2.0 - 0.1 * 2.5 * 2.5)).abs() < 1e-12 && middle.tangent.z.abs() < 1e-12);
@@ -71,11 +71,11 @@ pub fn lowest_m(path: &Parabola) -> f64 {
 /// above the ground; None if there is no such limit because the path is vertical.
 ///
 /// ```
-/// use crate::Vector3;
-/// use crate::energy::parabola;
+/// use cable_robot::Vector3;
+/// use cable_robot::energy::parabola;
 /// let (from, to) = (Vector3::new(0.0, 0.0, 1.0), Vector3::new(4.0, 0.0, 1.0));
 /// assert_eq!(parabola::mu_limit(&from, &to, 0.0)?, Some(0.25));
-/// # Ok::<(), crate::energy::EnergyError>(())
+/// # Ok::<(), cable_robot::energy::EnergyError>(())
 /// ```
 pub fn mu_limit(from: &Vector3<f64>, to: &Vector3<f64>, ground_m: f64) -> Result<Option<f64>, EnergyError> {
     let line = Parabola { from: *from, to: *to, mu_per_m: 0.0 };

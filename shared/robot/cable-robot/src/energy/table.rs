@@ -47,7 +47,7 @@ impl TableError {
 /// Measured current over speed and tension, bilinear between the points.
 ///
 /// ```
-/// use crate::energy::{Current, CurrentTable};
+/// use cable_robot::energy::{Current, CurrentTable};
 /// let table = CurrentTable::new(
 ///     vec![-0.2, 0.0, 0.2],
 ///     vec![0.0, 20.0],
@@ -56,7 +56,7 @@ impl TableError {
 /// )?;
 /// assert!((table.current_a(10.0, 0.1)? - 0.45).abs() < 1e-12);
 /// assert!(table.current_a(21.0, 0.1).is_err());
-/// # Ok::<(), crate::energy::TableError>(())
+/// # Ok::<(), cable_robot::energy::TableError>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct CurrentTable {

@@ -11,8 +11,8 @@ impl Path {
     /// `None` where nothing is left that is a path, and for a lateral path, of which no part is one again.
     ///
     /// ```
-    /// use crate::Path;
-    /// use crate::Vector3;
+    /// use cable_robot::Path;
+    /// use cable_robot::Vector3;
     /// let path = Path::line(Vector3::zeros(), Vector3::new(2.0, 0.0, 0.0));
     /// assert_eq!(path.rest_from(0.5), Some(Path::line(Vector3::new(0.5, 0.0, 0.0), Vector3::new(2.0, 0.0, 0.0))));
     /// assert_eq!(path.rest_from(2.0), None);

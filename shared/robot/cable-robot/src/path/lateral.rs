@@ -28,8 +28,8 @@ const GAUSS: [(f64, f64); 5] = [
 /// How a path bows out of the straight line between two points.
 ///
 /// ```
-/// use crate::Vector3;
-/// use crate::path::Bow;
+/// use cable_robot::Vector3;
+/// use cable_robot::path::Bow;
 /// let (from, to) = (Vector3::new(0.0, 0.0, 2.0), Vector3::new(4.0, 0.0, 2.0));
 /// let bow = Bow { from, to, down_m: [0.5, 0.0, 0.0], side_m: [0.3, 0.0, 0.0] };
 /// let middle = bow.at_fraction(0.5);
@@ -119,9 +119,9 @@ impl Bow {
 /// A bow by arc length.
 ///
 /// ```
-/// use crate::Path;
-/// use crate::Vector3;
-/// use crate::path::{Bow, Lateral};
+/// use cable_robot::Path;
+/// use cable_robot::Vector3;
+/// use cable_robot::path::{Bow, Lateral};
 /// let bow = Bow {
 ///     from: Vector3::new(2.0, 2.0, 2.0),
 ///     to: Vector3::new(7.0, 3.0, 2.2),
@@ -132,7 +132,7 @@ impl Bow {
 /// path.check()?;
 /// let middle = path.at(0.5 * path.length());
 /// assert!((middle.tangent.norm() - 1.0).abs() < 1e-12);
-/// # Ok::<(), crate::path::PathError>(())
+/// # Ok::<(), cable_robot::path::PathError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Lateral {

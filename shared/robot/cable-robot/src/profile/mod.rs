@@ -112,15 +112,15 @@ pub enum ProfileError {
 /// Speed along a path.
 ///
 /// ```
-/// use crate::Path;
-/// use crate::Vector3;
-/// use crate::profile::{Profile, ProfileLimits};
+/// use cable_robot::Path;
+/// use cable_robot::Vector3;
+/// use cable_robot::profile::{Profile, ProfileLimits};
 /// let path = Path::line(Vector3::zeros(), Vector3::new(2.0, 0.0, 0.0));
 /// let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.2, 0.4))?;
 /// assert_eq!(profile.knots().len(), 4); // a trapezoid
 /// assert!((profile.duration() - (2.0 / 0.2 + 0.2 / 0.4)).abs() < 1e-12);
 /// assert!((profile.at(5.0).v_m_s - 0.2).abs() < 1e-12);
-/// # Ok::<(), crate::profile::ProfileError>(())
+/// # Ok::<(), cable_robot::profile::ProfileError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Profile {

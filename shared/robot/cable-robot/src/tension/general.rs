@@ -35,14 +35,14 @@ pub type Row = [f64; MAX_ROWS];
 /// A structure matrix with n rows (directions) and m ≥ n columns (cables).
 ///
 /// ```
-/// use crate::Distribution;
-/// use crate::tension::general::{self, GeneralStructure};
+/// use cable_robot::Distribution;
+/// use cable_robot::tension::general::{self, GeneralStructure};
 /// // A planar robot with four lines and a node that floats: only preload.
 /// let d = 0.5f64.sqrt();
 /// let structure = GeneralStructure::new(&[vec![-d, d, d, -d], vec![d, d, -d, -d]])?;
 /// let held = general::distribute(&structure, &[0.0, 0.0], [2.0, 60.0], Distribution::LeastNorm)?;
 /// assert!(held.tensions_n.iter().all(|t| (t - 2.0).abs() < 1e-9));
-/// # Ok::<(), crate::tension::TensionError>(())
+/// # Ok::<(), cable_robot::tension::TensionError>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GeneralStructure {
