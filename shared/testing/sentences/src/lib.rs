@@ -1,5 +1,6 @@
 //! The sentences of a crate stand in one file, `tests/sentences.txt`, and one test compares them all. To reword one, read the difference that the
 //! test prints and renew the file; no other test matches words.
+#![forbid(unsafe_code)]
 
 use std::collections::BTreeMap;
 use std::fmt::{Display, Write};
