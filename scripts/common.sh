@@ -71,7 +71,7 @@ run_tests_as_nobody() {
     NIMS_TEST_HOME=$(mktemp -d /tmp/nims-test.XXXXXX)
     chown nobody "$NIMS_TEST_HOME"
     trap 'rm -rf "$NIMS_TEST_HOME"' EXIT
-    can_read() { scripts/as-nobody test -r "$PWD/Cargo.toml" -a -x "${CARGO_TARGET_DIR:-$PWD/target}/debug"; }
+    can_read() { scripts/run-unprivileged test -r "$PWD/Cargo.toml" -a -x "${CARGO_TARGET_DIR:-$PWD/target}/debug"; }
     if ! can_read 2>/dev/null; then
         # A folder that only root can enter: nobody gets the right to read everything, and nothing else.
         export NIMS_READ_ALL=1
@@ -81,5 +81,5 @@ run_tests_as_nobody() {
     local triple
     triple=$(rustc -vV | sed -n 's/^host: //p' | tr 'a-z-' 'A-Z_')
     RUNNER="CARGO_TARGET_${triple}_RUNNER"
-    export "$RUNNER=$PWD/scripts/as-nobody"
+    export "$RUNNER=$PWD/scripts/run-unprivileged"
 }

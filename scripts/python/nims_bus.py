@@ -391,10 +391,10 @@ def _root(domain):
     if domain:
         root = domain if domain.startswith("/") else beginning + domain
         if not Path(root).is_dir():
-            raise SensorError(f"no robot runs in the domain `{domain}`: start it with `nims up BOX.toml`")
+            raise SensorError(f"no robot runs in the domain `{domain}`: start it with `nims up SYSTEM.toml`")
         return root
     running = [str(path.parent) for path in Path(SHARED_MEMORY).glob(f"nims-{os.geteuid()}-*/running.json")]
     if len(running) != 1:
         found = ", ".join(path.removeprefix(beginning) for path in running)
-        raise SensorError(f"several robots run ({found}): say which with --domain NAME" if running else "no robot runs here: start one with `nims up BOX.toml`")
+        raise SensorError(f"several robots run ({found}): say which with --domain NAME" if running else "no robot runs here: start one with `nims up SYSTEM.toml`")
     return running[0]

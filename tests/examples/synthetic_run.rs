@@ -12,6 +12,6 @@ fn main() -> anyhow::Result<()> {
     let mission: &'static str = Box::leak(arg(3, "demo").into_boxed_str());
     let robot = if name.ends_with('4') { "lab4" } else { "lab3" };
     let case = Case { robot, mission, motor_s: [0.030, 0.040] };
-    let box_path = format!("{}/../configs/systems/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-    record(Path::new(&file), Path::new(&box_path), &case, seconds, true)
+    let system_path = format!("{}/../configs/systems/{name}.toml", env!("CARGO_MANIFEST_DIR"));
+    record(Path::new(&file), Path::new(&system_path), &case, seconds, true)
 }

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use config::{BoxFile, ControllerSection, EstimatorSection};
+use config::{ControllerSection, EstimatorSection, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::EstimatorConfig;
 use messages::{Message, OperatorRequest, SLOT_NAMES};
@@ -27,16 +27,16 @@ pub struct Tape {
 }
 
 impl Tape {
-    /// Begins a file with the box file at `box_path` and its robot file inside.
+    /// Begins a file with the system file at `system_path` and its robot file inside.
     ///
     /// # Errors
     /// What is wrong with the files.
-    pub fn new(path: &Path, box_path: &Path) -> Result<Self> {
-        let robot = BoxFile::load(box_path)?.robot;
+    pub fn new(path: &Path, system_path: &Path) -> Result<Self> {
+        let robot = SystemFile::load(system_path)?.robot;
         let attachment = |name: &str, path: &Path| -> Result<Attachment> {
             Ok(Attachment { name: name.into(), media_type: "application/toml".into(), data: fs::read(path)? })
         };
-        let attachments = [attachment("box.toml", box_path)?, attachment("robot.toml", &robot)?];
+        let attachments = [attachment("box.toml", system_path)?, attachment("robot.toml", &robot)?];
         let clock = RunClock { t0_unix_ns: BEGAN_UNIX_NS, t0_mono_ns: 0 };
         let writer = RunWriter::create(path, clock, &Default::default(), &attachments)?;
         Ok(Self { writer, channels: HashMap::new(), beat: 0 })
@@ -105,8 +105,8 @@ impl Tape {
 ///
 /// # Errors
 /// What is wrong with the files, or with the flight.
-pub fn fly(path: &Path, box_path: &Path, case: &Case, cycles: u64) -> Result<PathBuf> {
-    let file = BoxFile::load(box_path)?;
+pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<PathBuf> {
+    let file = SystemFile::load(system_path)?;
     let mut scenario = case.scenario(true)?;
     scenario.period_s = file.period_s();
     let mission = scenario.mission.clone();
@@ -117,7 +117,7 @@ pub fn fly(path: &Path, box_path: &Path, case: &Case, cycles: u64) -> Result<Pat
     let section = EstimatorSection { method: "kalman".into(), ..file.estimator.clone() };
     let estimator = EstimatorConfig::of(&section, file.robot_file()?.robot()?, 0)?;
     let mut lockstep = Lockstep::with(scenario, chain)?;
-    let mut tape = Tape::new(path, box_path)?;
+    let mut tape = Tape::new(path, system_path)?;
     let share = |percent: u64| cycles * percent / 100;
     for cycle in 1..=cycles {
         if cycle == 3 {
@@ -147,14 +147,14 @@ pub fn fly(path: &Path, box_path: &Path, case: &Case, cycles: u64) -> Result<Pat
     tape.finish()
 }
 
-/// A copy of a box file of `configs/systems` (`name`, without its ending) and of its robot file in `folder`, with other words in it, such as
+/// A copy of a system file of `configs/systems` (`name`, without its ending) and of its robot file in `folder`, with other words in it, such as
 /// `("controller", "law", "preview")`.
 ///
 /// # Errors
 /// What is wrong with the files.
 pub fn box_with(folder: &Path, name: &str, words: &[(&str, &str, &str)]) -> Result<PathBuf> {
     let path = format!("{}/../configs/systems/{name}.toml", env!("CARGO_MANIFEST_DIR"));
-    let file = BoxFile::load(Path::new(&path))?;
+    let file = SystemFile::load(Path::new(&path))?;
     fs::copy(&file.robot, folder.join("robot.toml"))?;
     let mut table: toml::Table = fs::read_to_string(&path)?.parse()?;
     table.insert("robot".into(), "robot.toml".into());

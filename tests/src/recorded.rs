@@ -17,13 +17,13 @@ const REST_CYCLES: u64 = 50;
 ///
 /// # Errors
 /// What went wrong.
-pub fn record(path: &Path, box_path: &Path, case: &Case, seconds: f64, truth: bool) -> Result<()> {
+pub fn record(path: &Path, system_path: &Path, case: &Case, seconds: f64, truth: bool) -> Result<()> {
     let scenario = case.scenario(true)?;
     let mission = scenario.mission.clone();
     let cycles = (seconds / scenario.period_s) as u64;
     let [x, y, z] = scenario.plant.start_m;
     let mut lockstep = Lockstep::new(scenario)?;
-    let mut tape = Tape::new(path, box_path)?;
+    let mut tape = Tape::new(path, system_path)?;
     let mut rest = 0;
     for number in 1..=cycles {
         match number {

@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use cable_robot::Robot;
-use config::{BoxFile, ControllerSection, EstimatorSection, RobotFile};
+use config::{ControllerSection, EstimatorSection, RobotFile, SystemFile};
 use controller::Law;
 use estimator::Method;
 use motor_box::BoxConfig;
@@ -95,7 +95,7 @@ impl Case {
 /// What is wrong with the files.
 pub fn planar() -> Result<Scenario> {
     let configs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../configs");
-    let file = BoxFile::load(&configs.join("systems/aq4.toml"))?;
+    let file = SystemFile::load(&configs.join("systems/aq4.toml"))?;
     let robot_file = file.robot_file()?;
     let robot = robot_file.robot()?;
     Ok(Scenario {

@@ -70,7 +70,7 @@ fn estimation_control_and_arbitration_allocate_nothing() {
                 chain.core.decide(&cycle.input);
                 black_box(chain.core.observe(&cycle.input));
                 black_box(chain.estimator.step(&cycle.state, Some(&cycle.authority)));
-                black_box(chain.controller.step(&controller::Seen {
+                black_box(chain.controller.step(&controller::Inputs {
                     estimates: [Some(&cycle.estimate), None],
                     motion: Some(&cycle.motion),
                     authority: Some(&cycle.authority),

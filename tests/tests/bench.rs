@@ -173,7 +173,7 @@ fn only_what_is_asked_for_is_measured_for_the_box_that_is_named() {
     let runs = tempfile::tempdir().unwrap();
     let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
     let file = root.join("configs/systems/fast3.toml");
-    let args = ["--box", file.to_str().unwrap(), "--seconds", "0.05", "chain", "tick"];
+    let args = ["--system", file.to_str().unwrap(), "--seconds", "0.05", "chain", "tick"];
     let (code, out, err) = ended(bench(runs.path(), &args), runs.path());
     assert_eq!(code, Some(0), "{err}");
     let at = |word: &str| out.find(word).unwrap_or_else(|| panic!("no {word:?} in {out}"));

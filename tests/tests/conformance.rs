@@ -56,7 +56,7 @@ fn talk() -> Result<(), Talked> {
     let folder = tempfile::tempdir().unwrap();
     let box_said = folder.path().join("said");
     let child = Command::new(program("motor-box"))
-        .arg("--box")
+        .arg("--system")
         .arg(workspace().join("configs/systems/demo3.toml"))
         .arg("--ports-only")
         .arg(folder.path())

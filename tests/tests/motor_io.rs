@@ -33,17 +33,17 @@ impl Place {
              [motor_box]\n",
             configs.canonicalize().unwrap().display()
         );
-        std::fs::write(place.box_file(), text).unwrap();
+        std::fs::write(place.system_file(), text).unwrap();
         place
     }
 
-    fn box_file(&self) -> PathBuf {
+    fn system_file(&self) -> PathBuf {
         self.folder.path().join("box.toml")
     }
 
     fn command(&self, name: &str) -> Command {
         let mut command = Command::new(binary(name));
-        command.arg("--box").arg(self.box_file()).arg("--domain").arg(self.domain.name());
+        command.arg("--system").arg(self.system_file()).arg("--domain").arg(self.domain.name());
         if name == "motor-io" {
             command.arg("--state").arg(self.folder.path().join("state"));
         }
@@ -329,7 +329,7 @@ fn a_second_one_is_refused_in_one_sentence() {
 #[test]
 fn a_configuration_that_cannot_be_meant_is_refused_before_anything_moves() {
     let place = Place::new();
-    let text = std::fs::read_to_string(place.box_file()).unwrap();
+    let text = std::fs::read_to_string(place.system_file()).unwrap();
     let cases = [
         ("rate_hz = 50.0", "rate_hz = 5000.0"),
         ("10865.0, 10865.0]", "10865.0]"),
@@ -347,7 +347,7 @@ fn a_configuration_that_cannot_be_meant_is_refused_before_anything_moves() {
         } else {
             spoiled
         };
-        std::fs::write(place.box_file(), spoiled).unwrap();
+        std::fs::write(place.system_file(), spoiled).unwrap();
         let output = place.command("motor-io").output().unwrap();
         assert_eq!(output.status.code(), Some(2), "{to}: {}", String::from_utf8_lossy(&output.stderr));
         one_sentence(&output);

@@ -4,15 +4,15 @@ use cable_robot::elastic::{self, Realisation};
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::limits::scale_to_limits;
 use cable_robot::{CableVec, Distribution, Jacobian, Motion, NodeJacobian, Robot, Setpoint, Vector3};
-use config::{BoxFile, RobotFile};
+use config::{RobotFile, SystemFile};
 use messages::{
     AUTHORITY_LAG, ControlStatus, ESTIMATORS, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate,
     PlanMotion, SLOTS, Standing, same_life, standing,
 };
 use segments::motion_of;
 
+use crate::custom_law::{CableLaw, LawInput};
 use crate::law::{self, Law};
-use crate::own::{Asked, CableLaw};
 use crate::preview::{Notice, Preview};
 use crate::retune::Fade;
 
@@ -44,11 +44,11 @@ pub struct ControllerConfig {
 }
 
 impl ControllerConfig {
-    /// As a box file and its robot file say.
+    /// As a system file and its robot file say.
     ///
     /// # Errors
     /// A law or a weight that does not exist.
-    pub fn of(file: &BoxFile, robot: &RobotFile, incarnation: u32) -> anyhow::Result<Self> {
+    pub fn of(file: &SystemFile, robot: &RobotFile, incarnation: u32) -> anyhow::Result<Self> {
         let section = &file.controller;
         let parts = robot.robot()?;
         Ok(Self {
@@ -69,7 +69,7 @@ impl ControllerConfig {
 
 /// What a step works on.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Seen<'a> {
+pub struct Inputs<'a> {
     /// Newest estimate of each slot, whatever it says: what may not be acted on is left out here.
     pub estimates: [Option<&'a NodeEstimate>; SLOTS],
     /// Newest plan/motion.
@@ -146,11 +146,11 @@ impl Controller {
     pub fn new(config: ControllerConfig) -> Self {
         let preview = match config.law {
             Law::Preview { preview, .. } => Some(Preview::new(preview, config.robot.cable_count())),
-            Law::LqEndpoint { .. } | Law::PFeedforward(_) | Law::Own => None,
+            Law::LqEndpoint { .. } | Law::PFeedforward(_) | Law::Custom => None,
         };
         let own: Option<Box<dyn CableLaw>> = match config.law {
             Law::PFeedforward(law) => Some(Box::new(law)),
-            Law::LqEndpoint { .. } | Law::Preview { .. } | Law::Own => None,
+            Law::LqEndpoint { .. } | Law::Preview { .. } | Law::Custom => None,
         };
         Self { config, own, motion: None, preview, answered: [None; SLOTS], life: 0, fades: [Fade::default(); SLOTS] }
     }
@@ -158,7 +158,7 @@ impl Controller {
     /// A copy that goes its own way from here; `None` with a law of one's own, of which nobody knows what it remembers.
     pub fn fork(&self) -> Option<Self> {
         let Self { config, motion, preview, answered, life, fades, .. } = self;
-        (config.law != Law::Own).then(|| Self {
+        (config.law != Law::Custom).then(|| Self {
             motion: *motion,
             preview: preview.clone(),
             answered: *answered,
@@ -170,7 +170,7 @@ impl Controller {
 
     /// A controller with a law of one's own in place of the configured one.
     pub fn with_law(config: ControllerConfig, law: Box<dyn CableLaw>) -> Self {
-        Self { own: Some(law), ..Self::new(ControllerConfig { law: Law::Own, ..config }) }
+        Self { own: Some(law), ..Self::new(ControllerConfig { law: Law::Custom, ..config }) }
     }
 
     /// Goes on with other parameters, between two steps; the command fades from what it was to what it is now over `fade_s`. Robot, law and
@@ -190,7 +190,7 @@ impl Controller {
                     preview.configure(settings);
                 }
             }
-            Law::LqEndpoint { .. } | Law::Own => {}
+            Law::LqEndpoint { .. } | Law::Custom => {}
         }
         self.fades.iter_mut().for_each(|fade| fade.begin(fade_s));
     }
@@ -218,7 +218,7 @@ impl Controller {
     ///
     /// Without a motion the answer is valid and zero: stand still. Without a position, a way to follow, or a finite
     /// result a row is not valid; motor-io then has no answer from this pair.
-    pub fn step(&mut self, seen: &Seen<'_>) -> (MotorCommand, ControlStatus) {
+    pub fn step(&mut self, seen: &Inputs<'_>) -> (MotorCommand, ControlStatus) {
         self.begin_life(seen.authority);
         let estimates = self.live(seen);
         let lead = seen.authority.map_or(0, |authority| usize::from(authority.in_charge[ESTIMATORS]).min(SLOTS - 1));
@@ -299,7 +299,7 @@ impl Controller {
     }
 
     /// The estimates that may be answered.
-    fn live<'a>(&self, seen: &Seen<'a>) -> [Option<&'a NodeEstimate>; SLOTS] {
+    fn live<'a>(&self, seen: &Inputs<'a>) -> [Option<&'a NodeEstimate>; SLOTS] {
         let ttl_cycles = self.config.estimate_ttl_cycles;
         let live = |estimate: &&NodeEstimate, authority: &MotorAuthority| {
             standing(&estimate.header, &authority.header, ttl_cycles) == Standing::Live
@@ -329,7 +329,7 @@ impl Controller {
     /// An answer without rows, and the account of what it rests on.
     fn blank(
         &self,
-        seen: &Seen<'_>,
+        seen: &Inputs<'_>,
         estimates: &[Option<&NodeEstimate>; SLOTS],
         header: Header,
     ) -> (MotorCommand, ControlStatus) {
@@ -362,7 +362,7 @@ impl Controller {
     /// Tells the preview law about the cycle of `header`, which is that of the slot in charge, `lead`, or of the other one.
     fn preview(
         &mut self,
-        seen: &Seen<'_>,
+        seen: &Inputs<'_>,
         estimates: &[Option<&NodeEstimate>; SLOTS],
         authority: &MotorAuthority,
         instant: &Instant,
@@ -474,7 +474,7 @@ impl Controller {
         let (u, redundant_m) = match self.own.take() {
             None => self.endpoint(slot, estimate, target, position, period_s)?,
             Some(mut own) => {
-                let u = own.velocity(&Asked {
+                let u = own.velocity(&LawInput {
                     slot,
                     robot: &config.robot,
                     period_s,

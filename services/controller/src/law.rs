@@ -32,7 +32,7 @@ pub enum Law {
     /// Each line for itself: desired velocity, and a share of the length error.
     PFeedforward(PFeedforward),
     /// One that the process brought along ([`crate::CableLaw`]); without it there is no answer.
-    Own,
+    Custom,
 }
 
 /// A law or a parameter that does not exist.
@@ -54,7 +54,7 @@ pub enum LawError {
 }
 
 impl Law {
-    /// The law that `[controller]` of a box file chooses.
+    /// The law that `[controller]` of a system file chooses.
     ///
     /// # Errors
     /// One sentence: which key, what is accepted.
@@ -109,7 +109,7 @@ impl Law {
             Self::LqEndpoint { .. } => ControlStatus::LAW_LQ_ENDPOINT,
             Self::Preview { .. } => ControlStatus::LAW_PREVIEW,
             Self::PFeedforward(_) => ControlStatus::LAW_P_FEEDFORWARD,
-            Self::Own => ControlStatus::LAW_OTHER,
+            Self::Custom => ControlStatus::LAW_OTHER,
         }
     }
 
@@ -139,7 +139,7 @@ impl Law {
                 let gain = LqGain::new(node_jacobian, period_s, &q, &r, horizon).ok()?;
                 Some(gain.velocity(error_m))
             }
-            Self::PFeedforward(_) | Self::Own => None,
+            Self::PFeedforward(_) | Self::Custom => None,
         }
     }
 }

@@ -1,12 +1,12 @@
-//! The controller: node estimate and motion to cable velocities, with the law that the box file names.
+//! The controller: node estimate and motion to cable velocities, with the law that the system file names.
 
 use std::process::ExitCode;
 
 use controller::{Controller, process};
-use runtime::LawArgs;
+use runtime::VariantArgs;
 
 fn main() -> ExitCode {
-    runtime::main("controller", |args: &LawArgs, chassis| {
+    runtime::main("controller", |args: &VariantArgs, chassis| {
         let config = process::config(chassis, args.law.as_deref())?;
         process::run(chassis, Controller::new(config))
     })

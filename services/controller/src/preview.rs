@@ -11,7 +11,7 @@
 use cable_control::drive_lag::{
     CommandHistory, DriveLag, Identified, IdentifyError, LagFit, MAX_RECORD, MIN_RECORD, MisfitMeter, Record, Winch,
 };
-use cable_control::preview::{Lead, Led, MAX_PREVIEW, PreviewError, PreviewGain, Twin};
+use cable_control::preview::{DriveObserver, Lead, Led, MAX_PREVIEW, PreviewError, PreviewGain};
 use cable_robot::{CableVec, MAX_CABLES};
 use messages::{MotorAuthority, MotorState, NodeEstimate, SLOTS};
 use thiserror::Error;
@@ -110,7 +110,7 @@ impl Notice {
 struct Installed {
     gain: PreviewGain,
     lead: Lead,
-    twins: [Twin; SLOTS],
+    twins: [DriveObserver; SLOTS],
 }
 
 /// A record being taken or worked on.
@@ -229,7 +229,7 @@ pub(crate) struct Preview {
     /// The cycle of the newest look ahead and what it came to.
     led: Option<(u64, Led)>,
     notice: Option<Notice>,
-    /// Cycle in which each slot's twin was last corrected: once in a cycle, however often the controller is woken in it.
+    /// Cycle in which each slot's observer was last corrected: once in a cycle, however often the controller is woken in it.
     corrected: [u64; SLOTS],
 }
 
@@ -376,7 +376,7 @@ impl Preview {
         let PreviewSettings { horizon, move_penalty_s4, .. } = self.settings;
         let built = PreviewGain::new(&lag, period_s, horizon, move_penalty_s4).and_then(|gain| {
             let lead = Lead::new(&lag, period_s, horizon)?;
-            Ok(Installed { gain, lead, twins: [Twin::new(&lag, period_s)?; SLOTS] })
+            Ok(Installed { gain, lead, twins: [DriveObserver::new(&lag, period_s)?; SLOTS] })
         });
         match built {
             Ok(installed) => {
@@ -453,18 +453,18 @@ impl Preview {
         }
     }
 
-    /// Corrects the twin of an estimate's slot. The estimate is true `since_s` after the command of its cycle was sent.
+    /// Corrects the observer of an estimate's slot. The estimate is true `since_s` after the command of its cycle was sent.
     pub(crate) fn correct(&mut self, slot: usize, estimate: &NodeEstimate, since_s: f64, velocities_m_s: &[f64]) {
         let cycle = estimate.header.cycle;
         if self.sent.newest() == cycle
             && self.corrected.get(slot).is_some_and(|last| *last != cycle)
             && let Some(installed) = &mut self.installed
-            && let Some(twin) = installed.twins.get_mut(slot)
+            && let Some(observer) = installed.twins.get_mut(slot)
         {
             self.corrected[slot] = cycle;
             let n = self.cables;
             let lengths_m = CableVec::from_array8(&estimate.predicted_m, n);
-            twin.correct(cycle, since_s, &lengths_m, &velocities_m_s[..n.min(velocities_m_s.len())], &self.sent);
+            observer.correct(cycle, since_s, &lengths_m, &velocities_m_s[..n.min(velocities_m_s.len())], &self.sent);
         }
     }
 

@@ -2,18 +2,18 @@
 
 use std::process::ExitCode;
 
-use config::{BoxFile, RobotFile};
+use config::{RobotFile, SystemFile};
 use messages::{
     ControlStatus, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion, SLOT_NAMES, SLOTS,
     Standing, newer, standing,
 };
 use runtime::{Args, BadInput, Change, Chassis, Program, Since, Tuning};
 
-use crate::{CableLaw, Controller, ControllerConfig, Law, Seen};
+use crate::{CableLaw, Controller, ControllerConfig, Inputs, Law};
 
-/// A whole process with a law of one's own: arguments, box file, bus, everything.
+/// A whole process with a law of one's own: arguments, system file, bus, everything.
 ///
-/// The box file's `[controller]` gives it the horizon, the limits and the distribution of tensions; its `law` is not used.
+/// The system file's `[controller]` gives it the horizon, the limits and the distribution of tensions; its `law` is not used.
 /// `program` is [`program!()`](crate::program), so that the run names the program itself and not nims.
 pub fn main_with(program: Program, law: Box<dyn CableLaw>) -> ExitCode {
     runtime::main("controller", move |_: &Args, chassis| {
@@ -23,12 +23,12 @@ pub fn main_with(program: Program, law: Box<dyn CableLaw>) -> ExitCode {
     })
 }
 
-/// The controller that the box file asks for, with another `law` if one is given.
+/// The controller that the system file asks for, with another `law` if one is given.
 ///
 /// # Errors
-/// No box file, or a law or weight that does not exist.
+/// No system file, or a law or weight that does not exist.
 pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<ControllerConfig> {
-    let mut file = chassis.box_file()?.clone();
+    let mut file = chassis.system_file()?.clone();
     if let Some(law) = law {
         law.clone_into(&mut file.controller.law);
     }
@@ -50,7 +50,7 @@ impl Used {
         let named = Law::name_of(config.law.number());
         let program = || std::env::current_exe().ok()?.file_name().map(|name| name.to_string_lossy().into_owned());
         let law = named.map(str::to_owned).or_else(program).unwrap_or_default();
-        let make = move |file: &BoxFile, robot: &RobotFile| {
+        let make = move |file: &SystemFile, robot: &RobotFile| {
             let mut file = file.clone();
             if let Some(law) = named {
                 law.clone_into(&mut file.controller.law);
@@ -59,7 +59,7 @@ impl Used {
             let text = format!("{}{own}", file.sections(&["controller"]));
             Ok((ControllerConfig::of(&file, robot, config.incarnation)?, text))
         };
-        let file = chassis.box_file()?.clone();
+        let file = chassis.system_file()?.clone();
         let (_, text) = make(&file, &file.robot_file()?)?;
         let used = Self { law, fade_s: file.arbiter.fade_s, tuning: chassis.tuning(make)? };
         let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
@@ -112,7 +112,7 @@ pub fn run(chassis: &mut Chassis, mut controller: Controller) -> anyhow::Result<
         state = newer(state, states.latest()?);
         if new {
             chassis.pass_begin();
-            let seen = Seen {
+            let seen = Inputs {
                 estimates: [newest[0].as_ref(), newest[1].as_ref()],
                 motion: motion.as_ref(),
                 authority: authority.as_ref(),

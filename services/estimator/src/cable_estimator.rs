@@ -115,7 +115,7 @@ pub struct Measurement {
     pub sampled_ns: u64,
 }
 
-/// The numbers of `[estimator]` in the box file that tune a method.
+/// The numbers of `[estimator]` in the system file that tune a method.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Parameters {
     /// Rows of the sliding window of (19).
@@ -141,7 +141,7 @@ impl From<&EstimatorSection> for Parameters {
 }
 
 impl Default for Parameters {
-    /// As a box file without `[estimator]` has them.
+    /// As a system file without `[estimator]` has them.
     fn default() -> Self {
         Self::from(&EstimatorSection::default())
     }

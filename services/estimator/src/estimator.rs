@@ -23,7 +23,7 @@ pub struct EstimatorConfig {
 }
 
 impl EstimatorConfig {
-    /// As a box file and its robot file say.
+    /// As a system file and its robot file say.
     ///
     /// # Errors
     /// A method or a parameter that does not exist.

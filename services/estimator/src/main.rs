@@ -1,12 +1,12 @@
-//! The estimator: motor state to node estimate, by the method that the box file names.
+//! The estimator: motor state to node estimate, by the method that the system file names.
 
 use std::process::ExitCode;
 
 use estimator::{Estimator, process};
-use runtime::LawArgs;
+use runtime::VariantArgs;
 
 fn main() -> ExitCode {
-    runtime::main("estimator", |args: &LawArgs, chassis| {
+    runtime::main("estimator", |args: &VariantArgs, chassis| {
         let config = process::config(chassis, args.law.as_deref())?;
         process::run(chassis, Estimator::new(&config))
     })

@@ -61,7 +61,7 @@ fn names() -> String {
 }
 
 impl Method {
-    /// The method that `[estimator]` of a box file chooses.
+    /// The method that `[estimator]` of a system file chooses.
     ///
     /// # Errors
     /// One sentence: what is wrong, what is accepted.

@@ -2,7 +2,7 @@
 
 use std::process::ExitCode;
 
-use config::{BoxFile, RobotFile};
+use config::{RobotFile, SystemFile};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, newer};
 use runtime::{Args, BadInput, Chassis, Program, Since, Tuning};
 
@@ -10,25 +10,25 @@ use crate::cable_estimator::CableEstimator;
 use crate::estimator::{Estimator, EstimatorConfig};
 use crate::method::Method;
 
-/// A whole process with a method of one's own: arguments, box file, bus, everything. Each cable gets a copy of `cable`.
+/// A whole process with a method of one's own: arguments, system file, bus, everything. Each cable gets a copy of `cable`.
 ///
-/// The box file's `[estimator]` gives it `stretch`, `sigma_length_m` and the [`Parameters`](crate::Parameters); its `method` is not used.
+/// The system file's `[estimator]` gives it `stretch`, `sigma_length_m` and the [`Parameters`](crate::Parameters); its `method` is not used.
 /// `program` is [`program!()`](crate::program), so that the run names the program itself and not nims.
 pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
     runtime::main("estimator", move |_: &Args, chassis| {
         chassis.is_program(&program);
-        let file = chassis.box_file()?;
+        let file = chassis.system_file()?;
         let config = EstimatorConfig::own(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation());
         run(chassis, Estimator::with_method(&with_thread(config), cable))
     })
 }
 
-/// The estimator that the box file asks for, with another method (`law`) if one is given.
+/// The estimator that the system file asks for, with another method (`law`) if one is given.
 ///
 /// # Errors
-/// No box file, or a method or parameter that does not exist.
+/// No system file, or a method or parameter that does not exist.
 pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<EstimatorConfig> {
-    let mut file = chassis.box_file()?.clone();
+    let mut file = chassis.system_file()?.clone();
     if let Some(law) = law {
         law.clone_into(&mut file.estimator.method);
     }
@@ -54,7 +54,7 @@ impl Used {
         let program = || std::env::current_exe().ok()?.file_name().map(|name| name.to_string_lossy().into_owned());
         let method = standard.map(str::to_owned).or_else(program).unwrap_or_default();
         let constants = if constants.is_empty() { constants } else { format!("\n[method]\n{constants}") };
-        let make = move |file: &BoxFile, robot: &RobotFile| {
+        let make = move |file: &SystemFile, robot: &RobotFile| {
             let (mut file, robot) = (file.clone(), robot.robot()?);
             let made = match standard {
                 Some(name) => {
@@ -65,7 +65,7 @@ impl Used {
             };
             Ok((made, format!("{}{constants}", file.sections(&["estimator"]))))
         };
-        let file = chassis.box_file()?.clone();
+        let file = chassis.system_file()?.clone();
         let (_, text) = make(&file, &file.robot_file()?)?;
         let used = Self { method, tuning: chassis.tuning(make)? };
         let since = Since { seq: 1, changes: chassis.changes(), ..Since::default() };
@@ -113,7 +113,7 @@ pub fn run(chassis: &mut Chassis, mut estimator: Estimator) -> anyhow::Result<()
             if usize::from(state.cable_count) != cables && rig != state.cable_count {
                 rig = state.cable_count;
                 tracing::error!(
-                    "motor-io reads {rig} cables and the robot file has {cables}: give both the same box file"
+                    "motor-io reads {rig} cables and the robot file has {cables}: give both the same system file"
                 );
             }
         }

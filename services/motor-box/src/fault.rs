@@ -80,7 +80,7 @@ pub struct Kind {
     pub what: &'static str,
 }
 
-/// Every kind there is. Cables, ports and units are as in the box file.
+/// Every kind there is. Cables, ports and units are as in the system file.
 pub const KINDS: [Kind; 14] = [
     kind("noise", "PORT PROBABILITY", "each byte on the wire, both ways, has a bit turned over with this probability"),
     kind("silence", "PORT", "nothing that the units on the port say gets through; they still hear"),

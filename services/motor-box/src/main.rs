@@ -29,9 +29,11 @@ fn main() -> ExitCode {
     let Some(folder) = args.ports_only else {
         return runtime::main::<Args>("motor-box", |_, chassis: &mut Chassis| motor_box::serve(chassis));
     };
-    let box_file =
-        args.common.box_file.ok_or_else(|| BadInput("no box file: give one with --box FILE".to_owned()).into());
-    match box_file.and_then(|path| motor_box::ports_only(&path, &folder)) {
+    let system_file = args
+        .common
+        .system_file
+        .ok_or_else(|| BadInput("no system file: give one with --system FILE".to_owned()).into());
+    match system_file.and_then(|path| motor_box::ports_only(&path, &folder)) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("motor-box: {error:#}");

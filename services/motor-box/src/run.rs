@@ -119,7 +119,7 @@ impl MotorBox {
         Ok(())
     }
 
-    /// The drives' ports come first, in the order of the box file, and then those of the devices.
+    /// The drives' ports come first, in the order of the system file, and then those of the devices.
     fn wire_mut(&mut self, port: usize) -> Result<&mut Wire, BoxError> {
         let count = self.wires.len() + self.devices.len();
         let devices = self.devices.iter_mut().map(|device| &mut device.wire);

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use config::BoxFile;
+use config::SystemFile;
 use messages::{OperatorRequest, TruthNode, text_of};
 use runtime::{BadInput, Chassis};
 use tracing::{info, warn};
@@ -22,9 +22,9 @@ const WORD_NS: u64 = 1_000_000_000;
 /// Lives until it is asked to end: ports in the domain's folder, `truth/node` a hundred times a second, faults on request.
 ///
 /// # Errors
-/// The box file is not for a virtual box, or something failed.
+/// The system file is not for a virtual box, or something failed.
 pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
-    let config = configuration(chassis.box_file()?, chassis.bus().domain().root())?;
+    let config = configuration(chassis.system_file()?, chassis.bus().domain().root())?;
     let mut motor_box = MotorBox::new(&config).map_err(bad_configuration)?;
     let mut truth = chassis.bus().publisher::<TruthNode>("truth/node")?;
     let mut requests = chassis.bus().server(chassis.name())?;
@@ -55,12 +55,12 @@ pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Lives without a bus until SIGINT or SIGTERM: only the ports of `box_file`, in `folder`.
+/// Lives without a bus until SIGINT or SIGTERM: only the ports of `system_file`, in `folder`.
 ///
 /// # Errors
 /// As [`serve`].
-pub fn ports_only(box_file: &Path, folder: &Path) -> anyhow::Result<()> {
-    let config = configuration(&BoxFile::load(box_file)?, folder)?;
+pub fn ports_only(system_file: &Path, folder: &Path) -> anyhow::Result<()> {
+    let config = configuration(&SystemFile::load(system_file)?, folder)?;
     let stop = Arc::new(AtomicBool::new(false));
     for signal in [signal_hook::consts::SIGINT, signal_hook::consts::SIGTERM] {
         signal_hook::flag::register(signal, stop.clone())?;
@@ -106,9 +106,9 @@ impl Notice {
     }
 }
 
-fn configuration(box_file: &BoxFile, folder: &Path) -> anyhow::Result<BoxConfig> {
-    let robot = box_file.robot_file()?;
-    Ok(BoxConfig::from_files(box_file, &robot, folder).map_err(|error| BadInput(error.to_string()))?)
+fn configuration(system_file: &SystemFile, folder: &Path) -> anyhow::Result<BoxConfig> {
+    let robot = system_file.robot_file()?;
+    Ok(BoxConfig::from_files(system_file, &robot, folder).map_err(|error| BadInput(error.to_string()))?)
 }
 
 /// A plant that cannot be is the fault of the files.

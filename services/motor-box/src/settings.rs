@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use config::{BoxFile, DeviceKind as Speaks, DeviceSection, FieldSection, GroundFile, MotorBoxSection, RobotFile};
+use config::{DeviceKind as Speaks, DeviceSection, FieldSection, GroundFile, MotorBoxSection, RobotFile, SystemFile};
 use plant::PlantConfig;
 use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
 use plant::line::IdlerConfig;
@@ -17,12 +17,12 @@ const DOMAIN: &str = "{domain}";
 /// A drive limits at a multiple of the current that its motor stands for long; three times is usual for brushed motors.
 const PEAK_CURRENT_RATIO: f64 = 3.0;
 
-/// A box file that is not, or not only, for the virtual motor box.
+/// A system file that is not, or not only, for the virtual motor box.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum ConfigError {
     /// Real hardware is configured.
     #[error(
-        "the box file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
+        "the system file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
     )]
     NoSection,
     /// The ground.
@@ -71,17 +71,17 @@ pub struct BoxConfig {
 }
 
 impl BoxConfig {
-    /// The box that `box_file` and its `robot` describe (both as [`BoxFile::load`] checked them), with its ports in `folder`.
+    /// The box that `system_file` and its `robot` describe (both as [`SystemFile::load`] checked them), with its ports in `folder`.
     ///
     /// # Errors
-    /// The box file is for real hardware, wholly or in part.
-    pub fn from_files(box_file: &BoxFile, robot: &RobotFile, folder: &Path) -> Result<Self, ConfigError> {
-        let section = box_file.motor_box.as_ref().ok_or(ConfigError::NoSection)?;
-        let counts_per_m = &box_file.motor_io.counts_per_m;
+    /// The system file is for real hardware, wholly or in part.
+    pub fn from_files(system_file: &SystemFile, robot: &RobotFile, folder: &Path) -> Result<Self, ConfigError> {
+        let section = system_file.motor_box.as_ref().ok_or(ConfigError::NoSection)?;
+        let counts_per_m = &system_file.motor_io.counts_per_m;
         Ok(Self {
             plant: plant_config(section, robot, counts_per_m),
             reversed: counts_per_m.iter().map(|&counts| counts < 0.0).collect(),
-            ports: port_configs(box_file, folder)?,
+            ports: port_configs(system_file, folder)?,
             turnaround_ns: (section.turnaround_s * 1e9).round() as u64,
             devices: section.device.iter().map(|device| device_config(device, folder)).collect(),
             ground: match &section.ground {
@@ -178,9 +178,9 @@ pub fn ground_of(file: &GroundFile) -> Ground {
     Ground { ground_m: file.ground_m, cylinders: cylinders.collect(), prisms: prisms.collect() }
 }
 
-fn port_configs(box_file: &BoxFile, folder: &Path) -> Result<Vec<PortConfig>, ConfigError> {
+fn port_configs(system_file: &SystemFile, folder: &Path) -> Result<Vec<PortConfig>, ConfigError> {
     let mut ports = Vec::new();
-    for port in &box_file.motor_io.ports {
+    for port in &system_file.motor_io.ports {
         let name = port
             .path
             .strip_prefix(DOMAIN)

@@ -30,7 +30,7 @@ impl Ended {
     }
 }
 
-fn box_file(name: &str) -> PathBuf {
+fn system_file(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../../configs/systems").join(name)
 }
 
@@ -53,8 +53,9 @@ fn it_publishes_truth_and_takes_faults() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut truths = bus.subscriber::<TruthNode>("truth/node").unwrap();
-    let mut child =
-        Ended(motor_box().arg("--box").arg(box_file("demo4.toml")).arg("--domain").arg(domain.name()).spawn().unwrap());
+    let mut child = Ended(
+        motor_box().arg("--system").arg(system_file("demo4.toml")).arg("--domain").arg(domain.name()).spawn().unwrap(),
+    );
     let mut seen: Vec<TruthNode> = Vec::new();
     wait_for("truth", || {
         while let Some(truth) = truths.receive().unwrap() {
@@ -107,7 +108,13 @@ fn it_publishes_truth_and_takes_faults() {
 fn one_program_after_another_finds_its_port_answering() {
     let folder = tempfile::tempdir().unwrap();
     let mut child = Ended(
-        motor_box().arg("--box").arg(box_file("fast3.toml")).arg("--ports-only").arg(folder.path()).spawn().unwrap(),
+        motor_box()
+            .arg("--system")
+            .arg(system_file("fast3.toml"))
+            .arg("--ports-only")
+            .arg(folder.path())
+            .spawn()
+            .unwrap(),
     );
     let link = folder.path().join("drive1");
     wait_for("the port", || link.exists());
@@ -126,9 +133,9 @@ fn one_program_after_another_finds_its_port_answering() {
 #[test]
 fn bad_input_is_one_sentence_and_code_two() {
     let folder = tempfile::tempdir().unwrap();
-    let mut text = std::fs::read_to_string(box_file("demo3.toml")).unwrap();
+    let mut text = std::fs::read_to_string(system_file("demo3.toml")).unwrap();
     text = text.replace("{domain}/drive0", "/dev/ttyUSB0");
-    text = text.replace("../robots/lab3.toml", box_file("../robots/lab3.toml").to_str().unwrap());
+    text = text.replace("../robots/lab3.toml", system_file("../robots/lab3.toml").to_str().unwrap());
     let real = folder.path().join("real.toml");
     std::fs::write(&real, &text).unwrap();
     let outside = folder.path().join("outside.toml");
@@ -141,7 +148,7 @@ fn bad_input_is_one_sentence_and_code_two() {
         (outside, &["(40.000, 3.000, 0.300) m"]),
         (folder.path().join("none.toml"), &["none.toml"]),
     ] {
-        let ended = motor_box().arg("--box").arg(&file).arg("--ports-only").arg(folder.path()).output().unwrap();
+        let ended = motor_box().arg("--system").arg(&file).arg("--ports-only").arg(folder.path()).output().unwrap();
         let said = String::from_utf8_lossy(&ended.stderr);
         assert_eq!(ended.status.code(), Some(2), "{said}");
         assert!(parts.iter().all(|part| said.contains(part)) && said.trim().lines().count() == 1, "{said}");

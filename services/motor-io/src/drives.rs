@@ -2,7 +2,7 @@
 
 use crate::core::DriveCommand;
 use crate::settings::CoreConfig;
-use config::{BoxFile, PortSection};
+use config::{PortSection, SystemFile};
 use messages::{CABLES, MotorInput, UNITS};
 use roboclaw::driver::USB_MARGIN_NS;
 use roboclaw::fleet::MAX_FLEET;
@@ -42,9 +42,9 @@ impl Drives {
     ///
     /// # Errors
     /// Those of the configuration; a port that is not there is not one, see [`Drives::missing`].
-    pub fn open(box_file: &BoxFile, config: &CoreConfig, domain_root: &Path) -> Result<Self, Error> {
+    pub fn open(system_file: &SystemFile, config: &CoreConfig, domain_root: &Path) -> Result<Self, Error> {
         let mut place = [(0, 0); CABLES];
-        for (unit, section) in box_file.motor_io.ports.iter().flat_map(|port| &port.units).enumerate() {
+        for (unit, section) in system_file.motor_io.ports.iter().flat_map(|port| &port.units).enumerate() {
             for (motor, cable) in section.cables.iter().enumerate() {
                 if let Some(place) = place.get_mut(cable.wrapping_sub(1)) {
                     *place = (unit, motor);
@@ -53,12 +53,12 @@ impl Drives {
         }
         let mut port = [0; UNITS];
         let on_port =
-            box_file.motor_io.ports.iter().enumerate().flat_map(|(at, port)| port.units.iter().map(move |_| at));
+            system_file.motor_io.ports.iter().enumerate().flat_map(|(at, port)| port.units.iter().map(move |_| at));
         for (place, at) in port.iter_mut().zip(on_port) {
             *place = at;
         }
         let ports: Vec<PortConfig> =
-            box_file.motor_io.ports.iter().map(|port| port_config(port, config, domain_root)).collect();
+            system_file.motor_io.ports.iter().map(|port| port_config(port, config, domain_root)).collect();
         Ok(Self {
             fleet: Fleet::open(&ports)?,
             place,

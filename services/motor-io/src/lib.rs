@@ -18,10 +18,10 @@
 
 pub mod answer;
 pub mod arbiter;
+pub mod commanded_envelope;
 pub mod core;
 pub mod drives;
 pub mod energy;
-pub mod excuse;
 pub mod inbox;
 pub mod kernel;
 pub mod limits;

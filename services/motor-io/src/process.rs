@@ -9,7 +9,7 @@ use crate::safety::Mode;
 use crate::settings::CoreConfig;
 use bus::clock::{Pacer, SECOND_NS, now_ns};
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, estop};
-use config::{BoxFile, RobotFile};
+use config::{RobotFile, SystemFile};
 use messages::{
     Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
     PlanMotion, SLOT_NAMES,
@@ -43,11 +43,11 @@ impl CoreConfig {
     ///
     /// # Errors
     /// Names the key that cannot be used.
-    pub fn from_files(box_file: &BoxFile, robot_file: &RobotFile) -> Result<Self, BadInput> {
-        let section = &box_file.motor_io;
+    pub fn from_files(system_file: &SystemFile, robot_file: &RobotFile) -> Result<Self, BadInput> {
+        let section = &system_file.motor_io;
         let robot = robot_file.robot().map_err(|error| BadInput(error.to_string()))?;
         // The estimate is compared with this: both take the lines for the same.
-        let robot = if box_file.estimator.stretch { robot } else { robot.with_rigid_lines() };
+        let robot = if system_file.estimator.stretch { robot } else { robot.with_rigid_lines() };
         let units: Vec<Vec<usize>> = section
             .ports
             .iter()
@@ -55,7 +55,7 @@ impl CoreConfig {
             .map(|unit| unit.cables.iter().map(|cable| cable.wrapping_sub(1)).collect())
             .collect();
         let bad = |error: crate::ConfigError| BadInput(error.to_string());
-        let mut config = Self::new(robot, 1.0 / box_file.rate_hz, &section.counts_per_m, &units).map_err(bad)?;
+        let mut config = Self::new(robot, 1.0 / system_file.rate_hz, &section.counts_per_m, &units).map_err(bad)?;
         config.cable_speed_m_s = robot_file.cable_speed_limit_m_s();
         config.ramp_s = section.ramp_s;
         config.stop_s = 0.5 * section.ramp_s;
@@ -73,7 +73,7 @@ impl CoreConfig {
         config.start_bound_m = section.start_bound_m;
         config.divergence_m = section.divergence_m;
         config.divergence_s = section.divergence_s;
-        let arbiter = &box_file.arbiter;
+        let arbiter = &system_file.arbiter;
         config.qualify_s = arbiter.qualify_s;
         config.command_bound = arbiter.command_bound;
         config.bias_share = arbiter.bias_share;
@@ -95,12 +95,12 @@ impl CoreConfig {
 /// # Errors
 /// [`BadInput`] for what is configured; a sentence naming the port if the drives are not there.
 pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result<()> {
-    let box_file = chassis.box_file()?.clone();
-    let config = CoreConfig::from_files(&box_file, &box_file.robot_file()?)?;
-    let beside_runs = box_file.state_folder();
+    let system_file = chassis.system_file()?.clone();
+    let config = CoreConfig::from_files(&system_file, &system_file.robot_file()?)?;
+    let beside_runs = system_file.state_folder();
     let folder = state_folder.unwrap_or(&beside_runs);
-    let robot = box_file.state_name(chassis.bus().domain().name());
-    let _awake = box_file
+    let robot = system_file.state_name(chassis.bus().domain().name());
+    let _awake = system_file
         .realtime
         .idle_latency_us
         .and_then(|latency_us| runtime::realtime::stay_awake(latency_us).map_err(|sentence| warn!("{sentence}")).ok());
@@ -109,7 +109,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         warn!("{error}");
         None
     });
-    let mut drives = Drives::open(&box_file, &config, chassis.bus().domain().root())?;
+    let mut drives = Drives::open(&system_file, &config, chassis.bus().domain().root())?;
     let mut ports = Ports::open(chassis.bus())?;
     // A later life has a larger number; a computer that starts again begins with empty shared memory.
     let life = now_ns().max(1);

@@ -28,7 +28,7 @@ impl std::fmt::Display for Given {
 /// A request older than this was made in another situation, and whoever made it has been told that nobody answered, s.
 const STALE_S: f64 = 5.0;
 /// What is done however late it comes.
-const CALMING: [u8; 5] = [
+const ALWAYS_ACCEPTED: [u8; 5] = [
     OperatorRequest::VERB_ESTOP,
     OperatorRequest::VERB_STOP,
     OperatorRequest::VERB_HOLD,
@@ -50,7 +50,7 @@ impl Core {
     /// `age_s`: how long ago it was made. What comes too late makes the robot rest, but never move.
     pub(crate) fn request(&mut self, input: &MotorInput, id: u64, verb: u8, args: &[f64; 8], age_s: f64) -> Answer {
         let outcome = match verb {
-            _ if age_s > STALE_S && !CALMING.contains(&verb) => no!(
+            _ if age_s > STALE_S && !ALWAYS_ACCEPTED.contains(&verb) => no!(
                 "Not done: the request came {age_s:.0} s after it was made, and the robot may be elsewhere by now; ask again."
             ),
             OperatorRequest::VERB_ARM => self.arm(),

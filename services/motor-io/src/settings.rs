@@ -9,7 +9,7 @@ use thiserror::Error;
 #[derive(Debug, Clone, PartialEq, Error)]
 #[error("[motor_io] {key} {problem}; accepted: {accepted}")]
 pub struct ConfigError {
-    /// The key as the box file spells it.
+    /// The key as the system file spells it.
     pub key: &'static str,
     /// What was given.
     pub problem: String,
@@ -23,7 +23,7 @@ fn refuse<T>(key: &'static str, problem: String, accepted: &'static str) -> Resu
 
 /// Everything the core needs to know; made once, checked by [`CoreConfig::check`].
 ///
-/// [`CoreConfig::new`] fills in the defaults of the box file, so that a simulation gives only what differs.
+/// [`CoreConfig::new`] fills in the defaults of the system file, so that a simulation gives only what differs.
 #[derive(Debug, Clone)]
 pub struct CoreConfig {
     /// The robot.

@@ -265,7 +265,7 @@ pub fn page() -> String {
         "# Faults on request\n\n\
          What `nims fault` can break on the virtual motor box, and what the robot makes of it while it moves. On real drives the command does nothing.\n\
          `nims fault KIND ... --for SECONDS` puts it right again after that time, `off` behind the words of most kinds puts it right at once.\n\
-         Cables, ports and units count as in the box file, from 1; a unit is named by its address.\n\
+         Cables, ports and units count as in the system file, from 1; a unit is named by its address.\n\
          What is said of a controller or an estimator is so without a standby; with one, the standby's answer of the same cycle is used.\n\n\
          This page is the output of `nims fault list`. The tests break each of these things in flight and hold the robot to the number of\n\
          control cycles, the fault and the mode that stand here (`tests/tests/live/faults.rs`; the deaths of processes: `tests/tests/live/processes.rs`).\n\

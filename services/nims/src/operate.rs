@@ -6,7 +6,7 @@ use client::{MOTOR_IO, PLANNER, box_of, plain, robot_of, run_request, send, with
 use command::values::{Numbers, finite, numbers, point};
 use command::{Answer, Failure, Output, points};
 use commissioning::plan::PathKind;
-use config::{BoxFile, Point};
+use config::{Point, SystemFile};
 use messages::OperatorRequest;
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -130,7 +130,7 @@ pub struct RunArgs {
     /// Fly it although nothing is being recorded.
     #[arg(long, conflicts_with = "dry_run")]
     pub unrecorded: bool,
-    /// For a dry run without a running robot: its robot or box file.
+    /// For a dry run without a running robot: its robot or system file.
     #[arg(long, requires = "dry_run")]
     pub config: Option<PathBuf>,
     /// For a dry run: where the mission begins, m; default: where the node is.
@@ -260,7 +260,7 @@ fn run_checked(bus: &Bus, asked: &RunArgs) -> Answer<String> {
 /// A configuration or mission that cannot be read, or no starting point.
 fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
     let (file, here) = match &asked.config {
-        Some(config) => (BoxFile::load(config).map_err(Failure::bad)?, None),
+        Some(config) => (SystemFile::load(config).map_err(Failure::bad)?, None),
         None => {
             let bus = client::join(domain)?;
             (box_of(&bus)?, present(&bus)?)

@@ -3,7 +3,7 @@
 use command::{Answer, Failure, Output};
 
 use bus::Bus;
-use client::{Asked, follow, state_name};
+use client::{SupervisorCommand, follow, state_name};
 use messages::{ProcessState, text_of};
 use serde_json::json;
 
@@ -39,18 +39,18 @@ impl Command {
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         let asked = match self {
             Self::Start(StartArgs { process, slot, law }) => {
-                Asked::Start { name: process.clone(), slot: *slot, law: law.clone() }
+                SupervisorCommand::Start { name: process.clone(), slot: *slot, law: law.clone() }
             }
-            Self::StopProcess { process } => Asked::Stop { name: process.clone() },
-            Self::Restart { process } => Asked::Restart { name: process.clone() },
+            Self::StopProcess { process } => SupervisorCommand::Stop { name: process.clone() },
+            Self::Restart { process } => SupervisorCommand::Restart { name: process.clone() },
             // A program with a slash is looked for from the present folder, where it runs too.
-            Self::Plug(PlugArgs { name, replace, command }) => Asked::Plug {
+            Self::Plug(PlugArgs { name, replace, command }) => SupervisorCommand::Plug {
                 name: name.clone(),
                 folder: std::env::current_dir().map_err(Failure::not_now)?,
                 command: command.clone(),
                 replace: *replace,
             },
-            Self::Unplug { process } => Asked::Unplug { name: process.clone() },
+            Self::Unplug { process } => SupervisorCommand::Unplug { name: process.clone() },
         };
         tell(&client::join(domain)?, &asked)
     }
@@ -59,7 +59,7 @@ impl Command {
 /// `nims start`.
 #[derive(Debug, clap::Args)]
 pub struct StartArgs {
-    /// A role, the name of a process in the process table, or a [[process]] of the box file.
+    /// A role, the name of a process in the process table, or a [[process]] of the system file.
     pub process: String,
     /// For a controller or an estimator: which slot; default: the first free one.
     #[arg(long, value_enum)]
@@ -77,7 +77,7 @@ pub struct PlugArgs {
     /// If a process of that name runs: start this one beside it, and end the other when this one has said its first valid sample.
     #[arg(long)]
     pub replace: bool,
-    /// Program and arguments, behind `--`; {name}, {domain}, {box} and {run} stand for its name, the robot's domain, the box file, the run folder.
+    /// Program and arguments, behind `--`; {name}, {domain}, {system} and {run} stand for its name, the robot's domain, the system file, the run folder.
     #[arg(last = true, required = true)]
     pub command: Vec<String>,
 }
@@ -86,7 +86,7 @@ pub struct PlugArgs {
 ///
 /// # Errors
 /// As [`follow`].
-pub(crate) fn tell(bus: &Bus, asked: &Asked) -> Answer<Output> {
+pub(crate) fn tell(bus: &Bus, asked: &SupervisorCommand) -> Answer<Output> {
     let row = follow(bus, asked, |_| ())?;
     let name = text_of(&row.name);
     let sentence = match row.state {

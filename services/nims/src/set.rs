@@ -3,9 +3,9 @@
 use command::{Answer, Failure, Output};
 
 use bus::{Bus, Subscriber, clock};
-use client::Asked;
+use client::SupervisorCommand;
 use commissioning::check;
-use config::{BoxFile, EstimatorSection, RobotFile, Role, Slot, TUNABLE, Tuned};
+use config::{EstimatorSection, RobotFile, Role, Slot, SystemFile, TUNABLE, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
 use messages::{ProcessState, SystemConfig, text_of};
@@ -17,9 +17,9 @@ use std::time::Duration;
 /// `nims set`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Which parameter, as in the box file, e.g. controller.length_gain_per_s; default: all, to be shown.
+    /// Which parameter, as in the system file, e.g. controller.length_gain_per_s; default: all, to be shown.
     pub key: Option<String>,
-    /// Its new value, written as in the box file.
+    /// Its new value, written as in the system file.
     #[arg(allow_hyphen_values = true)]
     pub value: Option<String>,
 }
@@ -56,7 +56,7 @@ pub fn set(domain: Option<&str>, asked: &Args) -> Answer<Output> {
     let Some(value) = &asked.value else { return show(&bus, Some(key)) };
     let mut followers = followers(&bus, key)?;
     let (before, after, robot) = changed(&bus, key, value)?;
-    let request = Asked::Set { key: key.clone(), value: value.clone() }.to_request()?;
+    let request = SupervisorCommand::Set { key: key.clone(), value: value.clone() }.to_request()?;
     let sentence = client::send(&bus, client::SUPERVISOR, &request)?;
     let said = client::newest::<SystemConfig>(&bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
     follow(&bus, &mut followers, said.changes)?;
@@ -67,7 +67,7 @@ pub fn set(domain: Option<&str>, asked: &Args) -> Answer<Output> {
 }
 
 /// The system as it is and with the change; refused where a law or a method cannot work with it.
-fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(BoxFile, BoxFile, RobotFile)> {
+fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(SystemFile, SystemFile, RobotFile)> {
     let begun = client::box_of(bus)?;
     let robot = begun.robot_file().map_err(Failure::not_now)?;
     let said = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
@@ -79,7 +79,7 @@ fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(BoxFile, BoxFile, Robot
 }
 
 /// What else there is to know about a change: laws that do not use it, and a horizon that does not fit the drives.
-fn remarks(bus: &Bus, key: &str, before: &BoxFile, after: &BoxFile, robot: &RobotFile) -> Answer<String> {
+fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Answer<String> {
     let role = key.split('.').next().unwrap_or_default();
     let mut idle: Vec<String> = Vec::new();
     for law in laws_of(bus, role)? {
@@ -122,12 +122,12 @@ fn role_of(name: &str) -> Option<Role> {
 }
 
 /// The law or method of a process, where it is the same with the change as without it. What a program of one's own uses is not known.
-fn unchanged(role: &str, law: &str, before: &BoxFile, after: &BoxFile, robot: &RobotFile) -> Option<String> {
+fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Option<String> {
     let law_or = |configured: &String| if law.is_empty() { configured.clone() } else { law.to_owned() };
     match role {
         "controller" => {
             let law = law_or(&before.controller.law);
-            let config = |file: &BoxFile| {
+            let config = |file: &SystemFile| {
                 let mut file = file.clone();
                 file.controller.law.clone_from(&law);
                 ControllerConfig::of(&file, robot, 1).ok()
@@ -136,7 +136,7 @@ fn unchanged(role: &str, law: &str, before: &BoxFile, after: &BoxFile, robot: &R
         }
         "estimator" => {
             let law = law_or(&before.estimator.method);
-            let config = |file: &BoxFile| {
+            let config = |file: &SystemFile| {
                 let section = EstimatorSection { method: law.clone(), ..file.estimator.clone() };
                 EstimatorConfig::of(&section, robot.robot().ok()?, 1).ok()
             };
@@ -202,7 +202,7 @@ fn show(bus: &Bus, key: Option<&str>) -> Answer<Output> {
     let robot: RobotFile = begun.robot_file().map_err(Failure::not_now)?;
     let said = client::newest::<SystemConfig>(bus, TUNED_CHANNEL, SAID)?.unwrap_or_default();
     let tuned = Tuned::parse(&text_of(&said.parameters)).map_err(Failure::NotNow)?;
-    let file: BoxFile = begun.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
+    let file: SystemFile = begun.tuned(&robot, &tuned).map_err(Failure::NotNow)?;
     if let Some(key) = key {
         // The reason why not, in the words of a change.
         tuned.with(key, "0").map_err(Failure::BadInput)?;

@@ -5,7 +5,7 @@
 
 use crate::processes;
 use bus::{Bus, Subscriber, Waiter, clock};
-use client::{Asked, MOTOR_IO};
+use client::{MOTOR_IO, SupervisorCommand};
 use command::{Answer, Failure, Output};
 use config::{Role, Slot};
 use messages::{MotorSlots, OperatorRequest, ProcessState, SLOTS, text_of};
@@ -93,7 +93,7 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
     if let Some(law) = &asked.name {
         robot.end(&new)?;
         robot.admit(slot)?;
-        let start = Asked::Start {
+        let start = SupervisorCommand::Start {
             name: robot.role.name().to_owned(),
             slot: Some(name_of(slot)),
             law: (law != DEFAULT).then(|| law.clone()),
@@ -221,7 +221,7 @@ impl<'a> Robot<'a> {
         if !self.runs(process) {
             return Ok(());
         }
-        self.tell(&processes::tell(self.bus, &Asked::Stop { name })?.words);
+        self.tell(&processes::tell(self.bus, &SupervisorCommand::Stop { name })?.words);
         Ok(())
     }
 

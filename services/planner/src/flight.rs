@@ -4,7 +4,7 @@ use messages::MotorAuthority;
 
 use crate::mission::Mission;
 use crate::plan::{Plan, PlannerConfig};
-use crate::planner::Seen;
+use crate::planner::Inputs;
 
 /// What the legs from the next adaptive one on come to, as if all of its area were worth it.
 #[derive(Debug, Clone, Copy, Default)]
@@ -66,7 +66,7 @@ impl Flight {
         whole: Plan,
         kept: bool,
         authority: &MotorAuthority,
-        seen: &Seen<'_>,
+        seen: &Inputs<'_>,
     ) -> Self {
         Self {
             plan,

@@ -25,5 +25,5 @@ mod stopped;
 pub use dry_run::{Summary, dry_run};
 pub use mission::Mission;
 pub use plan::{Plan, PlanError, PlannerConfig};
-pub use planner::{Planner, Refusal, Seen, state_text};
+pub use planner::{Inputs, Planner, Refusal, state_text};
 pub use progress::Progress;

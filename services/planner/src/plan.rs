@@ -7,7 +7,7 @@ use cable_robot::motion::{Refusal, Report};
 use cable_robot::path::PathError;
 use cable_robot::profile::ProfileError;
 use cable_robot::{Distribution, Robot, Segment, Vector3};
-use config::BoxFile;
+use config::SystemFile;
 use thiserror::Error;
 
 use crate::mission::Mission;
@@ -40,8 +40,8 @@ pub struct PlannerConfig {
 }
 
 impl PlannerConfig {
-    /// As a box file and its robot say.
-    pub fn of(file: &BoxFile, robot: Robot) -> Self {
+    /// As a system file and its robot say.
+    pub fn of(file: &SystemFile, robot: Robot) -> Self {
         Self {
             robot,
             distribution: file.controller.distribution_for(&robot),

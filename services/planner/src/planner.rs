@@ -47,7 +47,7 @@ fn is_refused(authority: &MotorAuthority) -> bool {
 
 /// What the planner knows when it is asked something.
 #[derive(Debug, Clone, Copy)]
-pub struct Seen<'a> {
+pub struct Inputs<'a> {
     /// Now, CLOCK_MONOTONIC, ns.
     pub now_ns: u64,
     /// Newest motor/authority.
@@ -145,7 +145,7 @@ impl Planner {
         speed_m_s: f64,
         shape: PathShape,
         mu_per_m: f64,
-        seen: &Seen<'_>,
+        seen: &Inputs<'_>,
     ) -> Result<String, Refusal> {
         let speed_m_s = if speed_m_s == 0.0 { None } else { Some(speed_m_s) };
         let to = to_m.into();
@@ -172,7 +172,7 @@ impl Planner {
     ///
     /// # Errors
     /// One sentence: why not, and what to do. Nothing moves then.
-    pub fn run(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
+    pub fn run(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
         let result = self.try_run(mission, true, seen);
         self.answered(mission, result)
     }
@@ -181,7 +181,7 @@ impl Planner {
     ///
     /// # Errors
     /// One sentence: why not, and what to do. Nothing moves then.
-    pub fn go_on(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
+    pub fn go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
         let result = self.try_go_on(mission, seen);
         self.answered(mission, result)
     }
@@ -210,7 +210,7 @@ impl Planner {
         result
     }
 
-    fn try_run(&mut self, mission: &Mission, kept: bool, seen: &Seen<'_>) -> Result<String, Refusal> {
+    fn try_run(&mut self, mission: &Mission, kept: bool, seen: &Inputs<'_>) -> Result<String, Refusal> {
         let mission = mission.clone().checked()?;
         let (authority, estimate) = self.ready(seen)?;
         let start = Vector3::from(estimate.position_m);
@@ -239,7 +239,7 @@ impl Planner {
         Ok(self.offer(flight, "accepted"))
     }
 
-    fn try_go_on(&mut self, mission: &Mission, seen: &Seen<'_>) -> Result<String, Refusal> {
+    fn try_go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
         let refuse = |sentence: String| Err(Refusal::NotReady(sentence));
         let name = &mission.name;
         let Some(progress) = self.progress.clone().filter(|progress| progress.mission.name == *name) else {
@@ -323,7 +323,7 @@ impl Planner {
     }
 
     /// Keeps the newest valid estimate: a single cycle without one is no reason to refuse anything.
-    fn look(&mut self, seen: &Seen<'_>) {
+    fn look(&mut self, seen: &Inputs<'_>) {
         if let (Some(authority), Some(estimate)) = (seen.authority, seen.estimate)
             && estimate.valid == 1
         {
@@ -332,7 +332,7 @@ impl Planner {
     }
 
     /// Authority and estimate, if a motion may start now.
-    fn ready<'a>(&mut self, seen: &Seen<'a>) -> Result<(&'a MotorAuthority, NodeEstimate), Refusal> {
+    fn ready<'a>(&mut self, seen: &Inputs<'a>) -> Result<(&'a MotorAuthority, NodeEstimate), Refusal> {
         self.look(seen);
         let refuse = |sentence: &str| Err(Refusal::NotReady(sentence.to_owned()));
         let silent = "motor-io does not answer; start the robot with nims up";
@@ -391,7 +391,7 @@ impl Planner {
     }
 
     /// One pass, 10 to 20 times a second and after every request: where the mission stands.
-    pub fn step(&mut self, seen: &Seen<'_>) -> (PlanMotion, PlanStatus) {
+    pub fn step(&mut self, seen: &Inputs<'_>) -> (PlanMotion, PlanStatus) {
         self.look(seen);
         if let Some(authority) = seen.authority {
             self.advance(authority, seen.now_ns);
@@ -433,7 +433,7 @@ impl Planner {
     }
 
     /// At the end of the legs before an adaptive one, with a map that knows of all of them: what comes next.
-    fn refine(&mut self, authority: &MotorAuthority, seen: &Seen<'_>) {
+    fn refine(&mut self, authority: &MotorAuthority, seen: &Inputs<'_>) {
         let Some((flight, since_ns)) = self.flight.as_ref().and_then(|flight| Some((flight, flight.waits_ns?))) else {
             return;
         };

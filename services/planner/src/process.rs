@@ -7,7 +7,7 @@ use messages::{
 use runtime::{Args, Chassis};
 
 use crate::progress::{Keeper, Progress};
-use crate::{Planner, PlannerConfig, Seen, requests};
+use crate::{Inputs, Planner, PlannerConfig, requests};
 
 /// Twenty times a second, so that a slide to the next segment is seen long before the one after it is needed.
 const PERIOD_NS: u64 = 50_000_000;
@@ -41,7 +41,7 @@ impl Map {
 /// # Errors
 /// Those of the files and of the bus.
 pub fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
-    let file = chassis.box_file()?.clone();
+    let file = chassis.system_file()?.clone();
     let mut planner = Planner::new(PlannerConfig::of(&file, file.robot_file()?.robot()?));
     let (folder, name) = (file.state_folder(), file.state_name(chassis.bus().domain().name()));
     let missions = file.planner.missions.as_path();
@@ -77,7 +77,7 @@ pub fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
             maps = planner.wants_map().map(|name| Map::of(chassis.bus(), name));
         }
         let map = maps.as_mut().map(Map::look).transpose()?.flatten();
-        let seen = Seen { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref(), map };
+        let seen = Inputs { now_ns: now_ns(), authority: authority.as_ref(), estimate: estimate.as_ref(), map };
         let mut asked = false;
         while let Some(call) = server.try_next()? {
             let (request, awaited) = (&call.request, || call.is_awaited());

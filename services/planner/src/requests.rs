@@ -5,7 +5,7 @@ use std::path::Path;
 use messages::{OperatorRequest, text_of};
 
 use crate::mission::{Mission, PathShape};
-use crate::planner::{Planner, Refusal, Seen};
+use crate::planner::{Inputs, Planner, Refusal};
 
 /// Carries out one request: whether it is accepted ([`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`],
 /// [`OperatorRequest::BAD_INPUT`]), and the sentence that answers it. Reads the mission file.
@@ -17,7 +17,7 @@ pub fn answer(
     request: &OperatorRequest,
     awaited: impl Fn() -> bool,
     missions: &Path,
-    seen: &Seen<'_>,
+    seen: &Inputs<'_>,
 ) -> (u8, String) {
     let bad = |sentence: String| (OperatorRequest::BAD_INPUT, sentence);
     let refused = |refusal: Refusal| {

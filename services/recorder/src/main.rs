@@ -35,7 +35,7 @@ fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     if !args.run.is_dir() {
         return Err(BadInput(format!("--run {}: there is no such folder; make it first", args.run.display())).into());
     }
-    let section = chassis.box_file().map_or_else(|_| RecorderSection::default(), |file| file.recorder.clone());
+    let section = chassis.system_file().map_or_else(|_| RecorderSection::default(), |file| file.recorder.clone());
     let settings = Settings {
         folder: args.run.clone(),
         min_free_bytes: section.min_free_bytes,
@@ -75,7 +75,7 @@ fn about(chassis: &Chassis, folder: &Path) -> BTreeMap<String, String> {
         about.insert("git_commit".to_owned(), commit.to_owned());
         about.insert("git_dirty".to_owned(), dirty.to_string());
     }
-    if let Ok(file) = chassis.box_file() {
+    if let Ok(file) = chassis.system_file() {
         about.insert("box".to_owned(), file.name.clone());
     }
     about

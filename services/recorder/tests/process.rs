@@ -252,7 +252,7 @@ fn it_refuses_what_it_cannot_use_with_one_sentence() {
     assert!(said.contains("/no/such/folder") && said.lines().count() == 1, "{said}");
     let (code, said) = ask(&["--run", run.path().to_str().unwrap()]);
     assert_eq!(code, Some(2), "{said}");
-    assert!(["--box", "--domain"].iter().all(|option| said.contains(option)) && said.lines().count() == 1, "{said}");
+    assert!(["--system", "--domain"].iter().all(|option| said.contains(option)) && said.lines().count() == 1, "{said}");
 }
 
 /// Not for every machine: `mount -t tmpfs -o size=32m none DIR`, then
@@ -266,10 +266,10 @@ fn a_disk_that_fills_up_is_said_within_a_second_and_recording_goes_on_when_there
     let text = fs::read_to_string(boxes.join("demo3.toml")).unwrap();
     let robot = boxes.join("../robots/lab3.toml");
     let text = text.replace("\"../robots/lab3.toml\"", &format!("{:?}", robot.display().to_string()));
-    let box_file = run.path().join("box.toml");
-    fs::write(&box_file, text + "\n[recorder]\nmin_free_bytes = 4000000\n").unwrap();
+    let system_file = run.path().join("box.toml");
+    fs::write(&system_file, text + "\n[recorder]\nmin_free_bytes = 4000000\n").unwrap();
     let bus = Bus::join(&domain, "test").unwrap();
-    let mut recording = Recording::start_with(&domain, run.path(), &bus, &["--box", box_file.to_str().unwrap()]);
+    let mut recording = Recording::start_with(&domain, run.path(), &bus, &["--system", system_file.to_str().unwrap()]);
     let mut rows = bus.subscriber::<RecorderStatus>("recorder/status").unwrap();
     let mut states = bus.publisher::<MotorState>("motor/state").unwrap();
     let (mut seq, mut worst_ns) = (0, 0);

@@ -47,9 +47,9 @@ struct Desk {
 /// Runs until it is told to stop.
 ///
 /// # Errors
-/// A box file that cannot be used, or a domain that cannot.
+/// A system file that cannot be used, or a domain that cannot.
 pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
-    let file = chassis.box_file()?;
+    let file = chassis.system_file()?;
     let config = LoggerConfig::of(&file.sensor_logger, &file.robot_file()?.robot()?);
     let bus = chassis.bus();
     let mut desk = Desk {

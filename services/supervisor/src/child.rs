@@ -1,6 +1,6 @@
 //! One process under supervision: started in a group of its own, so that Ctrl-C reaches only the supervisor.
 
-use super::members::Member;
+use super::process_spec::ProcessSpec;
 use super::restarts::Restarts;
 use bus::clock;
 use command::{Answer, Failure};
@@ -36,7 +36,7 @@ pub enum Then {
 pub struct Start<'a> {
     /// Its domain.
     pub domain: &'a str,
-    /// How many changes of `nims set` are in the box file that it gets.
+    /// How many changes of `nims set` are in the system file that it gets.
     pub changes: u32,
     /// A process of its name runs until this one has said something.
     pub succeeds: bool,
@@ -48,7 +48,7 @@ pub struct Start<'a> {
 #[derive(Debug)]
 pub struct Child {
     /// What it is.
-    pub member: Member,
+    pub member: ProcessSpec,
     /// Its process id.
     pub pid: u32,
     /// When it was started, CLOCK_MONOTONIC, ns.
@@ -90,7 +90,7 @@ impl Child {
     ///
     /// # Errors
     /// The program cannot be started.
-    pub fn start(member: &Member, with: Start<'_>, restarts: Restarts) -> Answer<(Self, Option<String>)> {
+    pub fn start(member: &ProcessSpec, with: Start<'_>, restarts: Restarts) -> Answer<(Self, Option<String>)> {
         let failed = |error: std::io::Error| {
             Failure::NotNow(format!("{} could not be started: {}: {error}", member.name, member.program.display()))
         };
@@ -271,7 +271,7 @@ impl Child {
 }
 
 /// Starts the program from a thread that has the priority and the processor which the process inherits.
-fn spawn(command: &mut Command, member: &Member) -> (std::io::Result<Process>, Option<String>) {
+fn spawn(command: &mut Command, member: &ProcessSpec) -> (std::io::Result<Process>, Option<String>) {
     if member.priority == 0 && member.cpu.is_none() {
         return (command.spawn(), None);
     }

@@ -1,9 +1,9 @@
 //! The end of a run: the robot at rest, the processes ended in order, the run files whole.
 
 use super::child::{Child, ending};
-use super::leftovers::parts;
-use super::members::Member;
-use super::{Ending, Supervisor, orphans};
+use super::process_spec::ProcessSpec;
+use super::unfinished_runs::parts;
+use super::{Ending, Supervisor, stale_processes};
 use bus::BusError;
 use bus::clock::{self, WallClock};
 use client::RUNNING_FILE;
@@ -43,10 +43,10 @@ impl Supervisor {
         self.close(because);
         let unrecorded = self.recording.troubles();
         let Self {
-            crew,
+            process_set,
             domain,
             bus,
-            voice,
+            announcer,
             settings,
             heartbeat,
             table,
@@ -62,8 +62,20 @@ impl Supervisor {
             ..
         } = self;
         drop((
-            crew, voice, settings, heartbeat, table, authority, beats, server, waiter, requests, stopper, recording,
-            mission, bus,
+            process_set,
+            announcer,
+            settings,
+            heartbeat,
+            table,
+            authority,
+            beats,
+            server,
+            waiter,
+            requests,
+            stopper,
+            recording,
+            mission,
+            bus,
         ));
         // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
         let _ = domain.sweep();
@@ -73,7 +85,7 @@ impl Supervisor {
 
     /// Asks motor-io to stop on the path and waits until the robot is at rest. Whatever fails here, the drives still hold.
     fn come_to_rest(&mut self) {
-        if !self.crew.iter_mut().any(|child| child.member.role == Role::MotorIo && child.is_alive()) {
+        if !self.process_set.iter_mut().any(|child| child.member.role == Role::MotorIo && child.is_alive()) {
             return;
         }
         if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
@@ -83,7 +95,7 @@ impl Supervisor {
         stop.origin = OperatorRequest::ORIGIN_SUPERVISOR;
         put_text(&mut stop.requester, "supervisor");
         if let Err(error) = self.ask_to_stop(&stop) {
-            self.voice.warn(&format!("motor-io was not asked to stop: {error}"));
+            self.announcer.warn(&format!("motor-io was not asked to stop: {error}"));
         }
         let give_up = clock::now_ns() + REST_NS;
         while clock::now_ns() < give_up {
@@ -94,7 +106,8 @@ impl Supervisor {
                 return;
             }
         }
-        self.voice.warn("the robot has not come to rest in time; the processes end all the same, and the drives hold");
+        self.announcer
+            .warn("the robot has not come to rest in time; the processes end all the same, and the drives hold");
     }
 
     /// Asks by the client that was opened while there was room for it, which also finds a motor-io that was started since; by a new one
@@ -112,19 +125,19 @@ impl Supervisor {
         self.beat.state = Heartbeat::STATE_STOPPING;
         let now = self.run_unix_ns();
         self.folder.note_stopping(now);
-        let mut crew = std::mem::take(&mut self.crew);
+        let mut process_set = std::mem::take(&mut self.process_set);
         let mut killed = Vec::new();
         // The recorder still takes what the others say while they end, and motor-io still hears that someone is there.
-        crew.end(
+        process_set.end(
             |_| {
                 let _ = self.beat_if_due();
                 let _ = self.look_at_recording();
             },
             |name| killed.push(name.to_owned()),
         );
-        self.crew = crew;
+        self.process_set = process_set;
         for name in killed {
-            self.voice.warn(&format!("{name} did not end by itself and was killed"));
+            self.announcer.warn(&format!("{name} did not end by itself and was killed"));
         }
         // The recorder says last of all what it has lost.
         let _ = self.look_at_recording();
@@ -133,7 +146,7 @@ impl Supervisor {
         // Also one that was removed in the last moment.
         self.restore_folder();
         for trouble in self.archive.finish() {
-            self.voice.warn(&trouble);
+            self.announcer.warn(&trouble);
         }
         let run = self.folder.path().to_path_buf();
         self.recover(&run);
@@ -142,12 +155,12 @@ impl Supervisor {
         let processes = self.processes();
         if let Err(failure) = self.folder.close(because, processes) {
             self.recording.fails(&failure.to_string());
-            self.voice.error(&failure.to_string());
+            self.announcer.error(&failure.to_string());
         }
         // Nobody is left but this process, whose names the next start wipes.
         let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
         let _ = self.domain.set_wall_clock(None);
-        let _ = orphans::note(&self.domain, &[]);
+        let _ = stale_processes::note(&self.domain, &[]);
     }
 
     /// A recorder that has not ended well has lost what it still held.
@@ -159,10 +172,10 @@ impl Supervisor {
         };
         // One that never was ready has recorded nothing.
         let recorders = |child: &&Child| child.member.role == Role::Recorder && child.ready_ns.is_some();
-        let whys: Vec<String> = self.crew.iter().filter(recorders).filter_map(unclosed).collect();
+        let whys: Vec<String> = self.process_set.iter().filter(recorders).filter_map(unclosed).collect();
         for why in whys {
             self.recording.fails(&why);
-            self.voice.error(&why);
+            self.announcer.error(&why);
         }
     }
 
@@ -174,7 +187,7 @@ impl Supervisor {
 
     /// The processes of the run, for its manifest.
     fn processes(&self) -> Value {
-        self.crew
+        self.process_set
             .iter()
             .map(|child| {
                 let (member, ended) = (&child.member, child.exit.map(ending));
@@ -198,7 +211,7 @@ impl Supervisor {
     }
 
     /// Keeps a copy of each file that the command of a process names: a sensor's, a script.
-    pub(super) fn keep_files_of(&mut self, member: &Member) {
+    pub(super) fn keep_files_of(&mut self, member: &ProcessSpec) {
         let Some(folder) = &member.folder else { return };
         let arguments = member.args.iter().map(Path::new).chain([member.program.as_path()]);
         let kept = |path: &Path| {
@@ -219,7 +232,7 @@ impl Supervisor {
                 Ok(_) => {
                     let why = format!("{} was not closed by its recorder and has been recovered", part.display());
                     self.recording.fails(&why);
-                    self.voice.warn(&why);
+                    self.announcer.warn(&why);
                 }
                 Err(error) => {
                     let why = format!(
@@ -228,7 +241,7 @@ impl Supervisor {
                         run.display()
                     );
                     self.recording.fails(&why);
-                    self.voice.error(&why);
+                    self.announcer.error(&why);
                 }
             }
         }

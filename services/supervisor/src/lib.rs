@@ -7,57 +7,57 @@
 //! with it.
 #![forbid(unsafe_code)]
 
+mod announcer;
 mod archive;
-mod beats;
 mod child;
+mod cleanup;
 mod closing;
 mod copies;
-mod crew;
 mod cures;
-mod leftovers;
-mod members;
+mod heartbeats;
 mod mission;
-mod orphans;
+mod process_set;
+mod process_spec;
 mod program;
 mod recording;
 mod requests;
 mod restarts;
 mod run_folder;
 mod settings;
+mod stale_processes;
 mod starting;
 mod successors;
-mod sweeper;
 mod table;
-mod voice;
+mod unfinished_runs;
 mod watching;
 
 pub use cures::consequence;
 pub use program::{Args, run};
 pub use run_folder::RunFolder;
 
+use announcer::Announcer;
 use archive::Archive;
-use beats::Beats;
 use bus::{Bus, Claim, Client, Domain, Publisher, Server, Subscriber, Waiter};
+use cleanup::Cleanup;
 use command::StopFlag;
-use config::BoxFile;
-use crew::Crew;
+use config::SystemFile;
 use evidence::busy;
-use leftovers::Leftovers;
-use members::Site;
+use heartbeats::Heartbeats;
 use messages::{Heartbeat, MotorAuthority, OperatorRequest, ProcessState};
 use mission::Missions;
+use process_set::ProcessSet;
+use process_spec::Site;
 use recording::Recording;
 use settings::Settings;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
-use sweeper::Sweeper;
-use voice::Voice;
+use unfinished_runs::UnfinishedRuns;
 
 /// What is to be started.
 #[derive(Debug, Clone, Copy)]
 pub struct Wanted<'a> {
-    /// Box file.
-    pub box_path: &'a Path,
+    /// System file.
+    pub system_path: &'a Path,
     /// Run folder, if not a new one.
     pub run: Option<&'a Path>,
     /// Domain, if not the box's own.
@@ -108,17 +108,17 @@ impl Ending {
 /// The processes of one box, running. Dropped without [`Supervisor::end`], it ends them all the same.
 pub struct Supervisor {
     // First, so that it is dropped first: what its processes say while they end has to find a recorder and a domain.
-    crew: Crew,
+    process_set: ProcessSet,
     settings: Settings,
     site: Site,
     folder: RunFolder,
     archive: Archive,
-    leftovers: Leftovers,
+    leftovers: UnfinishedRuns,
     stop: StopFlag,
-    beats: Beats,
-    sweeper: Sweeper,
+    beats: Heartbeats,
+    sweeper: Cleanup,
     died: Vec<String>,
-    voice: Voice,
+    announcer: Announcer,
     busy: busy::Watch,
     heartbeat: Publisher<Heartbeat>,
     table: Publisher<ProcessState>,
@@ -148,7 +148,7 @@ impl Supervisor {
 
     /// The box that runs.
     #[must_use]
-    pub fn box_file(&self) -> &BoxFile {
+    pub fn system_file(&self) -> &SystemFile {
         &self.site.file
     }
 
@@ -173,8 +173,8 @@ impl Supervisor {
     /// A process without which the robot cannot go on, and which has died.
     #[must_use]
     pub fn dead_and_vital(&self) -> Option<&str> {
-        let replaced = |role| self.crew.has_ready(role);
-        let dead = self.crew.iter().find(|child| {
+        let replaced = |role| self.process_set.has_ready(role);
+        let dead = self.process_set.iter().find(|child| {
             child.exit.is_some()
                 && child.member.is_vital()
                 && !(child.member.slot.is_some() && replaced(child.member.role))
@@ -184,7 +184,7 @@ impl Supervisor {
 
     /// Says something that happened, on the terminal and in the run file.
     pub fn warn(&mut self, sentence: &str) {
-        self.voice.warn(sentence);
+        self.announcer.warn(sentence);
     }
 
     /// Whether someone wants it to end.

@@ -23,7 +23,7 @@ const LOOK: Duration = Duration::from_millis(100);
 /// The arguments.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Box file.
+    /// System file.
     pub config: PathBuf,
     /// Stop after this many seconds.
     #[arg(long = "for", value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
@@ -118,7 +118,7 @@ fn page(run: &Path) -> Result<PathBuf, String> {
 /// It did not come up.
 fn watch(asked: &Args, domain: Option<&str>) -> Answer<(Ending, Answer)> {
     let wanted =
-        Wanted { box_path: &asked.config, run: asked.run.as_deref(), domain, mission: asked.mission.as_deref() };
+        Wanted { system_path: &asked.config, run: asked.run.as_deref(), domain, mission: asked.mission.as_deref() };
     let began = clock::now_ns();
     accepted(&asked.config)?;
     let stop = command::stop_flag()?;
@@ -126,7 +126,7 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(Ending, Answer)> {
     let mut supervisor = Supervisor::start(&wanted, stop.clone())?;
     let limit = asked.seconds.map(Duration::from_secs_f64).unwrap_or(Duration::MAX / 4);
     let started = clock::now_ns();
-    supervisor.voice.info(&format!(
+    supervisor.announcer.info(&format!(
         "{} is ready to arm after {:.2} s and runs in {}; Ctrl-C ends it",
         supervisor.site.file.name,
         (started - began) as f64 * 1e-9,

@@ -3,10 +3,10 @@
 use super::Supervisor;
 use super::child::{Child, Then};
 use super::closing::moves;
-use super::members::{Member, is_configuration};
+use super::process_spec::{ProcessSpec, is_configuration};
 use super::restarts::Restarts;
 use bus::{Server, clock};
-use client::{Asked, SUPERVISOR};
+use client::{SUPERVISOR, SupervisorCommand};
 use command::{Answer, Failure};
 use config::{Role, Slot};
 use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, OperatorRequest};
@@ -26,7 +26,7 @@ impl Supervisor {
 
     fn serve_from(&mut self, server: &mut Server) -> Answer {
         while let Some(call) = server.try_next()? {
-            let answer = match Asked::from_request(&call.request) {
+            let answer = match SupervisorCommand::from_request(&call.request) {
                 Some(asked) => self.carry_out(&asked),
                 None => Err(Failure::BadInput(
                     "the supervisor does not know this request: it and the one that asked are of different versions"
@@ -37,25 +37,25 @@ impl Supervisor {
                 Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
                 Err(failure) => (failure.verdict(), failure.to_string()),
             };
-            self.voice.info(&format!("asked: {sentence}"));
+            self.announcer.info(&format!("asked: {sentence}"));
             // What could not be published is not worth a robot's supervisor.
             if let Err(error) = call.answer(accepted, &sentence) {
-                self.voice.warn(&error.to_string());
+                self.announcer.warn(&error.to_string());
             }
             self.publish_table()?;
         }
         Ok(())
     }
 
-    fn carry_out(&mut self, asked: &Asked) -> Answer<String> {
+    fn carry_out(&mut self, asked: &SupervisorCommand) -> Answer<String> {
         match asked {
-            Asked::Start { name, slot, law } => {
+            SupervisorCommand::Start { name, slot, law } => {
                 let member = self.which(name, *slot, law.as_deref())?;
                 self.begin(&member)
             }
-            Asked::Stop { name } => self.stop_one(name, Then::Stay),
-            Asked::Restart { name } => {
-                let Some(child) = self.crew.find(name) else {
+            SupervisorCommand::Stop { name } => self.stop_one(name, Then::Stay),
+            SupervisorCommand::Restart { name } => {
+                let Some(child) = self.process_set.find(name) else {
                     let member = self.which(name, None, None)?;
                     return self.begin(&member);
                 };
@@ -66,11 +66,13 @@ impl Supervisor {
                     self.begin(&member)
                 }
             }
-            Asked::Plug { name, folder, command, replace } => {
-                let runs =
-                    self.crew.find(name).is_some_and(|child| child.member.role == Role::Other && child.is_alive());
-                // One of the box file, which was unplugged because its device has room for one.
-                let is_asleep = !self.crew.find(name).is_some_and(Child::is_alive)
+            SupervisorCommand::Plug { name, folder, command, replace } => {
+                let runs = self
+                    .process_set
+                    .find(name)
+                    .is_some_and(|child| child.member.role == Role::Other && child.is_alive());
+                // One of the system file, which was unplugged because its device has room for one.
+                let is_asleep = !self.process_set.find(name).is_some_and(Child::is_alive)
                     && self.site.section(name).is_some_and(|section| section.role == Role::Other);
                 if self.is_taken(name) && !(*replace && (runs || is_asleep)) {
                     let or = if runs {
@@ -84,8 +86,8 @@ impl Supervisor {
                 self.copy_files_of(&mut member);
                 if runs { self.replace(member) } else { self.begin(&member) }
             }
-            Asked::Unplug { name } => {
-                let role = self.crew.find(name).map(|child| child.member.role);
+            SupervisorCommand::Unplug { name } => {
+                let role = self.process_set.find(name).map(|child| child.member.role);
                 match role {
                     Some(Role::Other) => self.stop_one(name, Then::Forget),
                     Some(role) => Err(Failure::BadInput(format!(
@@ -95,12 +97,12 @@ impl Supervisor {
                     None => Err(self.unknown(name)),
                 }
             }
-            Asked::Set { key, value } => self.set(key, value),
+            SupervisorCommand::Set { key, value } => self.set(key, value),
         }
     }
 
     /// A plugged program reads copies of the files that its command names, as every process does.
-    fn copy_files_of(&self, member: &mut Member) {
+    fn copy_files_of(&self, member: &mut ProcessSpec) {
         let folder = member.folder.clone().unwrap_or_default();
         for argument in &mut member.args {
             let path = folder.join(&*argument);
@@ -118,12 +120,12 @@ impl Supervisor {
         let standard = Role::STANDARD.iter().any(|(_, role)| {
             role.process_name(Slot::A) == name || role.has_slots() && role.process_name(Slot::B) == name
         });
-        let alive = self.crew.find(name).is_some_and(Child::is_alive);
+        let alive = self.process_set.find(name).is_some_and(Child::is_alive);
         name == SUPERVISOR || standard || alive || self.site.section(name).is_some()
     }
 
     /// Which process is meant, and how it is started.
-    fn which(&mut self, name: &str, slot: Option<Slot>, law: Option<&str>) -> Answer<Member> {
+    fn which(&mut self, name: &str, slot: Option<Slot>, law: Option<&str>) -> Answer<ProcessSpec> {
         let slotted = Role::STANDARD.iter().map(|(_, role)| *role).filter(|role| role.has_slots()).find_map(|role| {
             if role.process_name(Slot::B) == name {
                 Some((role, Some(Slot::B)))
@@ -143,7 +145,7 @@ impl Supervisor {
             };
             return match law {
                 Some(law) => self.site.with_law(role, slot, law),
-                None => match self.crew.find(&role.process_name(slot)) {
+                None => match self.process_set.find(&role.process_name(slot)) {
                     Some(child) => Ok(child.member.clone()),
                     None => self.site.of_role(role, Some(slot)),
                 },
@@ -156,7 +158,7 @@ impl Supervisor {
             }
             if law.is_some() {
                 return Err(Failure::BadInput(format!(
-                    "the process \"{name}\" of the box file has its own law; leave out the other"
+                    "the process \"{name}\" of the system file has its own law; leave out the other"
                 )));
             }
             let slot = match slot.or(section.slot) {
@@ -166,7 +168,7 @@ impl Supervisor {
             return self.site.configured(&section, Some(slot));
         }
         refuse_slot_and_law(name, slot, law)?;
-        if let Some(child) = self.crew.find(name) {
+        if let Some(child) = self.process_set.find(name) {
             return Ok(child.member.clone());
         }
         match Role::STANDARD.iter().find(|(standard, _)| *standard == name) {
@@ -180,8 +182,9 @@ impl Supervisor {
 
     /// The first slot of a role in which nothing lives.
     fn free_slot(&mut self, role: Role) -> Answer<Slot> {
-        let taken =
-            |supervisor: &mut Self, slot| supervisor.crew.find(&role.process_name(slot)).is_some_and(Child::is_alive);
+        let taken = |supervisor: &mut Self, slot| {
+            supervisor.process_set.find(&role.process_name(slot)).is_some_and(Child::is_alive)
+        };
         [Slot::A, Slot::B].into_iter().find(|slot| !taken(self, *slot)).ok_or_else(|| {
             Failure::NotNow(format!(
                 "both slots of the role {0} are taken: stop the one that does not fly first, with `nims stop-process {1}` or `nims stop-process {2}`",
@@ -192,10 +195,10 @@ impl Supervisor {
         })
     }
 
-    fn begin(&mut self, member: &Member) -> Answer<String> {
+    fn begin(&mut self, member: &ProcessSpec) -> Answer<String> {
         let name = &member.name;
         let mut restarts = Restarts::default();
-        let in_its_place = self.crew.iter_mut().find(|child| child.member.name == *name);
+        let in_its_place = self.process_set.iter_mut().find(|child| child.member.name == *name);
         if let Some(child) = in_its_place {
             if child.is_alive() {
                 return Err(Failure::NotNow(format!(
@@ -218,7 +221,7 @@ impl Supervisor {
     pub(super) fn stop_one(&mut self, name: &str, then: Then) -> Answer<String> {
         let authority = self.last_authority;
         self.is_not_succeeded(name)?;
-        let Some(child) = self.crew.find(name) else { return Err(self.unknown(name)) };
+        let Some(child) = self.process_set.find(name) else { return Err(self.unknown(name)) };
         let (name, alive) = (child.member.name.clone(), child.is_alive());
         if !alive {
             if child.again_ns.take().is_some() && then == Then::Stay {
@@ -246,7 +249,7 @@ impl Supervisor {
                 "the robot moves, and it is {name} that moves it: hold first with `nims hold`{or}"
             )));
         }
-        let Some(child) = self.crew.find(&name) else { return Err(self.unknown(&name)) };
+        let Some(child) = self.process_set.find(&name) else { return Err(self.unknown(&name)) };
         child.ask_to_end(then);
         Ok(match then {
             Then::Stay => format!("ending {name}"),
@@ -256,7 +259,7 @@ impl Supervisor {
     }
 
     fn unknown(&self, name: &str) -> Failure {
-        let mut known: Vec<&str> = self.crew.iter().map(|child| child.member.name.as_str()).collect();
+        let mut known: Vec<&str> = self.process_set.iter().map(|child| child.member.name.as_str()).collect();
         known.extend(self.site.file.process.iter().map(|section| section.name.as_str()));
         known.sort_unstable();
         known.dedup();
@@ -277,7 +280,7 @@ fn is_present(authority: &MotorAuthority, watchdog_s: f64, now_ns: u64) -> bool 
 }
 
 /// Whether the robot moves, and would stop without that process.
-fn flies(member: &Member, authority: &MotorAuthority) -> bool {
+fn flies(member: &ProcessSpec, authority: &MotorAuthority) -> bool {
     let active = |slot: u8| member.slot.is_some_and(|own| own.index() == usize::from(slot));
     moves(authority)
         && match member.role {
@@ -304,7 +307,7 @@ mod tests {
 
     #[test]
     fn only_what_moves_the_robot_while_it_moves_may_not_be_ended() {
-        let member = |role, slot| Member {
+        let member = |role, slot| ProcessSpec {
             name: "x".to_owned(),
             alias: None,
             role,

@@ -3,7 +3,7 @@
 /// Longest pause, ns.
 const PAUSE_MAX_NS: u64 = 30_000_000_000;
 
-/// What the box file says.
+/// What the system file says.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Policy {
     /// Start it again at all.

@@ -3,7 +3,7 @@
 use super::archive::replace;
 use super::copies::Copies;
 use command::{Answer, Failure};
-use config::{BoxFile, RESOLVED};
+use config::{RESOLVED, SystemFile};
 use runtime::build;
 use serde_json::{Value, json};
 use std::fs;
@@ -24,7 +24,7 @@ impl RunFolder {
     ///
     /// # Errors
     /// It cannot be made, or the given one holds a run already.
-    pub fn make(file: &BoxFile, box_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
+    pub fn make(file: &SystemFile, system_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
         let now = bus::clock::unix_ns();
         let path = match given {
             Some(path) => path.to_path_buf(),
@@ -43,7 +43,7 @@ impl RunFolder {
             )));
         }
         let mut copies = copies_of(file)?;
-        for (original, name) in [(Some(box_path), "box.toml"), (mission, "mission.toml")] {
+        for (original, name) in [(Some(system_path), "box.toml"), (mission, "mission.toml")] {
             let Some(original) = original else { continue };
             let bytes = fs::read(original).map_err(|error| {
                 Failure::BadInput(format!("the file {} cannot be read: {error}", original.display()))
@@ -59,7 +59,7 @@ impl RunFolder {
         copies.write(&path).map_err(|(copy, error)| failed(&copy, error))?;
         let manifest = json!({
             "name": file.name,
-            "box": box_path.file_name().map(|name| name.to_string_lossy()),
+            "box": system_path.file_name().map(|name| name.to_string_lossy()),
             "robot": file.robot.file_name().map(|name| name.to_string_lossy()),
             "virtual": file.motor_box.is_some(),
             "rate_hz": file.rate_hz,
@@ -149,7 +149,7 @@ impl RunFolder {
 }
 
 /// What every process of the run reads. The recorder takes it into the run file too, which can then be read with nothing else at hand.
-fn copies_of(file: &BoxFile) -> Answer<Copies> {
+fn copies_of(file: &SystemFile) -> Answer<Copies> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let named = robot.named_files(file.robot.parent().unwrap_or(Path::new("")));
     let ground = file.motor_box.as_ref().and_then(|section| section.ground.as_deref());

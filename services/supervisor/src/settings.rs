@@ -4,10 +4,10 @@
 //! process of its role. A process that is started later reads a copy of the box that has all changes.
 
 use super::Supervisor;
-use super::members::{Member, Site};
+use super::process_spec::{ProcessSpec, Site};
 use bus::{Bus, Publisher, clock};
 use command::{Answer, Failure};
-use config::{BoxFile, RobotFile, Role, Tuned};
+use config::{RobotFile, Role, SystemFile, Tuned};
 use messages::{Header, SystemConfig, newer, put_text};
 use runtime::{ProgramHash, TUNED_CHANNEL, build, hash_of, parts_of};
 use std::ffi::OsString;
@@ -30,7 +30,7 @@ pub struct Settings {
     robot: RobotFile,
     tuned: Tuned,
     /// The box with all changes, and where its copy stands.
-    file: BoxFile,
+    file: SystemFile,
     path: PathBuf,
     /// The life of motor-io in which the last change was announced.
     life: u64,
@@ -54,7 +54,7 @@ impl Settings {
     }
 
     /// A process as it is started now: it reads the box with all changes.
-    pub(super) fn configured(&self, member: &Member, begun: &Path) -> Member {
+    pub(super) fn configured(&self, member: &ProcessSpec, begun: &Path) -> ProcessSpec {
         let mut member = member.clone();
         let (begun, present) = (begun.to_string_lossy(), self.path.to_string_lossy());
         if begun != present {
@@ -132,9 +132,9 @@ impl Supervisor {
     }
 
     /// Life of motor-io and cycle from which a change holds; 0, at once, where there are no cycles.
-    fn cycle_of_change(&mut self, file: &BoxFile) -> Answer<(u64, u64)> {
+    fn cycle_of_change(&mut self, file: &SystemFile) -> Answer<(u64, u64)> {
         self.last_authority = newer(self.last_authority, self.authority.latest()?);
-        if !self.crew.has_ready(Role::MotorIo) {
+        if !self.process_set.has_ready(Role::MotorIo) {
             return Ok((0, 0));
         }
         let lead = (file.arbiter.announce_s.max(LEAD_S) * file.rate_hz).ceil() as u64;

@@ -1,25 +1,25 @@
-//! From a box file to running processes, each started when those it needs are ready.
+//! From a system file to running processes, each started when those it needs are ready.
 
+use super::announcer::Announcer;
 use super::archive::Archive;
-use super::beats::Beats;
 use super::child::{Child, Start, ending};
-use super::crew::Crew;
-use super::leftovers::Leftovers;
-use super::members::{Member, Site};
+use super::cleanup::Cleanup;
+use super::heartbeats::Heartbeats;
 use super::mission::Missions;
-use super::orphans::{self, Started};
+use super::process_set::ProcessSet;
+use super::process_spec::{ProcessSpec, Site};
 use super::recording::Recording;
 use super::restarts::Restarts;
 use super::run_folder::RunFolder;
 use super::settings::Settings;
-use super::sweeper::Sweeper;
-use super::voice::Voice;
+use super::stale_processes::{self, Started};
+use super::unfinished_runs::UnfinishedRuns;
 use super::{Supervisor, Wanted};
 use bus::clock::{self, WallClock};
 use bus::{Bus, Domain};
 use client::{RUNNING_FILE, Running, SUPERVISOR};
 use command::{Answer, Failure, StopFlag};
-use config::{BoxFile, Role};
+use config::{Role, SystemFile};
 use evidence::busy;
 use evidence::busy::Busy;
 use messages::{Heartbeat, put_text};
@@ -47,15 +47,15 @@ impl Supervisor {
         bus::make_private();
         // Before there is anything of the robot that wants to run.
         let busy = Busy::look();
-        let box_path = std::path::absolute(wanted.box_path).map_err(Failure::bad)?;
-        let file = BoxFile::load(&box_path).map_err(Failure::bad)?;
+        let system_path = std::path::absolute(wanted.system_path).map_err(Failure::bad)?;
+        let file = SystemFile::load(&system_path).map_err(Failure::bad)?;
         ports_are_there(&file)?;
         let domain = Domain::parse(wanted.domain.unwrap_or(&file.name))?;
         let claim = domain.claim()?;
         let earlier = Running::of(&domain);
-        let orphans = orphans::end(&domain)?;
+        let orphans = stale_processes::end(&domain)?;
         domain.sweep()?;
-        let folder = RunFolder::make(&file, &box_path, wanted.run, wanted.mission)?;
+        let folder = RunFolder::make(&file, &system_path, wanted.run, wanted.mission)?;
         // Recorder, visualization and viewer turn stamps into calendar time, all by this.
         let clock = runlog::RunClock::now();
         domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
@@ -63,10 +63,10 @@ impl Supervisor {
         let archive = Archive::open(&run).map_err(Failure::not_now)?;
         // From here on the run's own copy counts.
         let config = folder.resolved();
-        let file = BoxFile::load(&config).map_err(Failure::not_now)?;
+        let file = SystemFile::load(&config).map_err(Failure::not_now)?;
         let mut site = Site {
             file,
-            box_path: box_path.clone(),
+            system_path: system_path.clone(),
             config,
             copies: BTreeMap::new(),
             domain: domain.name().to_owned(),
@@ -80,9 +80,9 @@ impl Supervisor {
         let members = site.members()?;
 
         let bus = Bus::join(&domain, SUPERVISOR)?;
-        let running = Running { pid: std::process::id(), box_file: box_path, run };
+        let running = Running { pid: std::process::id(), system_file: system_path, run };
         let text = serde_json::to_string(&running).map_err(Failure::not_now)?;
-        orphans::write(&domain, RUNNING_FILE, &text)?;
+        stale_processes::write(&domain, RUNNING_FILE, &text)?;
 
         let mut beat = Heartbeat {
             pid: std::process::id(),
@@ -94,17 +94,17 @@ impl Supervisor {
         let server = bus.server(SUPERVISOR)?;
         let settings = Settings::new(&bus, &site, beat.incarnation)?;
         let mut supervisor = Self {
-            crew: Crew::default(),
+            process_set: ProcessSet::default(),
             settings,
             site,
             folder,
             archive,
-            leftovers: Leftovers::default(),
+            leftovers: UnfinishedRuns::default(),
             stop,
-            beats: Beats::default(),
-            sweeper: Sweeper::new(&domain),
+            beats: Heartbeats::default(),
+            sweeper: Cleanup::new(&domain),
             died: Vec::new(),
-            voice: Voice::new(&bus)?,
+            announcer: Announcer::new(&bus)?,
             busy: busy::Watch::new(),
             heartbeat: bus.publisher(&format!("system/heartbeat/{SUPERVISOR}"))?,
             table: bus.publisher("system/process")?,
@@ -124,10 +124,10 @@ impl Supervisor {
             claim,
         };
         if let Some(warning) = busy.warning() {
-            supervisor.voice.warn(&warning);
+            supervisor.announcer.warn(&warning);
         }
         if !orphans.is_empty() {
-            supervisor.voice.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
+            supervisor.announcer.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
         }
         if let Err(failure) = supervisor.bring_up(members) {
             supervisor.close("a process did not come up");
@@ -152,18 +152,18 @@ impl Supervisor {
         let mut folders = vec![self.site.file.runs.clone()];
         folders.extend(present.parent().map(Path::to_path_buf));
         let runs = earlier.into_iter().map(|earlier| earlier.run).collect();
-        match Leftovers::recover(folders, runs, present) {
+        match UnfinishedRuns::recover(folders, runs, present) {
             Ok(leftovers) => self.leftovers = leftovers,
-            Err(error) => self.voice.error(&format!("earlier runs were not looked through: {error}")),
+            Err(error) => self.announcer.error(&format!("earlier runs were not looked through: {error}")),
         }
     }
 
     /// Starts all of them and waits until they are ready.
-    fn bring_up(&mut self, mut waiting: Vec<Member>) -> Answer {
+    fn bring_up(&mut self, mut waiting: Vec<ProcessSpec>) -> Answer {
         let mut named = clock::now_ns() + UNEASY_NS;
         loop {
-            let may_start = |member: &Member| self.is_ready_for(member) && !needs_one_of(member, &waiting);
-            let (now, later): (Vec<Member>, Vec<Member>) = waiting.iter().cloned().partition(may_start);
+            let may_start = |member: &ProcessSpec| self.is_ready_for(member) && !needs_one_of(member, &waiting);
+            let (now, later): (Vec<ProcessSpec>, Vec<ProcessSpec>) = waiting.iter().cloned().partition(may_start);
             waiting = later;
             for member in now {
                 self.launch(&member, Restarts::default())?;
@@ -172,7 +172,7 @@ impl Supervisor {
             self.beat_if_due()?;
             self.refresh_table()?;
             let mut missing = Vec::new();
-            for child in self.crew.iter_mut().filter(|child| child.member.beats) {
+            for child in self.process_set.iter_mut().filter(|child| child.member.beats) {
                 if !child.is_alive() {
                     let status = child.exit.map(ending).unwrap_or_default();
                     let code = child.exit.and_then(|exit| exit.code());
@@ -204,31 +204,31 @@ impl Supervisor {
             }
             if clock::now_ns() >= named {
                 named = u64::MAX;
-                self.voice.warn(&format!("still waiting for {}", missing.join(", ")));
+                self.announcer.warn(&format!("still waiting for {}", missing.join(", ")));
             }
             clock::sleep_until(clock::now_ns() + LOOK_NS);
         }
     }
 
     /// Whether everyone it needs, among those who were started, is ready.
-    fn is_ready_for(&self, member: &Member) -> bool {
+    fn is_ready_for(&self, member: &ProcessSpec) -> bool {
         let needs = member.waits_for();
-        self.crew
+        self.process_set
             .iter()
             .filter(|child| child.member.beats && needs.contains(&child.member.role))
             .all(|child| child.ready_ns.is_some())
     }
 
     /// Starts one process, which takes the place of an earlier life.
-    pub(super) fn launch(&mut self, member: &Member, restarts: Restarts) -> Answer {
+    pub(super) fn launch(&mut self, member: &ProcessSpec, restarts: Restarts) -> Answer {
         let child = self.spawn(member, restarts, false)?;
-        self.crew.enter(child);
+        self.process_set.enter(child);
         self.note_living();
         Ok(())
     }
 
     /// Starts one process; one that succeeds another of its name finds that one alive.
-    pub(super) fn spawn(&mut self, member: &Member, restarts: Restarts, succeeds: bool) -> Answer<Child> {
+    pub(super) fn spawn(&mut self, member: &ProcessSpec, restarts: Restarts, succeeds: bool) -> Answer<Child> {
         let bytes = if member.role == Role::Other { SENSOR_BYTES } else { PROCESS_BYTES };
         self.bus.room_for(bytes, &member.name)?;
         self.beats.listen(&self.bus, &member.name)?;
@@ -247,7 +247,7 @@ impl Supervisor {
         child.member = member.clone();
         self.keep_files_of(&started);
         if let Some(warning) = warning {
-            self.voice.warn(&format!("{}: {warning}", member.name));
+            self.announcer.warn(&format!("{}: {warning}", member.name));
         }
         Ok(child)
     }
@@ -257,14 +257,14 @@ impl Supervisor {
         if self.beat.state == Heartbeat::STATE_READY {
             self.note_processes();
         }
-        let successors = self.crew.successors.iter().map(|successor| &successor.child);
-        let started: Vec<Started> = (self.crew.iter().chain(successors))
+        let successors = self.process_set.successors.iter().map(|successor| &successor.child);
+        let started: Vec<Started> = (self.process_set.iter().chain(successors))
             .filter(|child| child.exit.is_none())
             .filter_map(|child| Started::now(&child.member.name, child.pid))
             .collect();
         // They run all the same, and the next supervisor finds them among the living.
-        if let Err(failure) = orphans::note(&self.domain, &started) {
-            self.voice.warn(&failure.to_string());
+        if let Err(failure) = stale_processes::note(&self.domain, &started) {
+            self.announcer.warn(&failure.to_string());
         }
     }
 
@@ -288,33 +288,33 @@ impl Supervisor {
         }
         match back {
             Ok(back) if back.is_empty() => {}
-            Ok(back) if gone => self.voice.warn(&format!(
+            Ok(back) if gone => self.announcer.warn(&format!(
                 "the run folder {} was removed or moved while the robot runs and is made again, with {}",
                 run.display(),
                 back.join(", ")
             )),
-            Ok(back) => self.voice.warn(&format!(
+            Ok(back) => self.announcer.warn(&format!(
                 "{} in the run folder was changed while the robot runs and is as it was again: an edit is for the next run",
                 back.join(", ")
             )),
-            Err((path, error)) => self.voice.warn(&format!("{} cannot be written: {error}", path.display())),
+            Err((path, error)) => self.announcer.warn(&format!("{} cannot be written: {error}", path.display())),
         }
     }
 }
 
 /// Whether it needs a role of which a process is not even started.
-fn needs_one_of(member: &Member, waiting: &[Member]) -> bool {
+fn needs_one_of(member: &ProcessSpec, waiting: &[ProcessSpec]) -> bool {
     waiting.iter().any(|other| member.waits_for().contains(&other.role))
 }
 
 /// Every configured device exists; the virtual box makes its own.
-fn ports_are_there(file: &BoxFile) -> Answer {
+fn ports_are_there(file: &SystemFile) -> Answer {
     for (index, port) in file.motor_io.ports.iter().enumerate() {
         let number = index + 1;
         if port.path.contains("{domain}") {
             if file.motor_box.is_none() {
                 return Err(Failure::BadInput(format!(
-                    "port {number} is on the virtual motor box, and the box file has no [motor_box]: give the path of the real device, or add [motor_box]"
+                    "port {number} is on the virtual motor box, and the system file has no [motor_box]: give the path of the real device, or add [motor_box]"
                 )));
             }
         } else if !Path::new(&port.path).exists() {

@@ -3,7 +3,7 @@
 
 use super::Supervisor;
 use super::child::{Child, Then};
-use super::members::Member;
+use super::process_spec::ProcessSpec;
 use super::restarts::Restarts;
 use super::table::row;
 use bus::{Bus, Raw, Tap, clock};
@@ -68,19 +68,19 @@ fn is_of(pid: u32, child: &Child) -> bool {
 
 impl Supervisor {
     /// Starts a program in the place of one that was plugged in: beside it where that one publishes, otherwise after it has ended.
-    pub(super) fn replace(&mut self, member: Member) -> Answer<String> {
+    pub(super) fn replace(&mut self, member: ProcessSpec) -> Answer<String> {
         let name = member.name.clone();
         self.is_not_succeeded(&name)?;
         let Some((tap, mut restarts)) = self.tap_of(&name)? else {
             self.stop_one(&name, Then::Again)?;
-            if let Some(child) = self.crew.find(&name) {
+            if let Some(child) = self.process_set.find(&name) {
                 child.member = member;
             }
             return Ok(format!("ending {name}, to start the new one in its place"));
         };
         restarts.again();
         let child = self.spawn(&member, restarts, true)?;
-        self.crew.successors.push(Successor { child, tap, given_up: false });
+        self.process_set.successors.push(Successor { child, tap, given_up: false });
         self.note_living();
         Ok(format!("starting the new {name} beside the one that runs, until it has said something"))
     }
@@ -88,7 +88,7 @@ impl Supervisor {
     /// What a process of that name says on the channel of its name, if it does.
     fn tap_of(&mut self, name: &str) -> Answer<Option<(Tap, Restarts)>> {
         let channel = format!("sensor/{name}");
-        let Some(child) = self.crew.find(name) else { return Ok(None) };
+        let Some(child) = self.process_set.find(name) else { return Ok(None) };
         if child.asked.is_some() {
             return Err(Failure::NotNow(format!("{name} is ending already")));
         }
@@ -101,7 +101,7 @@ impl Supervisor {
 
     /// One that is being replaced is left alone until that is over.
     pub(super) fn is_not_succeeded(&self, name: &str) -> Answer {
-        let waits = self.crew.successors.iter().any(|successor| successor.child.member.name == name);
+        let waits = self.process_set.successors.iter().any(|successor| successor.child.member.name == name);
         if !waits {
             return Ok(());
         }
@@ -114,7 +114,7 @@ impl Supervisor {
     /// A successor that has published a valid sample gets the name; one that has ended, or is silent for too long, does not.
     pub(super) fn look_at_successors(&mut self) -> Answer {
         let now = clock::now_ns();
-        let mut successors = std::mem::take(&mut self.crew.successors);
+        let mut successors = std::mem::take(&mut self.process_set.successors);
         let mut looked = Ok(());
         for successor in &mut successors {
             looked = looked.and(self.look_at_successor(successor, now));
@@ -122,7 +122,7 @@ impl Supervisor {
         let before = successors.len();
         successors.retain(|successor| successor.child.exit.is_none());
         let ended = before - successors.len();
-        self.crew.successors = successors;
+        self.process_set.successors = successors;
         looked?;
         if ended > 0 {
             self.sweeper.wanted(now);
@@ -151,14 +151,14 @@ impl Supervisor {
             return Ok(());
         }
         if successor.speaks(&self.bus)? {
-            if let Some(child) = self.crew.find(&name).filter(|child| child.asked.is_none()) {
+            if let Some(child) = self.process_set.find(&name).filter(|child| child.asked.is_none()) {
                 child.ask_to_end(Then::Again);
-                self.voice.info(&format!("the new {name} has said something: ending the one before"));
+                self.announcer.info(&format!("the new {name} has said something: ending the one before"));
                 self.publish_table()?;
             }
             return Ok(());
         }
-        let is_asked = self.crew.find(&name).is_some_and(|child| child.asked.is_some());
+        let is_asked = self.process_set.find(&name).is_some_and(|child| child.asked.is_some());
         if !is_asked && now >= successor.child.started_ns + SPEAKS_NS {
             let why = format!("says nothing valid within {} s; {}", SPEAKS_NS / 1_000_000_000, goes_on(&name));
             self.give_up(successor, &why)?;
@@ -170,7 +170,7 @@ impl Supervisor {
     /// Says on `system/process` and on the terminal why the newcomer does not get the name.
     fn give_up(&mut self, successor: &mut Successor, why: &str) -> Answer {
         successor.given_up = true;
-        self.voice.warn(&format!("the new {} {why}", successor.child.member.name));
+        self.announcer.warn(&format!("the new {} {why}", successor.child.member.name));
         let mut row = row(&successor.child, false);
         // Nobody of that name has died: the row is for the command that asked, and the one that works has the last word.
         row.state = ProcessState::STATE_STOPPED;
@@ -182,19 +182,19 @@ impl Supervisor {
     /// The process of that name has ended, on whatever way: its successor, if it has one, takes its place. Whether it has.
     pub(super) fn succeed(&mut self, name: &str) -> bool {
         let waits = |successor: &Successor| successor.child.member.name == name && !successor.given_up;
-        let Some(at) = self.crew.successors.iter().position(waits) else { return false };
-        let Successor { child, .. } = self.crew.successors.remove(at);
-        if let Some(before) = self.crew.find(name) {
+        let Some(at) = self.process_set.successors.iter().position(waits) else { return false };
+        let Successor { child, .. } = self.process_set.successors.remove(at);
+        if let Some(before) = self.process_set.find(name) {
             let (died, sentence) =
                 (before.has_died(), format!("{name} {}; the new one has its place", before.ending()));
             if died {
-                self.voice.error(&sentence);
+                self.announcer.error(&sentence);
                 self.died.push(name.to_owned());
             } else {
-                self.voice.info(&sentence);
+                self.announcer.info(&sentence);
             }
         }
-        self.crew.enter(child);
+        self.process_set.enter(child);
         self.note_living();
         true
     }

@@ -21,11 +21,11 @@ impl Supervisor {
     /// Publishes every row.
     pub(super) fn publish_table(&mut self) -> Answer {
         self.last_table_ns = clock::now_ns();
-        let running = self.crew.iter().map(|child| row(child, self.crew.stand_in(&child.member).is_some()));
-        let asleep =
-            self.site.file.process.iter().filter(|section| {
-                !section.start && !self.crew.iter().any(|child| child.member.is_called(&section.name))
-            });
+        let running =
+            self.process_set.iter().map(|child| row(child, self.process_set.stand_in(&child.member).is_some()));
+        let asleep = self.site.file.process.iter().filter(|section| {
+            !section.start && !self.process_set.iter().any(|child| child.member.is_called(&section.name))
+        });
         let mut rows: Vec<ProcessState> = running.chain(asleep.map(not_started)).collect();
         for row in &mut rows {
             self.send_row(row)?;

@@ -1,14 +1,14 @@
 //! One round of the supervisor: its own beat, the processes and their heartbeats, what is asked, and what is to be started again.
 
 use super::Supervisor;
-use super::beats::Change;
 use super::child::Then;
 use super::cures::{Fate, consequence, cure};
-use super::leftovers::News;
-use super::members::Member;
+use super::heartbeats::Change;
+use super::process_spec::ProcessSpec;
 use super::recording::Said;
 use super::restarts::{Restarts, Verdict};
 use super::starting::READY_NS;
+use super::unfinished_runs::News;
 use bus::clock;
 use command::Answer;
 use config::Role;
@@ -57,24 +57,24 @@ impl Supervisor {
     }
 
     pub(super) fn look_at_beats(&mut self) -> Answer {
-        let changes = self.beats.look(&mut self.crew)?;
+        let changes = self.beats.look(&mut self.process_set)?;
         for change in &changes {
             match change {
                 Change::Ready(name) => {
-                    self.voice.info(&format!("{name} is ready"));
-                    if self.crew.find(name).is_some_and(|child| child.member.role == Role::Recorder) {
+                    self.announcer.info(&format!("{name} is ready"));
+                    if self.process_set.find(name).is_some_and(|child| child.member.role == Role::Recorder) {
                         let now = self.run_unix_ns();
                         self.folder.note_recording(now);
                     }
                 }
                 Change::Silent(name, seconds) => self.hangs(name, *seconds),
-                Change::Starved(name, seconds) => self.voice.warn(&format!(
+                Change::Starved(name, seconds) => self.announcer.warn(&format!(
                     "{name} has shown no sign of life for {seconds} s, because the machine has no time for it: look for what else runs here"
                 )),
-                Change::Blocked(name, seconds) => self.voice.warn(&format!(
+                Change::Blocked(name, seconds) => self.announcer.warn(&format!(
                     "{name} has shown no sign of life for {seconds} s, because it waits for its disk: it is left alone, and goes on when the disk answers; look at the disk and at what else writes to it"
                 )),
-                Change::Back(name) => self.voice.warn(&format!("{name} is back")),
+                Change::Back(name) => self.announcer.warn(&format!("{name} is back")),
             }
         }
         if self.beat.state == Heartbeat::STATE_READY && changes.iter().any(|change| matches!(change, Change::Ready(_)))
@@ -86,7 +86,7 @@ impl Supervisor {
 
     /// A process that hangs is as one that died: where it is started again, it is ended for that.
     fn hangs(&mut self, name: &str, seconds: u64) {
-        let Some(child) = self.crew.find(name) else { return };
+        let Some(child) = self.process_set.find(name) else { return };
         let (member, again) = (child.member.clone(), child.member.restart.again);
         if again {
             child.end_hung();
@@ -97,7 +97,7 @@ impl Supervisor {
         if member.role == Role::Recorder {
             self.recording.fails(&format!("the recorder gave no sign of life for {seconds} s"));
         }
-        self.voice.error(&sentence);
+        self.announcer.error(&sentence);
     }
 
     /// Says when the computer has no time for the robot, and when it has again.
@@ -105,12 +105,12 @@ impl Supervisor {
         match self.busy.look(clock::now_ns()) {
             Some(busy::Change::Busy(share)) => {
                 let share = 100.0 * share;
-                self.voice.warn(&format!(
+                self.announcer.warn(&format!(
                     "the computer is busy: something had to wait for a processor in {share:.0} % of the last two seconds; {}",
                     busy::CURE
                 ));
             }
-            Some(busy::Change::Over) => self.voice.info("the computer is no longer busy"),
+            Some(busy::Change::Over) => self.announcer.info("the computer is no longer busy"),
             None => {}
         }
     }
@@ -125,10 +125,10 @@ impl Supervisor {
         }
         self.look_at_recording()?;
         if let Some(sentence) = self.mission.look(self.last_authority.as_ref())? {
-            self.voice.error(&sentence);
+            self.announcer.error(&sentence);
         }
         for trouble in self.archive.troubles() {
-            self.voice.warn(&trouble);
+            self.announcer.warn(&trouble);
         }
         let news = self.leftovers.news();
         self.tell(news);
@@ -140,15 +140,15 @@ impl Supervisor {
         for said in self.recording.look(clock::now_ns())? {
             match said {
                 Said::Stopped(sentence) => {
-                    self.voice.error(&sentence);
+                    self.announcer.error(&sentence);
                     // The recorder waits a second before it begins the next file: what that begins with is there by then.
                     self.restore_folder();
                 }
                 Said::GoesOn(sentence) => {
-                    self.voice.warn(&sentence);
+                    self.announcer.warn(&sentence);
                     self.restore_folder();
                 }
-                Said::Lost(sentence) => self.voice.warn(&sentence),
+                Said::Lost(sentence) => self.announcer.warn(&sentence),
             }
         }
         Ok(())
@@ -158,9 +158,9 @@ impl Supervisor {
     pub(super) fn tell(&mut self, news: Vec<News>) {
         for news in news {
             match news {
-                News::Begun(sentence) => self.voice.info(&sentence),
-                News::Recovered(sentence) => self.voice.warn(&sentence),
-                News::Failed(sentence) => self.voice.error(&sentence),
+                News::Begun(sentence) => self.announcer.info(&sentence),
+                News::Recovered(sentence) => self.announcer.warn(&sentence),
+                News::Failed(sentence) => self.announcer.error(&sentence),
             }
         }
     }
@@ -168,17 +168,17 @@ impl Supervisor {
     fn look_at_children(&mut self) -> Answer {
         let now = clock::now_ns();
         let (mut ended, mut due) = (Vec::new(), Vec::new());
-        for child in self.crew.iter_mut() {
+        for child in self.process_set.iter_mut() {
             if child.exit.is_none() && !child.is_alive() {
                 ended.push(child.member.name.clone());
             }
             if child.kill_if_overdue(now) {
-                self.voice.warn(&format!("{} does not end by itself and is killed", child.member.name));
+                self.announcer.warn(&format!("{} does not end by itself and is killed", child.member.name));
             }
             let starting = child.member.beats && child.ready_ns.is_none() && child.exit.is_none();
             if starting && !child.overdue && child.asked.is_none() && now >= child.started_ns + READY_NS {
                 child.overdue = true;
-                self.voice.warn(&format!(
+                self.announcer.warn(&format!(
                     "{} does not become ready within {} s: see {}",
                     child.member.name,
                     READY_NS / 1_000_000_000,
@@ -198,7 +198,7 @@ impl Supervisor {
             self.publish_table()?;
         }
         if let Some(why) = self.sweeper.look(now) {
-            self.voice.warn(&format!("what a dead process left is not removed yet: {why}"));
+            self.announcer.warn(&format!("what a dead process left is not removed yet: {why}"));
         }
         for (member, restarts) in due {
             self.start_again(&member, restarts)?;
@@ -211,12 +211,12 @@ impl Supervisor {
         if self.succeed(name) {
             return Ok(());
         }
-        let Some(child) = self.crew.find(name) else { return Ok(()) };
+        let Some(child) = self.process_set.find(name) else { return Ok(()) };
         let (member, asked) = (child.member.clone(), child.asked);
         let how = child.ending();
         match asked {
             Some((_, then)) => {
-                self.voice.info(&format!("{name} {how}, as it was asked to"));
+                self.announcer.info(&format!("{name} {how}, as it was asked to"));
                 match then {
                     Then::Stay => {}
                     Then::Again => {
@@ -246,10 +246,10 @@ impl Supervisor {
                 };
                 if died {
                     let means = self.consequence_of(&member, fate, &next);
-                    self.voice.error(&format!("{name} {how}{words}: {means}"));
+                    self.announcer.error(&format!("{name} {how}{words}: {means}"));
                     self.died.push(name.to_owned());
                 } else {
-                    self.voice.warn(&format!("{name} {how}{words}{next}"));
+                    self.announcer.warn(&format!("{name} {how}{words}{next}"));
                 }
             }
         }
@@ -258,18 +258,18 @@ impl Supervisor {
 
     /// Removes an ended process from the table.
     pub(super) fn forget(&mut self, name: &str) -> Answer {
-        self.crew.forget(|child| child.member.name == name && child.exit.is_some());
+        self.process_set.forget(|child| child.member.name == name && child.exit.is_some());
         self.beats.forget(name);
         self.publish_farewell(name)
     }
 
-    fn start_again(&mut self, member: &Member, mut restarts: Restarts) -> Answer {
+    fn start_again(&mut self, member: &ProcessSpec, mut restarts: Restarts) -> Answer {
         restarts.again();
-        self.voice.warn(&format!("starting {} again", member.name));
+        self.announcer.warn(&format!("starting {} again", member.name));
         // A machine without room for one more process is no reason to leave the others alone.
         if let Err(failure) = self.launch(member, restarts) {
-            self.voice.warn(&format!("{failure}; trying again in {} s", RETRY_NS / 1_000_000_000));
-            if let Some(child) = self.crew.find(&member.name).filter(|child| child.exit.is_some()) {
+            self.announcer.warn(&format!("{failure}; trying again in {} s", RETRY_NS / 1_000_000_000));
+            if let Some(child) = self.process_set.find(&member.name).filter(|child| child.exit.is_some()) {
                 child.again_ns = Some(clock::now_ns() + RETRY_NS);
             }
         }
@@ -277,8 +277,8 @@ impl Supervisor {
     }
 
     /// What the loss of that process means now, what comes `next` by itself, and what helps.
-    fn consequence_of(&self, member: &Member, fate: Fate, next: &str) -> String {
-        let other = self.crew.stand_in(member);
+    fn consequence_of(&self, member: &ProcessSpec, fate: Fate, next: &str) -> String {
+        let other = self.process_set.stand_in(member);
         let means = match other {
             Some(other) => format!("{} goes on", other.member.name),
             None => consequence(member.role, self.site.file.motor_io.watchdog_s),

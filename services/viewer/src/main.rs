@@ -16,10 +16,10 @@ use viewer::{Settings, Viewer};
 struct Args {
     #[command(flatten)]
     common: CommonArgs,
-    /// Address to listen on. Default: `address` in [viewer] of the box file, or 127.0.0.1.
+    /// Address to listen on. Default: `address` in [viewer] of the system file, or 127.0.0.1.
     #[arg(long, value_name = "ADDRESS")]
     address: Option<IpAddr>,
-    /// Port; 0: any that is free. Default: `port` in [viewer] of the box file, or 8765.
+    /// Port; 0: any that is free. Default: `port` in [viewer] of the system file, or 8765.
     #[arg(long, value_name = "PORT")]
     port: Option<u16>,
 }
@@ -37,7 +37,7 @@ fn main() -> ExitCode {
 fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     // on Linux this is the niceness of a thread, which those it starts inherit: who looks makes nobody else wait
     let _ = rustix::process::nice(10);
-    let section = chassis.box_file().map_or_else(|_| ViewerSection::default(), |file| file.viewer.clone());
+    let section = chassis.system_file().map_or_else(|_| ViewerSection::default(), |file| file.viewer.clone());
     let address = args.address.unwrap_or(section.address);
     let set = chassis.bus().domain().wall_clock();
     let settings = Settings {

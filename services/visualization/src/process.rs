@@ -89,9 +89,9 @@ impl Ports {
 /// Runs until it is told to stop.
 ///
 /// # Errors
-/// A box file that cannot be used, or a domain that cannot.
+/// A system file that cannot be used, or a domain that cannot.
 pub fn run(chassis: &mut Chassis) -> anyhow::Result<()> {
-    let robot = chassis.box_file()?.robot_file()?.robot()?;
+    let robot = chassis.system_file()?.robot_file()?.robot()?;
     let clock = chassis.bus().domain().wall_clock().unwrap_or_else(WallClock::now);
     let mut visualization = Visualization::new(&robot, clock.offset_ns());
     let (mut watch, mut taps, mut ports) = (ChannelWatch::new(), Vec::<Tap>::new(), Ports::default());

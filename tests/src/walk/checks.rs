@@ -49,7 +49,7 @@ pub struct Bounds {
 
 /// Largest values seen, by mode.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Seen {
+pub struct Inputs {
     /// Speed, m/s.
     pub speed_m_s: [f64; 7],
     /// Acceleration, m/s².
@@ -86,13 +86,13 @@ pub struct Checks {
     sound_s: f64,
     swing: Swing,
     /// Largest values so far.
-    pub seen: Seen,
+    pub seen: Inputs,
 }
 
 impl Checks {
     /// Nothing seen yet.
     pub fn new(bounds: Bounds, period_s: f64) -> Self {
-        let (resting_s, sound_s, swing, seen) = (0.0, f64::INFINITY, Swing::default(), Seen::default());
+        let (resting_s, sound_s, swing, seen) = (0.0, f64::INFINITY, Swing::default(), Inputs::default());
         Self { bounds, period_s, before: None, off_m: None, halted: None, resting_s, sound_s, swing, seen }
     }
 

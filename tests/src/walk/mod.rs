@@ -52,7 +52,7 @@ pub struct Tally {
     /// Motions that were begun.
     pub motions: u64,
     /// Largest values.
-    pub seen: checks::Seen,
+    pub seen: checks::Inputs,
 }
 
 impl Tally {

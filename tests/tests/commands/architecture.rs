@@ -316,7 +316,7 @@ fn every_example_configuration_loads() {
         config::RobotFile::load(&path).unwrap();
     }
     for path in files("systems") {
-        config::BoxFile::load(&path).unwrap();
+        config::SystemFile::load(&path).unwrap();
     }
     for path in files("sensors") {
         sensor::SensorFile::load(&path).unwrap();

@@ -36,7 +36,7 @@ fn refused(args: &[&str], code: i32, words: &[&str]) {
 }
 
 const ROBOT: &str = "configs/robots/lab3.toml";
-const BOX: &str = "configs/systems/demo3.toml";
+const SYSTEM: &str = "configs/systems/demo3.toml";
 
 /// A folder with the project's configuration in it, one line of one file changed.
 struct Changed {
@@ -154,11 +154,11 @@ fn bad_missions_are_refused_before_anything_starts() {
     let words = ["leg", "cable", "cable_speed_limit_m_s is 0.100 m/s"];
     refused(&["demo", &changed.file("systems/demo3.toml"), "--mission", &mission, "--run", &run], 2, &words);
     assert!(!Path::new(&run).exists());
-    refused(&["demo", BOX, "--mission", "no-such-mission"], 2, &["no-such-mission"]);
+    refused(&["demo", SYSTEM, "--mission", "no-such-mission"], 2, &["no-such-mission"]);
     let folder = tempfile::tempdir().unwrap();
     let far = folder.path().join("far.toml");
     std::fs::write(&far, "name = \"far\"\n[[leg]]\nline = { to_m = [40.0, 30.0, 0.3] }\n").unwrap();
-    refused(&["demo", BOX, "--mission", far.to_str().unwrap()], 2, &["leg 1", "cable"]);
+    refused(&["demo", SYSTEM, "--mission", far.to_str().unwrap()], 2, &["leg 1", "cable"]);
 }
 
 #[test]
@@ -168,9 +168,9 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["fly"], &["fly"]),
         (&["up"], &["CONFIG"]),
         (&["up", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
-        (&["up", BOX, "--for", "soon"], &["soon", "not a number"]),
-        (&["up", BOX, "--for", "-1"], &["--for"]),
-        (&["up", BOX, "--domain", "My Robot"], &["My Robot"]),
+        (&["up", SYSTEM, "--for", "soon"], &["soon", "not a number"]),
+        (&["up", SYSTEM, "--for", "-1"], &["--for"]),
+        (&["up", SYSTEM, "--domain", "My Robot"], &["My Robot"]),
         (&["up", ROBOT], &["lab3.toml"]),
         (&["ik", "--config", ROBOT, "--at", "1,2"], &["moves in space", "x, y and z"]),
         (&["ik", "--config", ROBOT, "--at", "1,2,nan"], &["nan", "finite"]),
@@ -200,8 +200,8 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["bench", "--seconds", "0"], &["--seconds", "above 0"]),
         (&["bench", "--seconds", "inf"], &["inf", "finite"]),
         (&["bench", "--seconds", "1e9"], &["hour"]),
-        (&["bench", "--box", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
-        (&["bench", "--box", ROBOT], &["lab3.toml"]),
+        (&["bench", "--system", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
+        (&["bench", "--system", ROBOT], &["lab3.toml"]),
         (&["bench", "disk", "--runs", "no-such-folder"], &["no-such-folder", "--runs"]),
         (&["bench", "disk", "--runs", "README.md"], &["README.md", "--runs"]),
         (&["bench", "bench-peer", "nobody"], &["nims bench"]),
@@ -259,7 +259,7 @@ fn a_file_that_is_no_run_is_not_taken_for_one() {
 
 #[test]
 fn check_says_what_a_watchdog_stop_and_an_unpowered_line_mean() {
-    let value = answer(&["check", BOX, "--json"]);
+    let value = answer(&["check", SYSTEM, "--json"]);
     assert_eq!(value["usable"], json!(true));
     let all = value["findings"].to_string();
     // 0.3 s at the robot's 0.4 m/s
@@ -282,10 +282,10 @@ fn check_says_what_a_watchdog_stop_and_an_unpowered_line_mean() {
 
 #[test]
 fn check_tells_whether_a_mission_can_be_flown() {
-    let good = answer(&["check", "configs/missions/spiral.toml", "--for", BOX, "--json"]);
+    let good = answer(&["check", "configs/missions/spiral.toml", "--for", SYSTEM, "--json"]);
     assert_eq!(good["usable"], json!(true));
     let high = changed("missions/spiral.toml", "rise_m = 1.125", "rise_m = 2.6");
-    let output = nims(&["check", &high.file("missions/spiral.toml"), "--for", BOX, "--json"]);
+    let output = nims(&["check", &high.file("missions/spiral.toml"), "--for", SYSTEM, "--json"]);
     assert_eq!(output.status.code(), Some(2));
     let value: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(value["usable"], json!(false));
@@ -294,12 +294,12 @@ fn check_tells_whether_a_mission_can_be_flown() {
 
 #[test]
 fn a_dry_run_needs_no_robot() {
-    let value = answer(&["run", "spiral", "--dry-run", "--config", BOX, "--json"]);
+    let value = answer(&["run", "spiral", "--dry-run", "--config", SYSTEM, "--json"]);
     assert_eq!(value["feasible"], json!(true));
     // Archimedean spiral to 0.6 m in 4 turns, rising 1.125 m: the flat length is about half the outermost circumference per turn.
     let length = value["length_m"].as_f64().unwrap();
     assert!((7.4..8.0).contains(&length), "{length}");
-    let value = answer(&["run", "spiral", "--dry-run", "--config", BOX, "--from", "9.7,0.1,0.3", "--json"]);
+    let value = answer(&["run", "spiral", "--dry-run", "--config", SYSTEM, "--from", "9.7,0.1,0.3", "--json"]);
     assert_eq!(value["feasible"], json!(false));
     assert!(value["why"].as_str().unwrap().contains("cable"), "{value}");
 }
@@ -490,7 +490,7 @@ mod planar {
         let own = answer(&["check", "configs/systems/aq4.toml", "--json"]);
         assert_eq!(own["usable"], json!(true), "{own}");
         for (mission, file, says) in
-            [("spiral", "configs/systems/aq4.toml", "beside the plane"), ("cross-section", BOX, "moves in space")]
+            [("spiral", "configs/systems/aq4.toml", "beside the plane"), ("cross-section", SYSTEM, "moves in space")]
         {
             let value = answer(&["run", mission, "--dry-run", "--config", file, "--json"]);
             assert_eq!(value["feasible"], json!(false));

@@ -26,7 +26,7 @@ adaptive = { map = "rangefinder", corner_m = [4.4, 2.6, 0.7], opposite_m = [5.2,
 line = { to_m = [4.8, 3.0, 0.3] }
 "#;
 
-/// Behind what stands in [motor_box] of the box file.
+/// Behind what stands in [motor_box] of the system file.
 const DEVICES: &str = r#"
 ground = "../ground/corner.toml"
 
@@ -43,7 +43,7 @@ name = "rangefinder"
 command = ["sensor", "rangefinder.toml"]
 [[process]]
 name = "sensor-logger"
-command = ["sensor-logger", "--box", "{box}"]
+command = ["sensor-logger", "--system", "{system}"]
 
 [sensor_logger]
 map_cell_m = 0.05

@@ -55,7 +55,7 @@ fn processes_come_and_go_while_the_robot_runs() {
     assert!(pid(&up, "planner") != planner && !lives(planner));
     assert_eq!(up.state("planner"), "ready");
 
-    // Programs that the box file does not know.
+    // Programs that the system file does not know.
     std::fs::write(up.folder().join("sensor.sh"), "echo $1 > plugged; exec sleep 1000\n").unwrap();
     up.told(&["plug", "wind", "--", "sh", "sensor.sh", "{name}/{domain}"]);
     assert_eq!(up.state("wind"), "running", "it sends no heartbeat, so it is not called ready");
@@ -124,7 +124,7 @@ fn a_standby_is_kept_and_a_dead_one_is_started_again() {
         up.until_said("it is started again", |up| up.state(name) == "ready" && pid(up, name) != before);
     }
     assert!(up.said().contains("controller was ended by signal 9: controller-b goes on"), "{}", up.said());
-    // By the name that it has in the box file too.
+    // By the name that it has in the system file too.
     up.told(&["restart", "second"]);
     up.told(&["start", "spare"]);
     assert_eq!(up.state("estimator-b"), "ready");

@@ -108,7 +108,7 @@ fn an_edit_in_flight_is_for_the_next_run() {
             std::fs::write(&path, text.replacen(from, to, 1)).unwrap();
         };
         let configs = robot.folder().join("configs");
-        edit(robot.box_file(), "[motor_box]", "[controller]\nhorizon_cycles = 77\n[motor_box]");
+        edit(robot.system_file(), "[motor_box]", "[controller]\nhorizon_cycles = 77\n[motor_box]");
         edit(configs.join("robots/lab3.toml"), "node_mass_kg = 1.2", "node_mass_kg = 2.4");
         edit(configs.join("sensors/wind.toml"), "baud = ", "baud = 1");
         edit(resolved.clone(), "horizon_cycles = 20", "horizon_cycles = 66");

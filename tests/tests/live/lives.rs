@@ -14,8 +14,7 @@ const SPEED_LIMIT_M_S: f64 = 0.4;
 const MARGIN: f64 = 1.1;
 /// How far from the line that it is told to fly the node may be, m.
 const NEAR_M: f64 = 0.03;
-const LOGGER: &str =
-    "\n[[process]]\nname = \"sensor-logger\"\ncommand = [\"sensor-logger\", \"--box\", \"{box}\"]\nrestart = true\n";
+const LOGGER: &str = "\n[[process]]\nname = \"sensor-logger\"\ncommand = [\"sensor-logger\", \"--system\", \"{system}\"]\nrestart = true\n";
 
 /// To a height over the start, to the end of the move.
 fn fly_to(robot: &mut Robot, z: f64) {

@@ -11,14 +11,14 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 use std::time::Duration;
 
-/// The drives' watchdog in the box file, s, and the speed of the moves below, m/s.
+/// The drives' watchdog in the system file, s, and the speed of the moves below, m/s.
 const WATCHDOG_S: f64 = 0.3;
 const SPEED_M_S: f64 = 0.2;
 /// Ten steps of the encoder: less than that in 0.3 s is holding.
 const STILL_M: f64 = 0.001;
 /// How far the node swings on its lines after a stop.
 const SWING_M: f64 = 0.01;
-/// Of the robot file, m/s², and the control period of the box file, s.
+/// Of the robot file, m/s², and the control period of the system file, s.
 const ACCELERATION_M_S2: f64 = 0.5;
 const PERIOD_S: f64 = 0.01;
 /// A stop is commanded in so many cycles from the first one without a command.
@@ -71,7 +71,7 @@ fn next_start_is_clean(robot: &Robot) {
     let output = Command::new(program())
         .args(["up", "--domain", robot.domain.name(), "--for", "0.5", "--run"])
         .arg(&again)
-        .arg(robot.box_file())
+        .arg(robot.system_file())
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -146,7 +146,7 @@ fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
 fn a_move_is_flown_and_ctrl_c_in_the_next_leaves_a_held_robot_and_a_closed_file() {
     steadily(|| {
         let mut robot = Robot::up("");
-        let file = robot.box_file();
+        let file = robot.system_file();
         let pid = robot.supervisor_pid().to_string();
         assert_eq!(robot.refused(&["up", file.to_str().unwrap()], &[&pid]), Some(2));
         // Nothing moves before it is armed, and it says why.
@@ -427,7 +427,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
             let text = std::fs::read_to_string(&path).unwrap();
             std::fs::write(&path, text.replace("gear_friction = 0.85 ", "gear_friction = 0.0 ")).unwrap();
         });
-        let said = robot.told(&["check", robot.box_file().to_str().unwrap()]);
+        let said = robot.told(&["check", robot.system_file().to_str().unwrap()]);
         let (_, rest) = said.split_once("a line runs out at ").expect("check warns of it");
         let announced_m_s = 1e-3 * rest.split_once(" mm/s").unwrap().0.parse::<f64>().unwrap();
         robot.arm();
@@ -451,8 +451,9 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
 #[test]
 fn whoever_is_not_in_the_control_cycle_dies_at_no_cost() {
     steadily(|| {
-        let process =
-            |name: &str| format!("\n[[process]]\nname = \"{name}\"\ncommand = [\"{name}\", \"--box\", \"{{box}}\"]\n");
+        let process = |name: &str| {
+            format!("\n[[process]]\nname = \"{name}\"\ncommand = [\"{name}\", \"--system\", \"{{system}}\"]\n")
+        };
         let mut robot = in_flight(THREE_LINES, &["visualization", "sensor-logger"].map(process).concat());
         robot.told(&["plug", "soil", "--", "my-sensor"]);
         for name in ["visualization", "sensor-logger", "soil"] {

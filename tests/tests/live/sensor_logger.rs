@@ -120,9 +120,9 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
     let bus = Bus::join(&domain, "test").unwrap();
     let run = folder.path().join("run");
     std::fs::create_dir(&run).unwrap();
-    let box_file = root().join("configs/systems/demo3.toml");
+    let system_file = root().join("configs/systems/demo3.toml");
     let recorder = Running::start(&bus, &domain, "recorder", &["--run", run.to_str().unwrap()]);
-    let logger = Running::start(&bus, &domain, "sensor-logger", &["--box", box_file.to_str().unwrap()]);
+    let logger = Running::start(&bus, &domain, "sensor-logger", &["--system", system_file.to_str().unwrap()]);
 
     let mut estimates = bus.publisher::<NodeEstimate>("node/estimate/a").unwrap();
     let open = |number: u64| bus.publisher::<Reading>(&format!("sensor/s{number}")).unwrap();
@@ -217,9 +217,8 @@ fn known_cells_show_x(map: &FieldMap) {
     assert!(known >= 3, "{known} cells");
 }
 
-/// How the box file names the logger.
-const PROCESS: &str =
-    "\n[[process]]\nname = \"sensor-logger\"\ncommand = [\"sensor-logger\", \"--box\", \"{box}\"]\nrestart = true\n";
+/// How the system file names the logger.
+const PROCESS: &str = "\n[[process]]\nname = \"sensor-logger\"\ncommand = [\"sensor-logger\", \"--system\", \"{system}\"]\nrestart = true\n";
 
 fn samples_in(run: &Path) -> Vec<Sample> {
     runlog::read_channel::<Sample>(run, "sample/soil")

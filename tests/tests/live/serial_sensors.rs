@@ -7,7 +7,7 @@ use config::GroundFile;
 use messages::{MotorAuthority, Reading, TruthNode, text_of};
 use std::time::Duration;
 
-/// Behind what stands in [motor_box] of the box file. Ports count from the drives' own: 2, 3 and 4.
+/// Behind what stands in [motor_box] of the system file. Ports count from the drives' own: 2, 3 and 4.
 const DEVICES: &str = r#"
 ground = "../ground/fig10.toml"
 

@@ -17,10 +17,10 @@ const SAID: &str = "the line \u{e4} is taut";
 /// The lockstep run, and a log event in a second file of it.
 fn run(folder: &Path) -> PathBuf {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
-    let box_path = format!("{}/../configs/systems/demo3.toml", env!("CARGO_MANIFEST_DIR"));
+    let system_path = format!("{}/../configs/systems/demo3.toml", env!("CARGO_MANIFEST_DIR"));
     let run = folder.join("run");
     std::fs::create_dir(&run).unwrap();
-    record(&run.join("run.mcap"), Path::new(&box_path), &case, 6.0, true).unwrap();
+    record(&run.join("run.mcap"), Path::new(&system_path), &case, 6.0, true).unwrap();
     let mut reader = RunReader::open(&run).unwrap();
     reader.next_sample().unwrap().unwrap();
     let clock = reader.clock().unwrap();
@@ -89,7 +89,7 @@ const LOOKS: usize = 2000;
 
 #[test]
 fn a_living_robot_is_drawn_too() {
-    let command = r#"["visualization", "--name", "{name}", "--domain", "{domain}", "--box", "{box}"]"#;
+    let command = r#"["visualization", "--name", "{name}", "--domain", "{domain}", "--system", "{system}"]"#;
     let mut robot = crate::robot::Robot::up(&format!("\n[[process]]\nname = \"visualization\"\ncommand = {command}\n"));
     let mut transforms = robot.bus.subscriber::<TfMessage>("tf").unwrap();
     let start_m = [4.8, 3.0, 0.3];

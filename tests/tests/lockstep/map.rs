@@ -242,9 +242,9 @@ fn what_is_not_there_is_said_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let absent = map(&asked(&folder.path().join("none"), folder.path())).unwrap_err();
     assert!(absent.exit_code() == 2 && absent.to_string().contains("there is no run"), "{absent}");
-    let box_path = configs("systems/demo3.toml");
+    let system_path = configs("systems/demo3.toml");
     let run = folder.path().join("run.mcap");
-    let mut tape = Tape::new(&run, &box_path).unwrap();
+    let mut tape = Tape::new(&run, &system_path).unwrap();
     tape.write("sensor/height", Reading::default()).unwrap();
     tape.finish().unwrap();
     let other = map(&asked(&run, folder.path())).unwrap_err();

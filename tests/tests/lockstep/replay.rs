@@ -1,6 +1,6 @@
 //! What was recorded, computed again: the same bits, and every difference found and named.
 
-use config::BoxFile;
+use config::SystemFile;
 use messages::OperatorRequest;
 use nims_tests::golden;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep, Said};
@@ -35,9 +35,9 @@ fn a_recorded_flight_gives_the_same_bits_with_every_law_and_method() {
     ] {
         let folder = tempfile::tempdir().unwrap();
         let words = [("controller", "law", law), ("estimator", "method", method)];
-        let box_path = record::box_with(folder.path(), name, &words).unwrap();
+        let system_path = record::box_with(folder.path(), name, &words).unwrap();
         // The preview law identifies the drives on the way.
-        let path = record::fly(&folder.path().join("run.mcap"), &box_path, &Case { robot, ..CASE }, 900).unwrap();
+        let path = record::fly(&folder.path().join("run.mcap"), &system_path, &Case { robot, ..CASE }, 900).unwrap();
         let replayed = replayed(&path, &Changes::default());
         assert_same(&replayed, 900);
         let names: Vec<&str> = replayed.channels.iter().map(|tally| tally.channel.as_str()).collect();
@@ -47,11 +47,11 @@ fn a_recorded_flight_gives_the_same_bits_with_every_law_and_method() {
     }
 }
 
-/// A short flight, cycle by cycle, with a box file.
+/// A short flight, cycle by cycle, with a system file.
 fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
-    let box_path = record::box_with(folder, "demo3", &[]).unwrap();
+    let system_path = record::box_with(folder, "demo3", &[]).unwrap();
     let scenario = CASE.scenario(true).unwrap();
-    let chain = Chain::of(&BoxFile::load(&box_path).unwrap()).unwrap();
+    let chain = Chain::of(&SystemFile::load(&system_path).unwrap()).unwrap();
     let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
     let mut lockstep = Lockstep::with(scenario, chain).unwrap();
     let mut cycles = Vec::new();
@@ -65,14 +65,14 @@ fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
         let now = lockstep.cycle().unwrap();
         cycles.push((now, *lockstep.slots().said().next().unwrap()));
     }
-    (box_path, cycles)
+    (system_path, cycles)
 }
 
 #[test]
 fn one_bit_is_found_and_a_gap_is_not_hidden() {
     let folder = tempfile::tempdir().unwrap();
-    let (box_path, cycles) = flight(folder.path());
-    let tape = |name: &str| Tape::new(&folder.path().join(name), &box_path).unwrap();
+    let (system_path, cycles) = flight(folder.path());
+    let tape = |name: &str| Tape::new(&folder.path().join(name), &system_path).unwrap();
 
     let mut bent = tape("bent.mcap");
     for (cycle, said) in &cycles {
@@ -131,8 +131,8 @@ fn one_bit_is_found_and_a_gap_is_not_hidden() {
 #[test]
 fn what_is_changed_is_compared_with_what_was_commanded() {
     let folder = tempfile::tempdir().unwrap();
-    let box_path = record::box_with(folder.path(), "demo3", &[]).unwrap();
-    let path = record::fly(&folder.path().join("run.mcap"), &box_path, &CASE, 600).unwrap();
+    let system_path = record::box_with(folder.path(), "demo3", &[]).unwrap();
+    let path = record::fly(&folder.path().join("run.mcap"), &system_path, &CASE, 600).unwrap();
     let set = |key: &str, value: &str| Changes { set: vec![(key.to_owned(), value.to_owned())], ..Changes::default() };
     let instead = |changes: &Changes| replayed(&path, changes).instead.unwrap();
 

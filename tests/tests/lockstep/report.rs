@@ -13,8 +13,8 @@ fn run(folder: &Path, name: &str, robot: &'static str, boxed: &str, truth: bool)
     let case = Case { robot, mission: "polyline", motor_s: [0.030, 0.040] };
     let run = folder.join(name);
     std::fs::create_dir_all(&run).unwrap();
-    let box_path = format!("{}/../configs/systems/{boxed}.toml", env!("CARGO_MANIFEST_DIR"));
-    record(&run.join("run.mcap"), Path::new(&box_path), &case, SECONDS, truth).unwrap();
+    let system_path = format!("{}/../configs/systems/{boxed}.toml", env!("CARGO_MANIFEST_DIR"));
+    record(&run.join("run.mcap"), Path::new(&system_path), &case, SECONDS, truth).unwrap();
     run
 }
 

@@ -1,7 +1,7 @@
 //! What a calibration says of the encoders reaches the robot: one whose encoders count 1 % off, calibrated by its own lengths, flies true
 //! afterwards.
 
-use config::{BoxFile, RobotFile};
+use config::{RobotFile, SystemFile};
 use messages::PlanStatus;
 use nims_tests::lockstep::{Chain, Lockstep};
 use nims_tests::scenarios::{COUNTS_PER_M, Case};
@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
-/// What the box file believes: the robot's own lengths read 1 % too long.
+/// What the system file believes: the robot's own lengths read 1 % too long.
 const BELIEVED: f64 = COUNTS_PER_M / 1.01;
 const CASE: Case = Case { robot: "lab3", mission: "polyline", motor_s: [0.03, 0.04] };
 
@@ -21,8 +21,8 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>().sqrt()
 }
 
-/// A robot and a box file in `folder` with these encoders, and `anchors` as the robot file says them.
-fn files(folder: &Path, anchors: Option<&str>) -> BoxFile {
+/// A robot and a system file in `folder` with these encoders, and `anchors` as the robot file says them.
+fn files(folder: &Path, anchors: Option<&str>) -> SystemFile {
     let robot = std::fs::read_to_string(configs().join("robots/lab3.toml")).unwrap();
     let (from, to) = (robot.find("anchors_m = [").unwrap(), robot.find("tension_limits_n").unwrap());
     let robot = match anchors {
@@ -36,12 +36,12 @@ fn files(folder: &Path, anchors: Option<&str>) -> BoxFile {
     assert!(said.contains(&counts));
     std::fs::write(folder.join("robot.toml"), robot).unwrap();
     std::fs::write(folder.join("box.toml"), said).unwrap();
-    BoxFile::load(&folder.join("box.toml")).unwrap()
+    SystemFile::load(&folder.join("box.toml")).unwrap()
 }
 
 /// Flies the mission with what the files make of a robot whose encoders give [`COUNTS_PER_M`]; the mean distance between where the
 /// estimate puts the node and where it is, in flight, m.
-fn flown_m(file: &BoxFile) -> f64 {
+fn flown_m(file: &SystemFile) -> f64 {
     let scenario = CASE.scenario(true).unwrap();
     let mission = scenario.mission.clone();
     let mut lockstep = Lockstep::with(scenario, Chain::of(file).unwrap()).unwrap();

@@ -1,6 +1,6 @@
 //! Parameters that are set in flight, in lockstep: without a step, and the same bits again in a replay.
 
-use config::{BoxFile, Tuned};
+use config::{SystemFile, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
 use messages::{CABLES, OperatorRequest, SystemConfig, put_text};
@@ -15,13 +15,13 @@ const CYCLE: u64 = 300;
 const FADE_S: f64 = 0.25;
 struct Flight {
     lockstep: Lockstep,
-    file: BoxFile,
+    file: SystemFile,
 }
 
 /// In motion, one cycle before the change.
 fn flight(folder: &Path, name: &str, robot: &'static str, words: &[(&str, &str, &str)]) -> Flight {
     let path = record::box_with(folder, name, words).unwrap();
-    let file = BoxFile::load(&path).unwrap();
+    let file = SystemFile::load(&path).unwrap();
     let case = Case { robot, mission: "polyline", motor_s: [0.030, 0.040] };
     let scenario = case.scenario(true).unwrap();
     let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
@@ -38,11 +38,11 @@ fn flight(folder: &Path, name: &str, robot: &'static str, words: &[(&str, &str, 
     Flight { lockstep, file }
 }
 
-fn tuned(file: &BoxFile, key: &str, value: &str) -> BoxFile {
+fn tuned(file: &SystemFile, key: &str, value: &str) -> SystemFile {
     file.tuned(&file.robot_file().unwrap(), &Tuned::default().with(key, value).unwrap()).unwrap()
 }
 
-fn controller_of(file: &BoxFile, was: &ControllerConfig) -> ControllerConfig {
+fn controller_of(file: &SystemFile, was: &ControllerConfig) -> ControllerConfig {
     ControllerConfig::of(file, &file.robot_file().unwrap(), was.incarnation).unwrap()
 }
 
@@ -135,7 +135,7 @@ fn a_change_of_the_estimators_parameters_is_no_step_of_the_estimate() {
 }
 
 /// What a process says that it works with.
-fn said(file: &BoxFile, section: &str, incarnation: u32, from_seq: u64, stamp_ns: u64) -> SystemConfig {
+fn said(file: &SystemFile, section: &str, incarnation: u32, from_seq: u64, stamp_ns: u64) -> SystemConfig {
     let mut said = SystemConfig { incarnation, from_seq, ..SystemConfig::default() };
     said.header.stamp_ns = stamp_ns;
     put_text(&mut said.parameters, &file.sections(&[section]));
@@ -151,14 +151,14 @@ fn a_run_in_which_parameters_were_set_replays_bit_for_bit() {
     ] {
         let folder = tempfile::tempdir().unwrap();
         let words = [("controller", "law", law), ("estimator", "method", method)];
-        let box_path = record::box_with(folder.path(), "demo3", &words).unwrap();
-        let file = BoxFile::load(&box_path).unwrap();
+        let system_path = record::box_with(folder.path(), "demo3", &words).unwrap();
+        let file = SystemFile::load(&system_path).unwrap();
         let after = changes.iter().fold(file.clone(), |file, (key, value)| tuned(&file, key, value));
         let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
         let scenario = case.scenario(true).unwrap();
         let (mission, [x, y, z]) = (scenario.mission.clone(), scenario.plant.start_m);
         let mut lockstep = Lockstep::with(scenario, Chain::of(&file).unwrap()).unwrap();
-        let mut tape = Tape::new(&folder.path().join("run.mcap"), &box_path).unwrap();
+        let mut tape = Tape::new(&folder.path().join("run.mcap"), &system_path).unwrap();
         let config = EstimatorConfig::of(&after.estimator, file.robot_file().unwrap().robot().unwrap(), 1).unwrap();
         for cycle in 1..=500 {
             match cycle {

@@ -1,7 +1,7 @@
 //! The law itself: this is the file to change.
 
 use cable_robot::CableVec;
-use controller::{Asked, CableLaw};
+use controller::{CableLaw, LawInput};
 
 /// Desired velocity, and a share of what is missing in the lengths.
 pub struct MyLaw {
@@ -17,7 +17,7 @@ impl Default for MyLaw {
 
 impl CableLaw for MyLaw {
     /// Called in every cycle: from where the node is and should be to dL/dt of each line, m/s (above 0: pays out).
-    fn velocity(&mut self, asked: &Asked<'_>) -> Option<CableVec> {
+    fn velocity(&mut self, asked: &LawInput<'_>) -> Option<CableVec> {
         let speed = asked.desired_velocities_m_s()?;
         let (desired, actual) = (asked.desired_lengths_m()?, asked.lengths_m());
         Some(CableVec::from_fn(speed.len(), |i| speed[i] + self.gain_per_s * (desired[i] - actual[i])))

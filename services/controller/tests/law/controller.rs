@@ -4,7 +4,7 @@ use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{CableVec, Jacobian, NodeJacobian, Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
 use config::ControllerSection;
-use controller::{Asked, CableLaw, Controller, ControllerConfig, Law, LawError, Seen};
+use controller::{CableLaw, Controller, ControllerConfig, Inputs, Law, LawError, LawInput};
 use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
 use segments::segment_message;
@@ -108,7 +108,7 @@ fn step(
     motion: Option<&PlanMotion>,
     authority: &MotorAuthority,
 ) -> MotorCommand {
-    controller.step(&Seen { estimates: [Some(estimate), None], motion, authority: Some(authority), state: None }).0
+    controller.step(&Inputs { estimates: [Some(estimate), None], motion, authority: Some(authority), state: None }).0
 }
 
 #[test]
@@ -135,7 +135,7 @@ fn an_answer_to_nothing_has_a_time() {
     let mut state = messages::MotorState::default();
     state.header.stamp_ns = 70;
     for (state, wanted_ns) in [(Some(&state), 70), (None, 80)] {
-        let seen = Seen { estimates: [None, None], motion: None, authority: Some(&authority), state };
+        let seen = Inputs { estimates: [None, None], motion: None, authority: Some(&authority), state };
         let (command, status) = controller(robot(3)).step(&seen);
         assert_eq!((command.valid, command.header.stamp_ns, status.header.stamp_ns), ([0, 0], wanted_ns, wanted_ns));
     }
@@ -255,7 +255,7 @@ fn drag_is_part_of_what_the_lengths_have_to_hold() {
     assert!((now.velocity.norm() - 0.2).abs() < 1e-12 && now.acceleration.norm() < 1e-12);
     let is = estimate(&robot, 8, now.position);
     let (authority, mut controller) = (authority(8, 8.0), controller(robot));
-    let seen = Seen { estimates: [Some(&is), None], motion: Some(&motion), authority: Some(&authority), state: None };
+    let seen = Inputs { estimates: [Some(&is), None], motion: Some(&motion), authority: Some(&authority), state: None };
     let (_, status) = controller.step(&seen);
     let jacobian = Jacobian::at(robot.anchors(), &now.position).unwrap();
     let force = jacobian.structure_matrix().force(&status.tension_n[..4]);
@@ -268,7 +268,7 @@ fn both_live_estimates_are_answered_and_an_old_one_is_not() {
     let (a, b) = (estimate(&robot, 8, from()), estimate(&robot, 8, from() + Vector3::new(0.01, 0.0, 0.0)));
     let old = estimate(&robot, 7, from());
     let (motion, authority) = (motion(), authority(8, 0.0));
-    let seen = |estimates| Seen { estimates, motion: Some(&motion), authority: Some(&authority), state: None };
+    let seen = |estimates| Inputs { estimates, motion: Some(&motion), authority: Some(&authority), state: None };
     let (both, status) = controller(robot).step(&seen([Some(&a), Some(&b)]));
     assert_eq!(both.valid, [1, 1]);
     assert_eq!(&both.velocity_m_s[..8], &step(&mut controller(robot), &a, Some(&motion), &authority).velocity_m_s[..8]);
@@ -349,7 +349,7 @@ fn the_plain_law_feeds_the_velocity_forward_and_the_length_error_back() {
         let at = |time_s: f64| estimate(&robot, 8, segment.setpoint(time_s).position);
         let law = Law::PFeedforward(PFeedforward::new(2.5).unwrap());
         let mut controller = Controller::new(config(robot, law));
-        let (command, status) = controller.step(&Seen {
+        let (command, status) = controller.step(&Inputs {
             estimates: [Some(&at(3.0)), None],
             motion: Some(&motion),
             authority: Some(&authority(8, 3.0)),
@@ -376,7 +376,7 @@ fn the_plain_law_feeds_the_velocity_forward_and_the_length_error_back() {
 fn a_law_of_ones_own_is_kept_inside_the_limits() {
     struct Says(Vec<Option<CableVec>>);
     impl CableLaw for Says {
-        fn velocity(&mut self, asked: &Asked<'_>) -> Option<CableVec> {
+        fn velocity(&mut self, asked: &LawInput<'_>) -> Option<CableVec> {
             assert_eq!((asked.slot, asked.period_s), (0, PERIOD_S));
             self.0.pop()?
         }

@@ -4,7 +4,7 @@ use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
 use config::ControllerSection;
-use controller::{Controller, ControllerConfig, Law, Seen};
+use controller::{Controller, ControllerConfig, Inputs, Law};
 use messages::{ESTIMATORS, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
 use segments::segment_message;
@@ -249,5 +249,5 @@ fn step(
 ) -> MotorCommand {
     let [a, b] = &estimates;
     let estimates = [a.as_ref(), b.as_ref()];
-    controller.step(&Seen { estimates, motion: Some(motion), authority: Some(authority), state: Some(state) }).0
+    controller.step(&Inputs { estimates, motion: Some(motion), authority: Some(authority), state: Some(state) }).0
 }

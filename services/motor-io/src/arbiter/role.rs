@@ -119,7 +119,7 @@ pub struct Slot {
     falls: u8,
     cause: u8,
     /// Of the slot in charge: who speaks there now is somebody else.
-    stranger: bool,
+    foreign_instance: bool,
 }
 
 impl Slot {
@@ -132,7 +132,7 @@ impl Slot {
         outside: 0,
         falls: 0,
         cause: MotorSlots::CAUSE_NONE,
-        stranger: false,
+        foreign_instance: false,
     };
 
     /// How far it is trusted. One in charge from which nothing comes any more, or somebody else, is shown as what it is.
@@ -141,7 +141,7 @@ impl Slot {
         match self.phase {
             Phase::Quarantined => Phase::Quarantined,
             Phase::Active if self.silent > GONE_CYCLES => Phase::Empty,
-            Phase::Active if self.stranger => Phase::Attached,
+            Phase::Active if self.foreign_instance => Phase::Attached,
             phase => phase,
         }
     }
@@ -367,8 +367,8 @@ impl Role {
     fn lead(&mut self, moving: bool, report: &Report) -> bool {
         let slot = &mut self.slots[self.in_charge];
         slot.silent = if report.reply == Reply::Silent { slot.silent.saturating_add(1) } else { 0 };
-        slot.stranger = report.reply != Reply::Silent && slot.incarnation != report.incarnation;
-        let known = slot.phase == Phase::Active && !slot.stranger;
+        slot.foreign_instance = report.reply != Reply::Silent && slot.incarnation != report.incarnation;
+        let known = slot.phase == Phase::Active && !slot.foreign_instance;
         let counts = report.reply == Reply::Good && (known || (!moving && slot.phase != Phase::Quarantined));
         if counts {
             if !known {
@@ -395,7 +395,7 @@ impl Role {
         }
         self.probation.is_some() && !starved
             || matches!(report.reply, Reply::Wrong(_))
-            || (slot.stranger && moving)
+            || (slot.foreign_instance && moving)
             || slot.absent > GONE_CYCLES
     }
 
@@ -411,7 +411,7 @@ impl Role {
                 Reply::Wrong(cause) => cause,
                 _ if reverted => MotorSlots::CAUSE_PROBATION,
                 Reply::Silent => MotorSlots::CAUSE_ABSENT,
-                _ if slot.stranger => MotorSlots::CAUSE_RESTARTED,
+                _ if slot.foreign_instance => MotorSlots::CAUSE_RESTARTED,
                 _ => MotorSlots::CAUSE_NOT_VALID,
             };
             slot.incarnation = report.incarnation;

@@ -16,8 +16,8 @@ use starved::Starved;
 
 use crate::answer::Answer;
 use crate::arbiter::{Arbiter, ArbiterInput, Chosen};
+use crate::commanded_envelope::CommandedEnvelope;
 use crate::energy::EnergyMeter;
-use crate::excuse::Excuse;
 use crate::limits::Limits;
 use crate::motion::Motion;
 use crate::node::Node;
@@ -100,7 +100,7 @@ pub struct Core {
     pub(crate) node: Node,
     /// Cycles in a row in which commands have moved the node away from its set point.
     diverging: u32,
-    excuse: Excuse,
+    envelope: CommandedEnvelope,
     pub(crate) watch: Watch,
     pub(crate) chosen: Option<Chosen>,
     pub(crate) pausing: bool,
@@ -171,7 +171,7 @@ impl Core {
             odometry: Odometry::new(&config),
             node: Node::new(config.robot),
             diverging: 0,
-            excuse: Excuse::new(&config),
+            envelope: CommandedEnvelope::new(&config),
             watch: Watch::new(),
             arbiter: Arbiter::new(&config),
             energy: EnergyMeter::default(),

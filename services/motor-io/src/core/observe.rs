@@ -26,11 +26,11 @@ impl Core {
         for i in 0..n {
             let unit = self.config.unit_of_cable[i];
             let driven = self.safety.energised() && !self.sent.released[i];
-            self.excuse.note(i, self.sent.speed_m_s[i], driven, ok[i]);
+            self.envelope.note(i, self.sent.speed_m_s[i], driven, ok[i]);
             if input.unit[unit] == MotorInput::UNIT_REBOOTED {
                 self.odometry.rebase(i, input.counts[i], input.sampled_ns[i]);
             } else if ok[i] {
-                let drift = self.excuse.drift_m_s(i);
+                let drift = self.envelope.drift_m_s(i);
                 match self.odometry.read(i, input.counts[i], input.sampled_ns[i], back[unit], drift) {
                     Reading::Good => fresh[i] = true,
                     Reading::Doubtful => {}
@@ -45,7 +45,7 @@ impl Core {
             following: matches!(self.safety.mode(), Mode::Following | Mode::Stopping),
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
-            excused_m_s: std::array::from_fn(|i| self.excuse.velocity_m_s(i)),
+            excused_m_s: std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
             starved: self.chain_starves(),
             estimator: self.chosen.map_or(self.arbiter.in_charge().1, |chosen| chosen.estimator),
         };

@@ -36,7 +36,7 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// A header of a stranger: of this life and near this cycle, or of any.
+/// A header of a foreign_instance: of this life and near this cycle, or of any.
 fn header() -> impl Strategy<Value = (u64, Option<u64>, u64)> {
     let life = prop_oneof![6 => Just(0_u64), 1 => Just(u64::MAX), 1 => any::<u64>()];
     // `None`: the very cycle that is answered.
@@ -53,7 +53,7 @@ fn number() -> impl Strategy<Value = f64> {
 type Stranger = ((u64, Option<u64>, u64), [f64; 3], u8, u32, u32);
 
 /// For each cycle perhaps a command, perhaps an estimate.
-fn stranger() -> impl Strategy<Value = (Option<Stranger>, Option<Stranger>)> {
+fn foreign_instance() -> impl Strategy<Value = (Option<Stranger>, Option<Stranger>)> {
     let flag = || prop_oneof![6 => Just(1_u8), 1 => any::<u8>()];
     let sample = || (header(), prop::array::uniform3(number()), flag(), 0..3_u32, 0..4_u32);
     (prop::option::weighted(0.7, sample()), prop::option::weighted(0.7, sample()))
@@ -104,7 +104,7 @@ proptest! {
     #[test]
     fn a_stranger_on_the_free_slots_changes_nothing(
         events in prop::collection::vec(event(), 10..60),
-        strangers in prop::collection::vec(stranger(), 1..200),
+        strangers in prop::collection::vec(foreign_instance(), 1..200),
     ) {
         let (mut alone, mut beside) = (Rig::default().ready(), Rig::default().ready());
         let mut turn = 0;

@@ -8,7 +8,7 @@ use analysis::accuracy::{self, Analysis};
 use analysis::accuracy_plot;
 use command::{Answer, Failure, Output};
 use commissioning::check::{self, Flight};
-use config::BoxFile;
+use config::SystemFile;
 use planner::mission::Mission;
 use robot::{Ending, Robot, Wanted};
 use serde_json::json;
@@ -17,7 +17,7 @@ use std::path::{Path, PathBuf};
 /// `nims demo`.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Box file; default: configs/systems/demo3.toml.
+    /// System file; default: configs/systems/demo3.toml.
     pub config: Option<PathBuf>,
     /// Mission file; default: the one that the box names, `demo` if it names none.
     #[arg(long)]
@@ -27,7 +27,7 @@ pub struct Args {
     pub run: Option<PathBuf>,
 }
 
-/// Where the demonstration's box file stands in the project.
+/// Where the demonstration's system file stands in the project.
 const DEFAULT_BOX: &str = "configs/systems/demo3.toml";
 /// Runs the demonstration, and reports.
 ///
@@ -38,7 +38,7 @@ pub fn run(asked: &Args, domain: Option<&str>) -> Answer<Output> {
         Some(config) => config.clone(),
         None => default_box()?,
     };
-    let file = BoxFile::load(&config).map_err(Failure::bad)?;
+    let file = SystemFile::load(&config).map_err(Failure::bad)?;
     let Some(start) = file.motor_box.as_ref().map(|section| section.start_m.position_m) else {
         return Err(Failure::BadInput(format!(
             "{} has no [motor_box], and a demonstration flies on the virtual motor box only: use `nims up` for a real robot",
@@ -99,7 +99,7 @@ fn end_of(sentence: &str) -> &str {
 struct Told<'a> {
     mission: &'a Mission,
     flight: &'a Flight,
-    file: &'a BoxFile,
+    file: &'a SystemFile,
     ending: &'a Ending,
 }
 
@@ -141,7 +141,9 @@ fn default_box() -> Answer<PathBuf> {
     }
     let own = std::env::current_exe().map_err(Failure::not_now)?;
     own.ancestors().map(|folder| folder.join(DEFAULT_BOX)).find(|path| path.is_file()).ok_or_else(|| {
-        Failure::BadInput(format!("there is no {DEFAULT_BOX} here: run it in the project's folder, or name a box file"))
+        Failure::BadInput(format!(
+            "there is no {DEFAULT_BOX} here: run it in the project's folder, or name a system file"
+        ))
     })
 }
 
@@ -152,7 +154,7 @@ fn lost(report: &runlog::RunReport) -> u64 {
 fn words(
     mission: &Mission,
     flight: &Flight,
-    file: &BoxFile,
+    file: &SystemFile,
     analysis: &Analysis,
     report: &runlog::RunReport,
     run: &Path,

@@ -1,12 +1,12 @@
 //! The planner: what it takes, what it refuses, and how a mission goes on.
 
-use cable_robot::energy::{Hoist, flight};
+use cable_robot::energy::{WinchEnergy, flight};
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, text_of};
 use planner::mission::{Leg, Line, Mission, Parabola, PathShape, Polyline, Spiral};
 use planner::plan::{Plan, SHORTEST_S};
-use planner::{Planner, PlannerConfig, Seen, dry_run, requests};
+use planner::{Inputs, Planner, PlannerConfig, dry_run, requests};
 use proptest::prelude::*;
 use segments::segment_of;
 
@@ -62,9 +62,9 @@ impl World {
         Self { authority, estimate }
     }
 
-    fn seen(&self) -> Seen<'_> {
+    fn seen(&self) -> Inputs<'_> {
         let now_ns = self.authority.header.stamp_ns + 1_000_000;
-        Seen { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
+        Inputs { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
     }
 
     /// motor-io follows the motion, at a plan time.
@@ -172,11 +172,11 @@ fn everything_that_is_not_ready_is_answered_with_what_to_do() {
     }
     let world = World::ready();
     let mut planner = Planner::new(config());
-    let silent = Seen { now_ns: world.seen().now_ns + 2 * SECOND_NS, ..world.seen() };
+    let silent = Inputs { now_ns: world.seen().now_ns + 2 * SECOND_NS, ..world.seen() };
     assert!(planner.run(&three_lines(), &silent).unwrap_err().to_string().contains("nims up"));
-    let blind = Seen { authority: None, ..world.seen() };
+    let blind = Inputs { authority: None, ..world.seen() };
     assert!(planner.run(&three_lines(), &blind).unwrap_err().to_string().contains("nims up"));
-    let blind = Seen { estimate: None, ..world.seen() };
+    let blind = Inputs { estimate: None, ..world.seen() };
     assert!(Planner::new(config()).run(&three_lines(), &blind).unwrap_err().to_string().contains("estimator"));
     // Where the last one is fresh, one that is late refuses nothing.
     assert!(planner.run(&three_lines(), &blind).is_ok());
@@ -200,7 +200,7 @@ fn one_cycle_without_an_estimate_refuses_nothing_and_many_do() {
     // what was true in another epoch may be true no more
     let mut moved = later.clone();
     let epoch = MotorAuthority { epoch: 7, ..world.authority };
-    let seen = Seen { authority: Some(&epoch), ..world.seen() };
+    let seen = Inputs { authority: Some(&epoch), ..world.seen() };
     assert!(moved.run(&three_lines(), &seen).unwrap_err().to_string().contains("estimate"));
     spoil(&mut world, 20);
     assert!(later.run(&three_lines(), &world.seen()).unwrap_err().to_string().contains("estimate"));
@@ -319,7 +319,7 @@ fn a_lateral_path_loses_less_than_a_parabola_and_a_vertical_one_is_a_line() {
     let robot = &config.robot;
     let start = Vector3::new(3.0, 2.0, 2.0);
     let plan = |text: &str| Plan::new(&mission(text), &config, start, 0.0, 1).unwrap();
-    let hoist = Hoist {
+    let winch_energy = WinchEnergy {
         anchors: robot.anchors(),
         planar: false,
         wrench_n: robot.wrench_n(&Vector3::zeros()),
@@ -330,7 +330,7 @@ fn a_lateral_path_loses_less_than_a_parabola_and_a_vertical_one_is_a_line() {
     };
     let loss_j = |plan: &Plan| {
         let segment = &plan.segments[0];
-        hoist.along_profile(&segment.path, &segment.profile, robot.node_mass_kg(), 256).unwrap().energy_j
+        winch_energy.along_profile(&segment.path, &segment.profile, robot.node_mass_kg(), 256).unwrap().energy_j
     };
     let [line, parabola, lateral] = ["line", "parabola", "lateral"]
         .map(|path| plan(&format!("path = \"{path}\"\n[[leg]]\nline = {{ to_m = [6.0, 2.5, 2.0] }}")));

@@ -6,7 +6,7 @@ use messages::{
 };
 use planner::mission::Mission;
 use planner::plan::Plan;
-use planner::{Planner, PlannerConfig, Progress, Seen, dry_run, requests};
+use planner::{Inputs, Planner, PlannerConfig, Progress, dry_run, requests};
 use proptest::prelude::*;
 
 const START_M: [f64; 3] = [4.8, 3.0, 0.5];
@@ -72,9 +72,9 @@ impl World {
         Self { authority, estimate, share: 0.0 }
     }
 
-    fn seen(&self) -> Seen<'_> {
+    fn seen(&self) -> Inputs<'_> {
         let now_ns = self.authority.header.stamp_ns + 1_000_000;
-        Seen { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
+        Inputs { now_ns, authority: Some(&self.authority), estimate: Some(&self.estimate), map: None }
     }
 
     /// One pass of the planner, which never says that less is done than before.
@@ -245,10 +245,10 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     // a map that was made before the legs had ended does not know all of them
     let now_ns = world.seen().now_ns;
     let old = block(now_ns - 1);
-    assert_eq!(planner.step(&Seen { map: Some(&old), ..world.seen() }).0.motion, first.motion);
+    assert_eq!(planner.step(&Inputs { map: Some(&old), ..world.seen() }).0.motion, first.motion);
     let mut none = planner.clone();
     let new = block(now_ns + 1);
-    let (motion, status) = planner.step(&Seen { map: Some(&new), ..world.seen() });
+    let (motion, status) = planner.step(&Inputs { map: Some(&new), ..world.seen() });
     assert_eq!((motion.motion, planner.wants_map()), (first.motion + 1, None));
     assert_eq!((status.leg, status.legs, status.state), (2, 3, PlanStatus::STATE_READY));
     let coarse_s = first.end_s - first.current.start_s;
@@ -292,10 +292,10 @@ fn an_adaptive_leg_waits_for_its_map_flies_where_it_changes_and_goes_on_after_an
     assert!(again.progress().unwrap().done);
     // nobody makes a map
     let still = World::at(START_M);
-    let late = Seen { now_ns: now_ns + 60_000_000_000, ..still.seen() };
+    let late = Inputs { now_ns: now_ns + 60_000_000_000, ..still.seen() };
     let mut authority = MotorAuthority { plan_time_s: first.end_s + 1.0, ..still.authority };
     authority.header.stamp_ns = late.now_ns;
-    let (_, status) = none.step(&Seen { authority: Some(&authority), ..late });
+    let (_, status) = none.step(&Inputs { authority: Some(&authority), ..late });
     assert_eq!(status.state, PlanStatus::STATE_ABORTED);
     assert!(messages::text_of(&status.reason).contains("sensor-logger"));
 }

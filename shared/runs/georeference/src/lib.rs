@@ -14,10 +14,10 @@ mod decode;
 mod logger;
 mod map;
 mod settings;
-mod words;
+mod text;
 
 pub use decode::Decoder;
 pub use logger::{Counts, Logger};
 pub use map::{Plane, SensorMap};
 pub use settings::{LoggerConfig, SensorConfig};
-pub use words::complaint;
+pub use text::complaint;

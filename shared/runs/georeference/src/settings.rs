@@ -10,7 +10,7 @@ use crate::Plane;
 /// What holds for all sensors, and what for some.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoggerConfig {
-    /// The section of the box file.
+    /// The section of the system file.
     pub section: SensorLoggerSection,
     /// Where maps lie.
     pub plane: Plane,
@@ -21,7 +21,7 @@ pub struct LoggerConfig {
 /// One sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct SensorConfig {
-    /// Its entry in the box file; empty if it has none.
+    /// Its entry in the system file; empty if it has none.
     pub section: LoggedSensorSection,
     /// How exactly the instant of a reading is known, s.
     pub time_sigma_s: f64,

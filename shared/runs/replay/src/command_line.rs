@@ -18,7 +18,7 @@ pub struct Args {
     /// Another law for the controllers.
     #[arg(long, value_name = "LAW")]
     pub law: Option<String>,
-    /// Another value for a key of the box file or the robot file, e.g. controller.horizon_cycles=30; as often as needed.
+    /// Another value for a key of the system file or the robot file, e.g. controller.horizon_cycles=30; as often as needed.
     #[arg(long, value_name = "KEY=VALUE", value_parser = assignment)]
     pub set: Vec<(String, String)>,
     /// With --law or --set: draw both velocities of each cable into this .svg or .png file.

@@ -2,7 +2,7 @@
 
 use super::Changes;
 use command::{Answer, Failure};
-use config::{BoxFile, RobotFile};
+use config::{RobotFile, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
@@ -15,13 +15,13 @@ use toml::{Table, Value};
 /// Names under which the recorder keeps the configuration.
 const BOX: &str = "box.toml";
 const ROBOT: &str = "robot.toml";
-/// Tables of the robot file; every other key is one of the box file.
+/// Tables of the robot file; every other key is one of the system file.
 const ROBOT_TABLES: [&str; 4] = ["robot", "lines", "motor", "site"];
 
 /// What the deciding parts are made from.
 #[derive(Debug, Clone)]
 pub(super) struct Configuration {
-    file: BoxFile,
+    file: SystemFile,
     robot: RobotFile,
     core: CoreConfig,
     /// The law, or the method, is not the one that a process had been started with.
@@ -73,7 +73,7 @@ impl Configuration {
             let text = toml::to_string(&table).map_err(Failure::not_now)?;
             fs::write(folder.path().join(name), text).map_err(Failure::not_now)?;
         }
-        let file = BoxFile::load(&folder.path().join(BOX)).map_err(|error| plain(&error))?;
+        let file = SystemFile::load(&folder.path().join(BOX)).map_err(|error| plain(&error))?;
         let robot = file.robot_file().map_err(|error| plain(&error))?;
         let core = CoreConfig::from_files(&file, &robot).map_err(|error| plain(&error))?;
         let this = Self {

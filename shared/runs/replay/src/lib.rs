@@ -44,7 +44,7 @@ const EVERY_NS: u64 = 20_000_000;
 pub struct Changes {
     /// Another law for every controller.
     pub law: Option<String>,
-    /// Keys of the box file or the robot file, each with its new value.
+    /// Keys of the system file or the robot file, each with its new value.
     pub set: Vec<(String, String)>,
 }
 

@@ -3,7 +3,7 @@
 use super::channel::{History, Why};
 use super::config::Configuration;
 use super::used::Used;
-use controller::{Controller, Seen};
+use controller::{Controller, Inputs};
 use estimator::Estimator;
 use messages::{ControlStatus, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, PlanMotion, SLOTS};
 use motor_io::{Answer, Core, Observation};
@@ -182,7 +182,7 @@ impl Controllers {
 }
 
 /// What the controller had seen when it made `recorded`.
-fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Seen<'a>, Why> {
+fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Inputs<'a>, Why> {
     let cycles = recorded.seen_estimate;
     let mut estimates = [None; SLOTS];
     for (slot, history) in recent.estimates.iter().enumerate() {
@@ -191,7 +191,7 @@ fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Res
         // estimator may be long ago.
         estimates[slot] = if cycles[slot] == recorded.header.cycle { estimate? } else { estimate.ok().flatten() };
     }
-    Ok(Seen {
+    Ok(Inputs {
         estimates,
         motion: seen(&recent.motions, recorded.seen_motion, time_ns)?,
         authority: seen(&recent.authorities, recorded.seen_authority, time_ns)?,

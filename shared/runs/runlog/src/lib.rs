@@ -37,23 +37,24 @@
 
 #![forbid(unsafe_code)]
 
+mod attachments;
 mod clock;
 mod conversion;
+mod dedup;
 mod definition;
 mod error;
 pub mod export;
 mod finding;
 mod folder;
 mod info;
-mod kept;
 mod read;
 mod recover;
-mod repeats;
 mod scan;
 mod sequence;
 mod sync;
 mod write;
 
+pub use attachments::{KEPT_ENDINGS, KEPT_FOLDERS, kept_files};
 pub use clock::{RunClock, published_ns, utc};
 pub use conversion::Conversion;
 pub use definition::{ChannelSpec, Definition, Definitions, Refusal};
@@ -61,7 +62,6 @@ pub use error::{NoRun, RunError};
 pub use finding::{Finding, Lack};
 pub use folder::{FILE_ENDING, PART_ENDING, free_bytes, next_file, segments};
 pub use info::{ChannelReport, FileReport, GapReport, Inspection, RunReport, cause_phrase, info, info_with};
-pub use kept::{KEPT_ENDINGS, KEPT_FOLDERS, kept_files};
 pub use read::{Recorded, RecordedChannel, RunReader, read_channel};
 pub use recover::{Recovery, recover};
 pub use scan::Damage;

@@ -7,8 +7,8 @@ use std::sync::{Arc, OnceLock};
 use mcap::records::Record;
 use messages::Message;
 
+use crate::dedup::Repeats;
 use crate::recover::RECOVERED;
-use crate::repeats::Repeats;
 use crate::scan::{Item, Scanner};
 use crate::write::{CDR_HEADER, CHANNELS_BEGINNING, RUN, RUN_END, Repeated};
 use crate::{Attachment, Conversion, Damage, RunClock, RunError, segments};

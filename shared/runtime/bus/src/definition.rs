@@ -32,7 +32,7 @@ const SHEET_NODES: usize = 64;
 const PATIENCE_NS: u64 = 4 * SECOND_NS;
 
 /// A continuation that is held open.
-pub(crate) type Sheet = event::PortFactory<ipc::Service>;
+pub(crate) type SchemaContinuation = event::PortFactory<ipc::Service>;
 
 /// What a channel of this type states.
 pub(crate) fn attributes(type_name: &str, text: &str) -> Result<AttributeSpecifier, BusError> {
@@ -49,7 +49,11 @@ pub(crate) fn attributes(type_name: &str, text: &str) -> Result<AttributeSpecifi
 }
 
 /// Makes, or joins, the continuations that this text needs. Before the channel itself is made: who finds the channel finds all of it.
-pub(crate) fn sheets(node: &Node<ipc::Service>, domain: &Domain, text: &str) -> Result<Vec<Sheet>, BusError> {
+pub(crate) fn sheets(
+    node: &Node<ipc::Service>,
+    domain: &Domain,
+    text: &str,
+) -> Result<Vec<SchemaContinuation>, BusError> {
     let rest = text.get(FIRST_BYTES..).unwrap_or_default();
     (1..)
         .zip(chunks(rest, SHEET_BYTES))
@@ -57,7 +61,7 @@ pub(crate) fn sheets(node: &Node<ipc::Service>, domain: &Domain, text: &str) -> 
         .collect()
 }
 
-fn sheet(node: &Node<ipc::Service>, domain: &Domain, name: &str, part: &str) -> Result<Sheet, BusError> {
+fn sheet(node: &Node<ipc::Service>, domain: &Domain, name: &str, part: &str) -> Result<SchemaContinuation, BusError> {
     let service = ServiceName::new(name).map_err(|error| failed(name, "be named", &error))?;
     let specifier = parts(AttributeSpecifier::new(), part);
     let specifier = specifier.ok_or_else(|| failed(name, "be written", &"a part is refused"))?;

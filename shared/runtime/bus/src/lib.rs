@@ -46,10 +46,10 @@ mod port;
 mod privacy;
 mod request;
 mod requester;
+mod shm_sample;
 mod sweep;
 mod tap;
 mod waiter;
-mod wire;
 
 pub use domain::{Claim, Domain, NodeInfo, TestDomain};
 pub use error::{BadName, BusError, PlaceKind, THIS_PROCESS, Unfit};

@@ -20,11 +20,11 @@ use messages::{Quality, quality_for};
 use rustix::process::{Resource, Rlimit, getrlimit, setrlimit};
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
-use crate::definition::{self, Sheet};
+use crate::definition::{self, SchemaContinuation};
 use crate::domain::info_of;
 use crate::error::{PlaceKind, THIS_PROCESS};
 use crate::places::{Party, Refused, listed};
-use crate::wire::Wire;
+use crate::shm_sample::ShmSample;
 use crate::{BusError, CHANNELS_EVENT, Domain};
 
 /// A channel half made by another process: longer than a virtual machine's longest stall, and than what makes it count as abandoned.
@@ -53,7 +53,7 @@ pub struct Bus {
     pub(crate) port_name: PortName,
     announcer: OnceCell<Notifier<ipc::Service>>,
     /// What long definitions need beside their channels, by type name, held open as long as this process is there.
-    sheets: RefCell<HashMap<&'static str, Vec<Sheet>>>,
+    sheets: RefCell<HashMap<&'static str, Vec<SchemaContinuation>>>,
 }
 
 impl Bus {
@@ -123,7 +123,7 @@ impl Bus {
     }
 
     /// Opens or makes the channel with the table's quality of service; the schema text becomes part of it.
-    pub(crate) fn open_typed<T: Payload>(&self, channel: &str) -> Result<PubSub<Wire<T>>, BusError> {
+    pub(crate) fn open_typed<T: Payload>(&self, channel: &str) -> Result<PubSub<ShmSample<T>>, BusError> {
         let name = service_name(channel)?;
         self.need(0, channel)?;
         let quality = quality_for(channel, size_of::<T>());
@@ -135,7 +135,7 @@ impl Bus {
         let builder = || {
             self.node
                 .service_builder(&name)
-                .publish_subscribe::<Wire<T>>()
+                .publish_subscribe::<ShmSample<T>>()
                 .enable_safe_overflow(true)
                 .subscriber_max_borrowed_samples(BORROWS)
         };

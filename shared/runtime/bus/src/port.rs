@@ -19,12 +19,12 @@ use crate::losses::Losses;
 use crate::memory::CONNECTION_BYTES;
 use crate::node::{BORROWS, Bus, LOANS, PubSub, failed};
 use crate::places::{Refused, listed};
-use crate::wire::Wire;
+use crate::shm_sample::ShmSample;
 
 /// Sends samples of one type on one channel.
 #[derive(Debug)]
 pub struct Publisher<T: Payload> {
-    port: iceoryx2::port::publisher::Publisher<ipc::Service, Wire<T>, ()>,
+    port: iceoryx2::port::publisher::Publisher<ipc::Service, ShmSample<T>, ()>,
     notifier: Notifier<ipc::Service>,
     channel: String,
     seq: u64,
@@ -33,7 +33,7 @@ pub struct Publisher<T: Payload> {
 /// Receives samples of one type from one channel.
 #[derive(Debug)]
 pub struct Subscriber<T: Payload> {
-    port: iceoryx2::port::subscriber::Subscriber<ipc::Service, Wire<T>, ()>,
+    port: iceoryx2::port::subscriber::Subscriber<ipc::Service, ShmSample<T>, ()>,
     channel: String,
     losses: Losses,
     received: u64,
@@ -49,7 +49,7 @@ impl Bus {
         let quality = quality_for(channel, size_of::<T>());
         let bytes = quality.samples(BORROWS, LOANS).saturating_mul(size_of::<T>());
         self.need(bytes.saturating_add(CONNECTION_BYTES * quality.subscribers), channel)?;
-        let service: PubSub<Wire<T>> = self.open_typed(channel)?;
+        let service: PubSub<ShmSample<T>> = self.open_typed(channel)?;
         // what another build, or a tunnel, has made it with
         let made = service.static_config();
         let quality = Quality {
@@ -97,7 +97,7 @@ impl Bus {
     }
 
     fn subscriber_with<T: Payload>(&self, channel: &str, depth: usize) -> Result<Subscriber<T>, BusError> {
-        let service: PubSub<Wire<T>> = self.open_typed(channel)?;
+        let service: PubSub<ShmSample<T>> = self.open_typed(channel)?;
         let late = quality_for(channel, size_of::<T>()).late;
         let made = service.static_config();
         let buffer = made.subscriber_max_buffer_size().min(depth);
@@ -162,7 +162,7 @@ impl<T: Payload> Publisher<T> {
 
     fn publish(&mut self, sample: T) -> Result<usize, BusError> {
         let loan = self.port.loan_uninit().map_err(|error| failed(&self.channel, "lend a sample", &error))?;
-        loan.write_payload(Wire(sample)).send().map_err(|error| failed(&self.channel, "send", &error))
+        loan.write_payload(ShmSample(sample)).send().map_err(|error| failed(&self.channel, "send", &error))
     }
 
     /// Connects to subscribers that came since the last [`Publisher::send`], and gives them the history.
@@ -204,7 +204,7 @@ impl<T: Payload> Subscriber<T> {
         }
         .map_err(|error| failed(&self.channel, "receive", &error))?;
         Ok(sample.map(|sample| {
-            let Wire(value) = *sample.payload();
+            let ShmSample(value) = *sample.payload();
             self.losses.note(sample.header().publisher_id().value(), value.seq());
             self.received += 1;
             value

@@ -14,10 +14,10 @@ use crate::error::PlaceKind;
 use crate::node::{Bus, failed, seconds};
 use crate::places::{Refused, listed};
 use crate::requester::sign;
-use crate::wire::Wire;
+use crate::shm_sample::ShmSample;
 use crate::{BusError, Publisher};
 
-type Request = Wire<OperatorRequest>;
+type Request = ShmSample<OperatorRequest>;
 type Factory = request_response::PortFactory<ipc::Service, Request, (), Request, ()>;
 
 /// Commands of operators at once, each a process of its own; some of the places are kept for those that stop the robot.
@@ -191,7 +191,7 @@ impl Server {
             .or_else(|_| self.port.receive())
             .map_err(|error| failed(&self.event, "receive", &error))?;
         let Some(active) = active else { return Ok(None) };
-        let Wire(request) = *active.payload();
+        let ShmSample(request) = *active.payload();
         let mut published = request;
         let unlogged = self.log.send(&mut published).err();
         Ok(Some(Call { request, unlogged, active, log: &mut self.log }))
@@ -235,7 +235,7 @@ impl Call<'_> {
         answer.accepted = accepted;
         answer.header.stamp_ns = now_ns();
         put_sentence(&mut answer.answer, sentence);
-        let _ = self.active.send_copy(Wire(answer));
+        let _ = self.active.send_copy(ShmSample(answer));
         let logged = self.log.send(&mut answer).map(|_| ());
         self.unlogged.map_or(logged, Err)
     }
@@ -274,7 +274,7 @@ impl Client {
         let started = sent.header.stamp_ns;
         let pending = self
             .port
-            .send_copy(Wire(sent))
+            .send_copy(ShmSample(sent))
             .map_err(|error| failed(&request_event(&self.process), "be asked", &error))?;
         let _ = self.notifier.notify();
         if pending.number_of_server_connections() == 0 {

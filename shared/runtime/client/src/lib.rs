@@ -17,4 +17,4 @@ pub use robot::{
     ANSWER, RUNNING_FILE, Running, ask, domain, emergency_stop, estimate, join, join_as, newest, unrecorded,
     unrecorded_of,
 };
-pub use supervision::{Asked, SUPERVISOR};
+pub use supervision::{SUPERVISOR, SupervisorCommand};

@@ -1,7 +1,7 @@
 //! A request to the supervisor, followed on the process table until it has taken effect.
 
 use crate::robot::ask;
-use crate::supervision::{Asked, SUPERVISOR};
+use crate::supervision::{SUPERVISOR, SupervisorCommand};
 use bus::{Bus, clock};
 use command::{Answer, Failure};
 use messages::{ProcessState, text_of};
@@ -15,7 +15,7 @@ const SETTLED_NS: u64 = 300_000_000;
 ///
 /// # Errors
 /// No supervisor, refused, or it does not come about: why.
-pub fn follow(bus: &Bus, asked: &Asked, mut seen: impl FnMut(&ProcessState)) -> Answer<ProcessState> {
+pub fn follow(bus: &Bus, asked: &SupervisorCommand, mut seen: impl FnMut(&ProcessState)) -> Answer<ProcessState> {
     let request = asked.to_request()?;
     let mut table = bus.subscriber::<ProcessState>("system/process")?;
     let mut waiter = bus.waiter(&["system/process"])?;
@@ -45,11 +45,11 @@ pub fn follow(bus: &Bus, asked: &Asked, mut seen: impl FnMut(&ProcessState)) -> 
 }
 
 /// Whether the row is of the process that was asked for, by whichever of its names.
-fn is_meant(row: &ProcessState, asked: &Asked) -> bool {
+fn is_meant(row: &ProcessState, asked: &SupervisorCommand) -> bool {
     let name = asked.name();
     let named = text_of(&row.name) == name || text_of(&row.law) == name;
     match asked {
-        Asked::Start { slot, .. } => {
+        SupervisorCommand::Start { slot, .. } => {
             let role = text_of(&row.role) == name;
             (named || role) && slot.is_none_or(|slot| usize::from(row.slot) == slot.index() + 1)
         }
@@ -58,16 +58,16 @@ fn is_meant(row: &ProcessState, asked: &Asked) -> bool {
 }
 
 /// Whether it has come about; `None`: not yet.
-fn outcome(row: &ProcessState, asked: &Asked, asked_ns: u64) -> Option<bool> {
+fn outcome(row: &ProcessState, asked: &SupervisorCommand, asked_ns: u64) -> Option<bool> {
     match asked {
-        Asked::Stop { .. } => match row.state {
+        SupervisorCommand::Stop { .. } => match row.state {
             ProcessState::STATE_STOPPED | ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP => Some(true),
             _ => None,
         },
-        Asked::Unplug { .. } => (row.state == ProcessState::STATE_GONE).then_some(true),
+        SupervisorCommand::Unplug { .. } => (row.state == ProcessState::STATE_GONE).then_some(true),
         // No process comes or goes.
-        Asked::Set { .. } => Some(true),
-        Asked::Start { .. } | Asked::Restart { .. } | Asked::Plug { .. } => {
+        SupervisorCommand::Set { .. } => Some(true),
+        SupervisorCommand::Start { .. } | SupervisorCommand::Restart { .. } | SupervisorCommand::Plug { .. } => {
             // An earlier life is not meant, nor is another process of the same role.
             if row.started_ns < asked_ns {
                 return None;
@@ -117,7 +117,7 @@ mod tests {
 
     #[test]
     fn the_process_is_found_under_each_of_its_names() {
-        let start = |name: &str, slot| Asked::Start { name: name.to_owned(), slot, law: None };
+        let start = |name: &str, slot| SupervisorCommand::Start { name: name.to_owned(), slot, law: None };
         let mut second = row("controller-b", "controller", 2, ProcessState::STATE_READY, 10);
         put_text(&mut second.law, "mine");
         for name in ["controller", "controller-b", "mine"] {
@@ -126,13 +126,13 @@ mod tests {
             assert!(!is_meant(&second, &start(name, Some(Slot::A))), "{name}");
         }
         // Whoever ends `controller` does not mean the one in slot b.
-        assert!(!is_meant(&second, &Asked::Stop { name: "controller".to_owned() }));
-        assert!(is_meant(&second, &Asked::Stop { name: "mine".to_owned() }));
+        assert!(!is_meant(&second, &SupervisorCommand::Stop { name: "controller".to_owned() }));
+        assert!(is_meant(&second, &SupervisorCommand::Stop { name: "mine".to_owned() }));
     }
 
     #[test]
     fn an_earlier_life_is_not_taken_for_the_new_one() {
-        let asked = Asked::Restart { name: "planner".to_owned() };
+        let asked = SupervisorCommand::Restart { name: "planner".to_owned() };
         let of = |state, started| outcome(&row("planner", "planner", 0, state, started), &asked, 100);
         assert_eq!(of(ProcessState::STATE_READY, 99), None);
         assert_eq!(of(ProcessState::STATE_DIED, 99), None);
@@ -144,7 +144,7 @@ mod tests {
     #[test]
     fn a_program_without_heartbeats_has_to_run_for_a_moment() {
         let (name, command) = ("wind".to_owned(), vec!["wind".to_owned()]);
-        let asked = Asked::Plug { name, folder: "/".into(), command, replace: false };
+        let asked = SupervisorCommand::Plug { name, folder: "/".into(), command, replace: false };
         let mut fresh = row("wind", "other", 0, ProcessState::STATE_RUNNING, 100);
         assert_eq!(outcome(&fresh, &asked, 100), None);
         fresh.header.stamp_ns += SETTLED_NS;

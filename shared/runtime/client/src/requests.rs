@@ -4,7 +4,7 @@ use crate::robot::{Running, ask};
 use bus::Bus;
 use cable_robot::Robot;
 use command::{Answer, Failure};
-use config::{BoxFile, RESOLVED};
+use config::{RESOLVED, SystemFile};
 use messages::{OperatorRequest, put_text};
 use std::path::Path;
 
@@ -68,7 +68,7 @@ pub fn run_request(mission: &Path, go_on: bool) -> Answer<OperatorRequest> {
 ///
 /// # Errors
 /// It left no word, or its file cannot be read any more.
-pub fn box_of(bus: &Bus) -> Answer<BoxFile> {
+pub fn box_of(bus: &Bus) -> Answer<SystemFile> {
     let Some(running) = Running::of(bus.domain()) else {
         return Err(Failure::NotNow(format!(
             "the robot in the domain `{}` was not started by `nims up`",
@@ -77,8 +77,8 @@ pub fn box_of(bus: &Bus) -> Answer<BoxFile> {
     };
     let copy = running.run.join(RESOLVED);
     // Who deleted the folder of the run shall still be able to land the robot.
-    let path = if copy.is_file() { &copy } else { &running.box_file };
-    BoxFile::load(path).map_err(Failure::not_now)
+    let path = if copy.is_file() { &copy } else { &running.system_file };
+    SystemFile::load(path).map_err(Failure::not_now)
 }
 
 /// The robot that runs.

@@ -19,8 +19,8 @@ pub const RUNNING_FILE: &str = "running.json";
 pub struct Running {
     /// Its process id.
     pub pid: u32,
-    /// Box file.
-    pub box_file: PathBuf,
+    /// System file.
+    pub system_file: PathBuf,
     /// Run folder.
     pub run: PathBuf,
 }
@@ -51,9 +51,9 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
             _ if is_closed(Path::new(name)) => Err(Failure::NotNow(format!(
                 "the domain `{name}` belongs to another user: command its robot as that user (sudo -u USER nims ..), see docs/access.md"
             ))),
-            _ => {
-                Err(Failure::NotNow(format!("no robot runs in the domain `{name}`: start it with `nims up BOX.toml`")))
-            }
+            _ => Err(Failure::NotNow(format!(
+                "no robot runs in the domain `{name}`: start it with `nims up SYSTEM.toml`"
+            ))),
         };
     }
     let mut running: Vec<Domain> = Domain::all().into_iter().filter(|domain| !domain.alive().is_empty()).collect();
@@ -64,7 +64,7 @@ pub fn domain(name: Option<&str>) -> Answer<Domain> {
             let names: Vec<&str> = running.iter().map(Domain::name).collect();
             Err(Failure::NotNow(format!("several robots run ({}): say which with --domain NAME", names.join(", "))))
         }
-        (None, _) => Err(Failure::NotNow("no robot runs here: start one with `nims up BOX.toml`".to_owned())),
+        (None, _) => Err(Failure::NotNow("no robot runs here: start one with `nims up SYSTEM.toml`".to_owned())),
     }
 }
 

@@ -10,8 +10,8 @@ pub const SUPERVISOR: &str = "nims";
 
 /// A request to the supervisor.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum Asked {
-    /// Start a process that does not run: a role (`controller`), a process of the table, or a `[[process]]` of the box file.
+pub enum SupervisorCommand {
+    /// Start a process that does not run: a role (`controller`), a process of the table, or a `[[process]]` of the system file.
     Start {
         /// Which.
         name: String,
@@ -30,7 +30,7 @@ pub enum Asked {
         /// Which.
         name: String,
     },
-    /// Start a program that the box file does not know.
+    /// Start a program that the system file does not know.
     Plug {
         /// What it shall be called.
         name: String,
@@ -48,14 +48,14 @@ pub enum Asked {
     },
     /// Another value of a parameter, for every process of its role, until the run ends.
     Set {
-        /// Its key in the box file.
+        /// Its key in the system file.
         key: String,
         /// As TOML.
         value: String,
     },
 }
 
-impl Asked {
+impl SupervisorCommand {
     /// The name in the request.
     #[must_use]
     pub fn name(&self) -> &str {
@@ -151,28 +151,28 @@ mod tests {
     fn what_was_asked_arrives() {
         let name = || "controller".to_owned();
         for asked in [
-            Asked::Start { name: name(), slot: None, law: None },
-            Asked::Start { name: name(), slot: Some(Slot::B), law: None },
-            Asked::Start { name: name(), slot: None, law: Some("preview".to_owned()) },
-            Asked::Start { name: name(), slot: Some(Slot::A), law: Some("preview".to_owned()) },
-            Asked::Stop { name: name() },
-            Asked::Restart { name: name() },
-            Asked::Plug {
+            SupervisorCommand::Start { name: name(), slot: None, law: None },
+            SupervisorCommand::Start { name: name(), slot: Some(Slot::B), law: None },
+            SupervisorCommand::Start { name: name(), slot: None, law: Some("preview".to_owned()) },
+            SupervisorCommand::Start { name: name(), slot: Some(Slot::A), law: Some("preview".to_owned()) },
+            SupervisorCommand::Stop { name: name() },
+            SupervisorCommand::Restart { name: name() },
+            SupervisorCommand::Plug {
                 name: "wind".to_owned(),
                 folder: "/home/someone".into(),
                 command: vec!["python3".to_owned(), "wind.py".to_owned(), String::new(), "--port x".to_owned()],
                 replace: true,
             },
-            Asked::Unplug { name: "wind".to_owned() },
-            Asked::Set { key: "controller.drive_lag_s".to_owned(), value: "[0.03, 0.04]".to_owned() },
+            SupervisorCommand::Unplug { name: "wind".to_owned() },
+            SupervisorCommand::Set { key: "controller.drive_lag_s".to_owned(), value: "[0.03, 0.04]".to_owned() },
         ] {
-            assert_eq!(Asked::from_request(&asked.to_request().unwrap()), Some(asked));
+            assert_eq!(SupervisorCommand::from_request(&asked.to_request().unwrap()), Some(asked));
         }
     }
 
     #[test]
     fn what_a_request_cannot_hold_is_refused_and_not_cut() {
-        let plug = |argument: String| Asked::Plug {
+        let plug = |argument: String| SupervisorCommand::Plug {
             name: "wind".to_owned(),
             folder: "/".into(),
             command: vec!["sh".to_owned(), argument],
@@ -185,13 +185,13 @@ mod tests {
 
     #[test]
     fn what_is_for_someone_else_or_has_no_sense_is_not_understood() {
-        let mut request = Asked::Stop { name: "planner".to_owned() }.to_request().unwrap();
+        let mut request = SupervisorCommand::Stop { name: "planner".to_owned() }.to_request().unwrap();
         request.verb = OperatorRequest::VERB_ARM;
-        assert_eq!(Asked::from_request(&request), None);
+        assert_eq!(SupervisorCommand::from_request(&request), None);
         request.verb = OperatorRequest::VERB_START_PROCESS;
         put_text(&mut request.text, "controller\nc");
-        assert_eq!(Asked::from_request(&request), None, "there is no slot c");
+        assert_eq!(SupervisorCommand::from_request(&request), None, "there is no slot c");
         put_text(&mut request.text, "");
-        assert_eq!(Asked::from_request(&request), None);
+        assert_eq!(SupervisorCommand::from_request(&request), None);
     }
 }

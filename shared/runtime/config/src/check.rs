@@ -1,6 +1,8 @@
 //! What the values of the configuration files may be. Each problem is one clause: key, what it is, what is accepted.
 
-use super::{ArbiterSection, BoxFile, MotorBoxSection, MotorIoSection, ProcessSection, RobotFile, RobotSection, Role};
+use super::{
+    ArbiterSection, MotorBoxSection, MotorIoSection, ProcessSection, RobotFile, RobotSection, Role, SystemFile,
+};
 use crate::Slot;
 
 /// The control laws that the program `controller` has.
@@ -143,8 +145,8 @@ fn motors(file: &RobotFile) -> Result<(), String> {
     number("transition_m_s", motor.transition_m_s, "0 to 10 m/s", |v| (0.0..=10.0).contains(&v))
 }
 
-/// A box file for a robot of `cables` cables, whose node may do at most the given speed and acceleration.
-pub(super) fn box_file(file: &BoxFile, robot: &RobotFile) -> Result<(), String> {
+/// A system file for a robot of `cables` cables, whose node may do at most the given speed and acceleration.
+pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), String> {
     let cables = robot.robot.anchors_m.len();
     name("name", &file.name)?;
     number("rate_hz", file.rate_hz, "10 to 250 cycles per second", |v| (10.0..=250.0).contains(&v))?;

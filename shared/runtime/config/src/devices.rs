@@ -178,7 +178,7 @@ impl GroundFile {
     }
 }
 
-/// The devices of a box and the ground that they see; `folder` is that of the box file, and becomes part of the ground's path.
+/// The devices of a box and the ground that they see; `folder` is that of the system file, and becomes part of the ground's path.
 pub(super) fn check(
     devices: &[DeviceSection],
     ground: &mut Option<PathBuf>,

@@ -4,7 +4,6 @@
 
 #![forbid(unsafe_code)]
 
-mod box_file;
 mod check;
 mod devices;
 pub mod file;
@@ -16,14 +15,11 @@ mod point;
 mod process_for;
 mod robot_file;
 mod slot;
+mod system_file;
 pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use box_file::{
-    ArbiterSection, BoxFile, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection,
-    PortSection, ProcessSection, RealtimeSection, RecorderSection, Role, UnitSection,
-};
 pub use check::{Given, LAWS, METHODS};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
@@ -34,6 +30,10 @@ pub use mission_file::mission_file;
 pub use point::{Point, Points};
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
 pub use slot::Slot;
+pub use system_file::{
+    ArbiterSection, ControllerSection, EstimatorSection, MotorBoxSection, MotorIoSection, PlannerSection, PortSection,
+    ProcessSection, RealtimeSection, RecorderSection, Role, SystemFile, UnitSection,
+};
 pub use toml_file::ConfigError;
 pub use tuning::{TUNABLE, Tunable, Tuned};
 pub use viewer::ViewerSection;

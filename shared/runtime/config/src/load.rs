@@ -2,8 +2,8 @@
 
 use super::measured::found;
 use super::{
-    BoxFile, CalibrationFile, ControllerSection, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, check,
-    devices,
+    CalibrationFile, ControllerSection, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile,
+    check, devices,
 };
 use crate::toml_file::{self, ConfigError};
 use cable_robot::motor::Motor;
@@ -140,7 +140,7 @@ impl ControllerSection {
     }
 }
 
-impl BoxFile {
+impl SystemFile {
     /// Where the position is kept over restarts, unless motor-io is told another folder: beside that of the runs.
     #[must_use]
     pub fn state_folder(&self) -> PathBuf {
@@ -158,7 +158,7 @@ impl BoxFile {
         format!("{}-{domain}", self.name)
     }
 
-    /// Reads and checks a box file and the robot file it names. The paths `robot`, `runs` and `planner.missions` of the result no
+    /// Reads and checks a system file and the robot file it names. The paths `robot`, `runs` and `planner.missions` of the result no
     /// longer depend on the folder of the file.
     ///
     /// # Errors
@@ -179,7 +179,7 @@ impl BoxFile {
             return Err(ConfigError::value(path, problem));
         }
         let robot = RobotFile::load(&file.robot)?;
-        check::box_file(&file, &robot).map_err(|problem| ConfigError::value(path, problem))?;
+        check::system_file(&file, &robot).map_err(|problem| ConfigError::value(path, problem))?;
         let counts = robot.calibration.as_ref().map(|found| found.encoders(&file.motor_io.counts_per_m)).transpose();
         if let Some(counts) = counts.map_err(|problem| ConfigError::value(path, problem))?.flatten() {
             file.motor_io.counts_per_m = counts;
@@ -188,7 +188,7 @@ impl BoxFile {
     }
 
     /// The box as a file with every key, those that were not written at their defaults; `robot` is where its robot file will be found
-    /// from there. [`BoxFile::load`] reads it back.
+    /// from there. [`SystemFile::load`] reads it back.
     ///
     /// # Errors
     /// A value that TOML cannot hold; no file that was loaded has one.
@@ -241,12 +241,12 @@ mod tests {
         let boxes = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems");
         for entry in std::fs::read_dir(&boxes).unwrap() {
             let path = entry.unwrap().path();
-            let file = BoxFile::load(&path).unwrap();
+            let file = SystemFile::load(&path).unwrap();
             let folder = tempfile::tempdir().unwrap();
             std::fs::copy(&file.robot, folder.path().join("robot.toml")).unwrap();
             let resolved = folder.path().join("resolved.toml");
             std::fs::write(&resolved, file.resolved("robot.toml").unwrap()).unwrap();
-            let again = BoxFile::load(&resolved).unwrap();
+            let again = SystemFile::load(&resolved).unwrap();
             assert_eq!(again.robot, folder.path().join("robot.toml"));
             let mut again = again;
             again.robot.clone_from(&file.robot);

@@ -32,7 +32,7 @@ pub struct CalibrationFile {
     pub counts_per_m: Option<Vec<f64>>,
 }
 
-/// A box file's `counts_per_m` is that of the encoders of a calibration up to this share; beyond it is about others.
+/// A system file's `counts_per_m` is that of the encoders of a calibration up to this share; beyond it is about others.
 const SAME_ENCODERS: f64 = 0.1;
 
 fn one() -> f64 {
@@ -55,7 +55,7 @@ impl CalibrationFile {
         self.counts_per_m.as_ref().map(|counts| counts.iter().map(|counts| counts * self.scale).collect())
     }
 
-    /// What takes the place of a box file's `counts_per_m`; none where the calibration says nothing of the encoders.
+    /// What takes the place of a system file's `counts_per_m`; none where the calibration says nothing of the encoders.
     ///
     /// # Errors
     /// It is about other encoders.
@@ -195,7 +195,7 @@ mod tests {
         // It read 1 % too much, so there are 1 % more counts in a true metre.
         let counts = own.encoders(&[10000.0, -10000.0, 5000.0]).unwrap().unwrap();
         assert!(counts.iter().zip([10100.0, -10100.0, 5050.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{counts:?}");
-        // whatever the box file says meanwhile
+        // whatever the system file says meanwhile
         assert_eq!(own.encoders(&counts).unwrap().unwrap(), counts);
         for other in [&[10000.0, 10000.0, 5000.0][..], &[10000.0, -10000.0], &[20000.0, -20000.0, 10000.0]] {
             let sentence = own.encoders(other).unwrap_err();

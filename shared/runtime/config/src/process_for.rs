@@ -1,8 +1,8 @@
 //! Which process a law or a method is: the standard program, or a `[[process]]` of the system file.
 
-use crate::{BoxFile, LAWS, METHODS, ProcessSection, Role};
+use crate::{LAWS, METHODS, ProcessSection, Role, SystemFile};
 
-impl BoxFile {
+impl SystemFile {
     /// The `[[process]]` that this name of a law or a method means; `None` for one that the standard program has itself.
     ///
     /// # Errors
@@ -13,7 +13,7 @@ impl BoxFile {
                 return Ok(Some(section));
             }
             let (is, wanted) = (section.role.name(), role.name());
-            return Err(format!("the process \"{law}\" of the box file has the role {is}, not {wanted}"));
+            return Err(format!("the process \"{law}\" of the system file has the role {is}, not {wanted}"));
         }
         let known: &[&str] = match role {
             Role::Controller => &LAWS,
@@ -27,9 +27,9 @@ impl BoxFile {
         let others: Vec<&str> =
             self.process.iter().filter(|other| other.role == role).map(|other| other.name.as_str()).collect();
         let or = if others.is_empty() {
-            ", or the name of a [[process]] of that role, of which the box file has none".to_owned()
+            ", or the name of a [[process]] of that role, of which the system file has none".to_owned()
         } else {
-            format!(", or of the box file {}", others.join(", "))
+            format!(", or of the system file {}", others.join(", "))
         };
         let (role, accepted) = (role.name(), quoted.join(", "));
         Err(format!("nothing was started: the {role} has no \"{law}\"; accepted: {accepted}{or}"))
@@ -44,7 +44,7 @@ mod tests {
     #[test]
     fn a_law_is_the_standard_programs_own_or_an_entry_of_the_system_file() {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems/demo3.toml");
-        let mut file = BoxFile::load(&path).unwrap();
+        let mut file = SystemFile::load(&path).unwrap();
         let own = "name = \"mine\"\nrole = \"controller\"\ncommand = [\"mine\"]\n";
         file.process = vec![toml::from_str(own).unwrap()];
         for law in LAWS {

@@ -1,6 +1,6 @@
 //! The parameters that can be set while the robot runs, and how a value takes the place of the file's.
 
-use super::{BoxFile, RobotFile, check};
+use super::{RobotFile, SystemFile, check};
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use toml::{Table, Value};
@@ -8,9 +8,9 @@ use toml::{Table, Value};
 /// A parameter that `nims set` takes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tunable {
-    /// Its key in the box file.
+    /// Its key in the system file.
     pub key: &'static str,
-    /// The values that it takes, as the check of the box file has them.
+    /// The values that it takes, as the check of the system file has them.
     pub accepted: &'static str,
     /// What it does.
     pub what: &'static str,
@@ -74,14 +74,14 @@ impl Tuned {
         self.0.is_empty()
     }
 
-    /// With one value more, or another one. The value is checked by [`BoxFile::tuned`].
+    /// With one value more, or another one. The value is checked by [`SystemFile::tuned`].
     ///
     /// # Errors
     /// One sentence: the key cannot be set while the robot runs.
     pub fn with(&self, key: &str, value: &str) -> Result<Self, String> {
         let Some(tunable) = TUNABLE.iter().find(|tunable| tunable.key == key) else {
             return Err(format!(
-                "`{key}` is no parameter that can be set while the robot runs; `nims set` lists them, another law or method is a matter of `nims swap`, and everything else of the box file and the next `nims up`"
+                "`{key}` is no parameter that can be set while the robot runs; `nims set` lists them, another law or method is a matter of `nims swap`, and everything else of the system file and the next `nims up`"
             ));
         };
         // What is kept is one line of TOML.
@@ -98,7 +98,7 @@ fn refusal(tunable: &Tunable, value: &dyn Display) -> String {
     format!("`{}` is {value}; accepted: {}", tunable.key, tunable.accepted)
 }
 
-impl BoxFile {
+impl SystemFile {
     /// This box with what was set while the robot runs, checked as a file is.
     ///
     /// # Errors
@@ -111,7 +111,7 @@ impl BoxFile {
         for (key, value) in &tuned.0 {
             file = file.with_value(key, value)?;
         }
-        check::box_file(&file, robot)?;
+        check::system_file(&file, robot)?;
         Ok(file)
     }
 
@@ -150,9 +150,9 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    fn demo() -> (BoxFile, RobotFile) {
+    fn demo() -> (SystemFile, RobotFile) {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../configs/systems/demo4.toml");
-        let file = BoxFile::load(&path).unwrap();
+        let file = SystemFile::load(&path).unwrap();
         let robot = file.robot_file().unwrap();
         (file, robot)
     }

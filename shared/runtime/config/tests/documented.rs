@@ -2,10 +2,10 @@
 #![allow(clippy::unwrap_used)]
 
 use config::{
-    ArbiterSection, BoxFile, ControllerSection, DeviceSection, EstimatorSection, FieldSection, LinesSection,
+    ArbiterSection, ControllerSection, DeviceSection, EstimatorSection, FieldSection, LinesSection,
     LoggedSensorSection, MotorBoxSection, MotorIoSection, MotorSection, PeakSection, PlannerSection, PortSection,
     ProcessSection, RealtimeSection, RecorderSection, RobotFile, RobotSection, SensorLoggerSection, SiteSection,
-    UnitSection, ViewerSection,
+    SystemFile, UnitSection, ViewerSection,
 };
 use serde::de::DeserializeOwned;
 use std::path::{Path, PathBuf};
@@ -71,8 +71,8 @@ fn every_key_of_a_box_file_is_in_each_of_them() {
         "realtime",
         "process",
     ];
-    let own: Vec<String> = keys::<BoxFile>().into_iter().filter(|key| !tables.contains(&key.as_str())).collect();
-    assert_eq!(own.len() + tables.len(), keys::<BoxFile>().len(), "a table has a new name");
+    let own: Vec<String> = keys::<SystemFile>().into_iter().filter(|key| !tables.contains(&key.as_str())).collect();
+    assert_eq!(own.len() + tables.len(), keys::<SystemFile>().len(), "a table has a new name");
     let without = |keys: Vec<String>, table: &str| keys.into_iter().filter(|key| key != table).collect();
     check(
         "systems",

@@ -94,7 +94,7 @@ message! {
         pad0: [u8; 6],
         name: [u8; 32],
         role: [u8; 32],
-        /// Its law, where it is not the configured one, or its name in the box file.
+        /// Its law, where it is not the configured one, or its name in the system file.
         law: [u8; 32],
         /// One sentence on why it is in this state.
         reason: [u8; 192],

@@ -2,14 +2,14 @@
 
 use std::path::PathBuf;
 
-use config::{BoxFile, ConfigError, Slot};
+use config::{ConfigError, Slot, SystemFile};
 
 /// Arguments of every process; flatten them into its own.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct CommonArgs {
-    /// Box file: which robot, which processes, their parameters.
-    #[arg(long = "box", value_name = "FILE")]
-    pub box_file: Option<PathBuf>,
+    /// System file: which robot, which processes, their parameters.
+    #[arg(long = "system", value_name = "FILE")]
+    pub system_file: Option<PathBuf>,
     /// Name of this process; unique in its domain. Default: its role, with `-b` behind it in slot b.
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
@@ -35,12 +35,12 @@ impl CommonArgs {
         }
     }
 
-    /// Reads the box file, if one is given.
+    /// Reads the system file, if one is given.
     ///
     /// # Errors
-    /// What [`BoxFile::load`] refuses.
-    pub fn load_box(&self) -> Result<Option<BoxFile>, ConfigError> {
-        self.box_file.as_deref().map(BoxFile::load).transpose()
+    /// What [`SystemFile::load`] refuses.
+    pub fn load_system(&self) -> Result<Option<SystemFile>, ConfigError> {
+        self.system_file.as_deref().map(SystemFile::load).transpose()
     }
 }
 
@@ -60,16 +60,16 @@ impl AsRef<CommonArgs> for Args {
 
 /// The arguments of a controller or an estimator.
 #[derive(Debug, Clone, Default, clap::Parser)]
-pub struct LawArgs {
+pub struct VariantArgs {
     /// As every process.
     #[command(flatten)]
     pub common: CommonArgs,
-    /// Law of the controller, or method of the estimator, in place of the one in the box file.
+    /// Law of the controller, or method of the estimator, in place of the one in the system file.
     #[arg(long, value_name = "NAME")]
     pub law: Option<String>,
 }
 
-impl AsRef<CommonArgs> for LawArgs {
+impl AsRef<CommonArgs> for VariantArgs {
     fn as_ref(&self) -> &CommonArgs {
         &self.common
     }

@@ -18,14 +18,14 @@ use crate::build::{self, Program};
 use crate::declared::{Declared, Since};
 use crate::lease;
 use crate::logging::{self, Log};
-use crate::output::{Output, Spoiler};
+use crate::output::{Output, OutputFaultInjector};
 use crate::realtime;
 use crate::timing::Timing;
 use crate::tuning::{TUNED_CHANNEL, Tuning};
 use config::ConfigError;
 use config::Slot;
 use config::file;
-use config::{BoxFile, RealtimeSection, RobotFile};
+use config::{RealtimeSection, RobotFile, SystemFile};
 
 /// Five beats a second: the supervisor notices a silent process within half a second.
 const BEAT_NS: u64 = 200_000_000;
@@ -40,7 +40,7 @@ pub const SUCCESSOR_VARIABLE: &str = "NIMS_SUCCESSOR";
 /// The last event of a process that ends in order.
 pub const ENDED: &str = "ended in order";
 
-/// The same: how many changes of `nims set` are in the box file that it gets.
+/// The same: how many changes of `nims set` are in the system file that it gets.
 pub const CHANGES_VARIABLE: &str = "NIMS_CHANGES";
 
 fn from_the_supervisor(variable: &str) -> Option<String> {
@@ -66,7 +66,7 @@ pub enum Life {
 /// The chassis of a process.
 pub struct Chassis {
     bus: Bus,
-    box_file: Option<BoxFile>,
+    system_file: Option<SystemFile>,
     slot: Slot,
     stop: Arc<AtomicBool>,
     stop_pipe: OwnedFd,
@@ -77,15 +77,15 @@ pub struct Chassis {
     beat: Heartbeat,
     next_beat_ns: u64,
     timing: Timing,
-    spoiler: Option<Spoiler>,
+    fault_injector: Option<OutputFaultInjector>,
     life: Life,
 }
 
 impl Chassis {
-    /// Reads the box file (if one is given), joins its domain (`--domain`, [`DOMAIN_VARIABLE`], or the name of the box), sets up signals, log, heartbeat and real-time scheduling.
+    /// Reads the system file (if one is given), joins its domain (`--domain`, [`DOMAIN_VARIABLE`], or the name of the box), sets up signals, log, heartbeat and real-time scheduling.
     ///
     /// # Errors
-    /// [`ConfigError`] for the box file, [`BadInput`] without a domain or if a process of that name already runs there, [`BusError`] otherwise.
+    /// [`ConfigError`] for the system file, [`BadInput`] without a domain or if a process of that name already runs there, [`BusError`] otherwise.
     pub fn start(role: &str, args: &CommonArgs) -> anyhow::Result<Self> {
         Self::start_as(role, args, Party::Member)
     }
@@ -95,14 +95,14 @@ impl Chassis {
     /// # Errors
     /// As [`Chassis::start`].
     pub fn start_as(role: &str, args: &CommonArgs, party: Party) -> anyhow::Result<Self> {
-        let box_file = args.load_box()?;
+        let system_file = args.load_system()?;
         let named = args.domain.clone().or_else(|| from_the_supervisor(DOMAIN_VARIABLE));
-        let domain = match (&named, &box_file) {
+        let domain = match (&named, &system_file) {
             (Some(domain), _) => domain,
-            (None, Some(box_file)) => &box_file.name,
+            (None, Some(system_file)) => &system_file.name,
             (None, None) => {
                 return Err(BadInput(
-                    "no domain: give a box file with --box FILE, or a domain with --domain NAME".to_owned(),
+                    "no domain: give a system file with --system FILE, or a domain with --domain NAME".to_owned(),
                 )
                 .into());
             }
@@ -125,11 +125,11 @@ impl Chassis {
         let beat = first_beat(&name);
         let ports = from_the_supervisor(SUCCESSOR_VARIABLE).is_none().then(|| lease::take(&bus)).transpose()?;
         let (heartbeat, port) = ports.unzip();
-        let file = args.box_file.as_deref().zip(box_file.as_ref());
+        let file = args.system_file.as_deref().zip(system_file.as_ref());
         let declared = Declared::new(port, &name, beat.incarnation, role, file);
         let log = logging::start(&bus, args.verbose)?;
         let nothing = RealtimeSection::default();
-        let (reached, warning) = realtime::apply(box_file.as_ref().map_or(&nothing, |file| &file.realtime), role);
+        let (reached, warning) = realtime::apply(system_file.as_ref().map_or(&nothing, |file| &file.realtime), role);
         if let Some(warning) = warning {
             warn!("{warning}");
         }
@@ -143,7 +143,7 @@ impl Chassis {
             beat,
             declared,
             bus,
-            box_file,
+            system_file,
             slot: args.slot,
             stop,
             stop_pipe,
@@ -151,7 +151,7 @@ impl Chassis {
             heartbeat,
             next_beat_ns: 0,
             timing: Timing::new(),
-            spoiler: None,
+            fault_injector: None,
             life: Life::Starting,
         };
         chassis.idle()?;
@@ -176,12 +176,12 @@ impl Chassis {
         self.slot
     }
 
-    /// The box file.
+    /// The system file.
     ///
     /// # Errors
     /// [`BadInput`] if none was given.
-    pub fn box_file(&self) -> Result<&BoxFile, BadInput> {
-        self.box_file.as_ref().ok_or_else(|| BadInput("no box file: give one with --box FILE".to_owned()))
+    pub fn system_file(&self) -> Result<&SystemFile, BadInput> {
+        self.system_file.as_ref().ok_or_else(|| BadInput("no system file: give one with --system FILE".to_owned()))
     }
 
     /// Non-zero random number of this process's life.
@@ -207,7 +207,7 @@ impl Chassis {
         self.declared.is_program(program);
     }
 
-    /// What this process works with, in place of what the box file says for its role: its law, and its parameters as TOML. It goes to
+    /// What this process works with, in place of what the system file says for its role: its law, and its parameters as TOML. It goes to
     /// `system/config/NAME` when the process is ready.
     pub fn uses(&mut self, law: &str, parameters: &str) {
         self.declared.uses(law, parameters);
@@ -232,17 +232,17 @@ impl Chassis {
     /// What is set while the robot runs, for a process that can take it up: `make` turns the changed box into what the process needs.
     ///
     /// # Errors
-    /// [`BadInput`] without a box file; those of opening a channel.
+    /// [`BadInput`] without a system file; those of opening a channel.
     pub fn tuning<T>(
         &self,
-        make: impl FnMut(&BoxFile, &RobotFile) -> anyhow::Result<T> + 'static,
+        make: impl FnMut(&SystemFile, &RobotFile) -> anyhow::Result<T> + 'static,
     ) -> anyhow::Result<Tuning<T>> {
-        let file = self.box_file()?.clone();
+        let file = self.system_file()?.clone();
         let robot = file.robot_file()?;
         Ok(Tuning::new(self.bus.subscriber(TUNED_CHANNEL)?, file, robot, Box::new(make), self.changes()))
     }
 
-    /// Changes of `nims set` that are in the box file.
+    /// Changes of `nims set` that are in the system file.
     #[must_use]
     pub fn changes(&self) -> u32 {
         from_the_supervisor(CHANGES_VARIABLE).and_then(|number| number.parse().ok()).unwrap_or(0)
@@ -295,8 +295,8 @@ impl Chassis {
         if now >= self.next_beat_ns {
             self.send_beat(now)?;
         }
-        if let Some(spoiler) = &mut self.spoiler {
-            spoiler.look()?;
+        if let Some(fault_injector) = &mut self.fault_injector {
+            fault_injector.look()?;
         }
         self.log.publish()
     }
@@ -317,11 +317,11 @@ impl Chassis {
     /// # Errors
     /// Those of opening a channel.
     pub fn output<T: Message>(&mut self, channel: &str) -> Result<Output<T>, BusError> {
-        let can_be_spoilt = self.box_file.as_ref().is_some_and(|file| file.motor_box.is_some());
-        if can_be_spoilt && self.spoiler.is_none() {
-            self.spoiler = Some(Spoiler::new(&self.bus)?);
+        let can_be_spoilt = self.system_file.as_ref().is_some_and(|file| file.motor_box.is_some());
+        if can_be_spoilt && self.fault_injector.is_none() {
+            self.fault_injector = Some(OutputFaultInjector::new(&self.bus)?);
         }
-        Ok(Output::new(self.bus.publisher(channel)?, self.spoiler.as_ref()))
+        Ok(Output::new(self.bus.publisher(channel)?, self.fault_injector.as_ref()))
     }
 
     /// How long the passes took.

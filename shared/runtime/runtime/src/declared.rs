@@ -7,7 +7,7 @@ use messages::{Header, SystemConfig, put_text};
 
 use crate::build::Program;
 use crate::hash::{ProgramHash, hash_of};
-use config::{BoxFile, RobotFile};
+use config::{RobotFile, SystemFile};
 
 /// Stands at the end of parameters that a sample does not hold.
 const MORE: &str = "# and more: see the file";
@@ -46,7 +46,7 @@ impl Declared {
         name: &str,
         incarnation: u32,
         role: &str,
-        file: Option<(&Path, &BoxFile)>,
+        file: Option<(&Path, &SystemFile)>,
     ) -> Self {
         let mut sample = Box::new(SystemConfig { pid: std::process::id(), incarnation, ..SystemConfig::default() });
         put_text(&mut sample.name, name);
@@ -141,7 +141,7 @@ impl Declared {
     }
 }
 
-/// The box file, its robot file, and what that names: what `file_sha256` is of, in this order.
+/// The system file, its robot file, and what that names: what `file_sha256` is of, in this order.
 #[must_use]
 pub fn parts_of(path: &Path, robot_path: &Path, robot: Option<&RobotFile>) -> Vec<PathBuf> {
     let folder = robot_path.parent().unwrap_or(Path::new(""));
@@ -149,7 +149,7 @@ pub fn parts_of(path: &Path, robot_path: &Path, robot: Option<&RobotFile>) -> Ve
     [path.to_owned(), robot_path.to_owned()].into_iter().chain(named).collect()
 }
 
-/// The sections of a box file that a role goes by.
+/// The sections of a system file that a role goes by.
 fn sections_of(role: &str) -> &'static [&'static str] {
     match role {
         "motor-io" => &["motor_io", "arbiter", "rate_hz"],

@@ -13,7 +13,7 @@
 //! }
 //!
 //! fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
-//!     let mut estimator = Estimator::default(); // from chassis.box_file()?
+//!     let mut estimator = Estimator::default(); // from chassis.system_file()?
 //!     let mut states = chassis.bus().subscriber::<MotorState>("motor/state")?;
 //!     let mut estimates = chassis.bus().publisher::<NodeEstimate>(&format!("node/estimate/{}", chassis.slot().name()))?;
 //!     let mut waiter = chassis.waiter(&["motor/state"])?;
@@ -52,7 +52,7 @@ mod rhythm;
 mod timing;
 mod tuning;
 
-pub use args::{Args, CommonArgs, LawArgs};
+pub use args::{Args, CommonArgs, VariantArgs};
 pub use build::Program;
 pub use bus::clock::now_ns;
 pub use chassis::{

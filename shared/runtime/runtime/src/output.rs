@@ -37,13 +37,13 @@ enum Fault {
 
 /// Takes requests that spoil the outputs of this process.
 #[derive(Debug)]
-pub(crate) struct Spoiler {
+pub(crate) struct OutputFaultInjector {
     server: Server,
     fault: Rc<Cell<Option<Fault>>>,
     until_ns: u64,
 }
 
-impl Spoiler {
+impl OutputFaultInjector {
     pub(crate) fn new(bus: &Bus) -> Result<Self, BusError> {
         Ok(Self { server: bus.server(bus.process())?, fault: Rc::default(), until_ns: u64::MAX })
     }
@@ -119,9 +119,9 @@ struct Spoilt<T> {
 }
 
 impl<T: Message> Output<T> {
-    pub(crate) fn new(port: Publisher<T>, spoiler: Option<&Spoiler>) -> Self {
-        let spoilt = spoiler.map(|spoiler| Spoilt {
-            fault: Rc::clone(&spoiler.fault),
+    pub(crate) fn new(port: Publisher<T>, fault_injector: Option<&OutputFaultInjector>) -> Self {
+        let spoilt = fault_injector.map(|fault_injector| Spoilt {
+            fault: Rc::clone(&fault_injector.fault),
             last: None,
             held: VecDeque::with_capacity(SLOWEST_CYCLES + 1),
             fractions: fractions::<T>(),

@@ -6,7 +6,7 @@ use std::fmt::{Debug, Formatter};
 use bus::{BusError, Subscriber};
 use messages::{Header, SystemConfig, text_of};
 
-use config::{BoxFile, RobotFile, Tuned};
+use config::{RobotFile, SystemFile, Tuned};
 
 /// Where the supervisor says what was set.
 pub const TUNED_CHANNEL: &str = "system/config/nims";
@@ -22,12 +22,12 @@ pub struct Change<T> {
     from: (u64, u64),
 }
 
-type Make<T> = Box<dyn FnMut(&BoxFile, &RobotFile) -> anyhow::Result<T>>;
+type Make<T> = Box<dyn FnMut(&SystemFile, &RobotFile) -> anyhow::Result<T>>;
 
 /// Hears what is set, and holds it back until its cycle.
 pub struct Tuning<T> {
     said: Subscriber<SystemConfig>,
-    file: BoxFile,
+    file: SystemFile,
     robot: RobotFile,
     make: Make<T>,
     heard: u32,
@@ -38,7 +38,7 @@ impl<T> Tuning<T> {
     /// `heard`: changes that are in the file.
     pub(crate) fn new(
         said: Subscriber<SystemConfig>,
-        file: BoxFile,
+        file: SystemFile,
         robot: RobotFile,
         make: Make<T>,
         heard: u32,

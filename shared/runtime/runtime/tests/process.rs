@@ -149,11 +149,11 @@ fn what_cannot_be_used_is_refused_in_one_sentence_with_exit_code_2() {
     };
     let file = file.to_str().unwrap();
     let cases: [(&[&str], &[&str]); 6] = [
-        (&[], &["--box", "--domain"]),
+        (&[], &["--system", "--domain"]),
         (&["--domain", "a b"], &[&name.to_string()]),
         (&["--domain", domain.name(), "--name", "Ä"], &["`Ä`"]),
-        (&["--box", "/nowhere.toml"], &[&missing.to_string()]),
-        (&["--box", file], &[file, " 2: ", "`robbot`", "`robot`"]),
+        (&["--system", "/nowhere.toml"], &[&missing.to_string()]),
+        (&["--system", file], &[file, " 2: ", "`robbot`", "`robot`"]),
         (&["--slot", "c"], &["'c'", "--slot"]),
     ];
     for (arguments, parts) in cases {

@@ -9,7 +9,7 @@ pub use slots::{Said, Slots};
 
 use anyhow::{Context, Result, ensure};
 use cable_robot::{CableVec, Distribution, Robot, Vector3};
-use config::{BoxFile, ControllerSection, EstimatorSection, PlannerSection};
+use config::{ControllerSection, EstimatorSection, PlannerSection, SystemFile};
 use controller::{Controller, ControllerConfig, Law, Notice};
 use estimator::{Estimator, EstimatorConfig, Method};
 use messages::{
@@ -230,11 +230,11 @@ impl Chain {
 }
 
 impl Chain {
-    /// As a box file says, word for word what the processes would be made from.
+    /// As a system file says, word for word what the processes would be made from.
     ///
     /// # Errors
     /// What is wrong with the file.
-    pub fn of(file: &BoxFile) -> Result<Self> {
+    pub fn of(file: &SystemFile) -> Result<Self> {
         let robot = file.robot_file()?;
         Ok(Self {
             core: Core::new(CoreConfig::from_files(file, &robot)?),
@@ -357,7 +357,7 @@ impl Lockstep {
 
     /// The planner's pass, if it lives.
     fn plan(&mut self) {
-        let seen = planner::Seen {
+        let seen = planner::Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),
             estimate: self.estimate.as_ref(),
@@ -385,7 +385,7 @@ impl Lockstep {
 
     /// Offers a mission to the planner, which publishes it at once.
     pub fn run(&mut self, mission: &Mission) -> Result<String> {
-        let seen = planner::Seen {
+        let seen = planner::Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),
             estimate: self.estimate.as_ref(),

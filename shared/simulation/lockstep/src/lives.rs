@@ -3,7 +3,7 @@
 use anyhow::Result;
 use messages::{CABLES, PlanStatus};
 use motor_io::{Core, CoreConfig};
-use planner::{Planner, PlannerConfig, Refusal, Seen};
+use planner::{Inputs, Planner, PlannerConfig, Refusal};
 use plant::MotorInput as DriveInput;
 
 use super::Lockstep;
@@ -88,9 +88,9 @@ impl Lockstep {
     /// The planner's refusal.
     pub fn ask_planner(
         &mut self,
-        ask: impl FnOnce(&mut Planner, &Seen<'_>) -> Result<String, Refusal>,
+        ask: impl FnOnce(&mut Planner, &Inputs<'_>) -> Result<String, Refusal>,
     ) -> Option<Result<String, Refusal>> {
-        let seen = Seen {
+        let seen = Inputs {
             now_ns: self.plant.time_ns(),
             authority: self.authority.as_ref(),
             estimate: self.estimate.as_ref(),

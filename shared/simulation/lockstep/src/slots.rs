@@ -1,7 +1,7 @@
 //! Controllers and estimators in their slots: who lives, and what they said last.
 
 use config::EstimatorSection;
-use controller::{Controller, ControllerConfig, Seen};
+use controller::{Controller, ControllerConfig, Inputs};
 use estimator::{Estimator, EstimatorConfig, Method};
 use messages::{
     CABLES, CONTROLLERS, ControlStatus, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, PlanMotion,
@@ -212,7 +212,7 @@ impl Slots {
                 let Some(controller) = &mut self.controllers[slot] else { continue };
                 let heard = &mut self.heard[slot];
                 heard[wake] = self.estimates[wake];
-                let (command, status) = controller.step(&Seen {
+                let (command, status) = controller.step(&Inputs {
                     estimates: [heard[0].as_ref(), heard[1].as_ref()],
                     motion: Some(motion),
                     authority: Some(authority),

@@ -13,16 +13,16 @@ pub struct Args {
     /// What to measure; default: all of it.
     #[arg(value_enum, value_name = "PART")]
     pub parts: Vec<Part>,
-    /// Box file, whose rate, scheduling, runs folder, law and estimator are measured.
-    #[arg(long = "box", value_name = "BOX.toml")]
-    pub box_file: Option<PathBuf>,
-    /// Control cycles per second, 10 to 250; default: as the box file says, else 100.
+    /// System file, whose rate, scheduling, runs folder, law and estimator are measured.
+    #[arg(long = "system", value_name = "SYSTEM.toml")]
+    pub system_file: Option<PathBuf>,
+    /// Control cycles per second, 10 to 250; default: as the system file says, else 100.
     #[arg(long, value_name = "HZ", value_parser = finite, allow_negative_numbers = true)]
     pub rate: Option<f64>,
     /// Time for each part, s; default: as long as its figures need, 18 s for all.
     #[arg(long, value_name = "S", value_parser = seconds, allow_negative_numbers = true)]
     pub seconds: Option<f64>,
-    /// Folder on the disk that is measured; default: as the box file says, else the present one.
+    /// Folder on the disk that is measured; default: as the system file says, else the present one.
     #[arg(long, value_name = "DIR")]
     pub runs: Option<PathBuf>,
     /// Measure also while a robot runs on this machine, whose time it takes.

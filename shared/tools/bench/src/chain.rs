@@ -6,7 +6,7 @@ use super::{Settings, Watch, flight};
 use bus::clock::now_ns;
 use cable_robot::{Distribution, Robot, StructureMatrix, Vector3, tension};
 use command::{Answer, Failure};
-use controller::Seen;
+use controller::Inputs;
 use lockstep::{Chain, Cycle, Scenario};
 use nalgebra::Matrix3x4;
 use runtime::Timing;
@@ -51,7 +51,7 @@ pub struct Tensions {
 /// Measures for so many seconds.
 ///
 /// # Errors
-/// It was stopped, or the law or the method of the box file cannot be used.
+/// It was stopped, or the law or the method of the system file cannot be used.
 pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
     let scenario = flight::scenario(settings).map_err(Failure::bad)?;
     let cycles = flight::fly(&scenario).map_err(Failure::not_now)?;
@@ -88,7 +88,7 @@ fn feed(scenario: &Scenario, cycles: &[Cycle], timing: &mut Timing) -> Answer {
         black_box(chain.core.decide(&cycle.input));
         black_box(chain.core.observe(&cycle.input));
         black_box(chain.estimator.step(&cycle.state, Some(&cycle.authority)));
-        black_box(chain.controller.step(&Seen {
+        black_box(chain.controller.step(&Inputs {
             estimates: [Some(&cycle.estimate), None],
             motion: Some(&cycle.motion),
             authority: Some(&cycle.authority),

@@ -30,7 +30,7 @@ const COUNTS_PER_M: f64 = 10_865.0;
 /// What is flown.
 ///
 /// # Errors
-/// The law or the method of the box file cannot be used.
+/// The law or the method of the system file cannot be used.
 pub fn scenario(settings: &Settings) -> Result<Scenario> {
     let robot = Robot::new(RobotParts {
         anchors_m: ANCHORS_M.to_vec(),

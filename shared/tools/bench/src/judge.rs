@@ -1,6 +1,6 @@
 //! What the figures mean for a control rate: one finding for each part, with its cure. Pure.
 
-use super::words::{duration, percent};
+use super::text::{duration, percent};
 use super::{chain, disk, round_trip, tick};
 use commissioning::check::{Finding, error, note, warning};
 
@@ -77,7 +77,7 @@ pub fn of_ticks(found: &tick::Found, rate_hz: f64) -> Finding {
     };
     let cure = match (found.scheduling.fifo_priority, found.scheduling.refused.is_empty()) {
         (None, false) => "permit what is said above, so that the control chain comes first".to_owned(),
-        (None, true) => "let the control chain come first: `priority = 50` in [realtime] of the box file".to_owned(),
+        (None, true) => "let the control chain come first: `priority = 50` in [realtime] of the system file".to_owned(),
         (Some(_), _) => format!(
             "end what else runs here, see `nims doctor` about power saving, take a machine that is not shared{}",
             match rate_that_would_do(worst_s).filter(|slower| f64::from(*slower) < rate_hz) {
@@ -154,7 +154,7 @@ pub fn of_disk(found: &disk::Found, rate_hz: f64) -> Finding {
         &level,
         rate_hz,
         &why,
-        "set `runs` in the box file to a faster disk, and let nothing else write there",
+        "set `runs` in the system file to a faster disk, and let nothing else write there",
     )
 }
 

@@ -18,14 +18,14 @@ mod place;
 mod robots;
 mod round_trip;
 mod scheduling;
+mod text;
 mod tick;
-mod words;
 
 pub use args::{Args, Part};
 
 use command::{Answer, Failure, Output, StopFlag};
 use commissioning::check::Finding;
-use config::{BoxFile, ControllerSection, EstimatorSection, RealtimeSection, RecorderSection};
+use config::{ControllerSection, EstimatorSection, RealtimeSection, RecorderSection, SystemFile};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
@@ -74,9 +74,9 @@ impl Settings {
         if !asked.parts.is_empty() {
             settings.parts = asked.parts.iter().copied().collect();
         }
-        if let Some(path) = &asked.box_file {
+        if let Some(path) = &asked.system_file {
             let path = std::path::absolute(path).map_err(Failure::bad)?;
-            let file = BoxFile::load(&path).map_err(Failure::bad)?;
+            let file = SystemFile::load(&path).map_err(Failure::bad)?;
             settings.rate_hz = file.rate_hz;
             settings.runs = commissioning::doctor::where_it_will_be(&file.runs);
             settings.least_bytes = file.recorder.min_free_bytes;
@@ -235,7 +235,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
         }
     }
     watch.bar.finish_and_clear();
-    Ok(Output::new(report.to_json(), words::report(&report)))
+    Ok(Output::new(report.to_json(), text::report(&report)))
 }
 
 #[cfg(test)]
@@ -243,7 +243,7 @@ mod tests {
     use super::*;
 
     fn asked() -> Args {
-        Args { parts: Vec::new(), box_file: None, rate: None, seconds: None, runs: None, beside: false }
+        Args { parts: Vec::new(), system_file: None, rate: None, seconds: None, runs: None, beside: false }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use std::fs::File;
 /// The roles that answer within a cycle, in the order of the chain.
 const ROLES: [Role; 4] = [Role::MotorIo, Role::Estimator, Role::Controller, Role::MotorBox];
 
-/// Without a box file: what the control chain is best given. It is not asked for a processor of its own, because only the box's owner
+/// Without a system file: what the control chain is best given. It is not asked for a processor of its own, because only the box's owner
 /// knows which is free.
 pub fn best() -> RealtimeSection {
     RealtimeSection { priority: 50, idle_latency_us: Some(0), ..RealtimeSection::default() }

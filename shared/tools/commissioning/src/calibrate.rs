@@ -2,7 +2,7 @@
 
 mod file;
 pub mod places;
-mod words;
+mod text;
 
 pub use file::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
 
@@ -93,10 +93,10 @@ pub fn judge(file: &File, method: Method) -> Result<Judged, String> {
     let numbers = file.used(method);
     let found = calibration::calibrate(&measured, method).map_err(|e| e.to_string())?;
     let holdout = calibration::hold_out(&measured, method).map_err(|e| e.to_string())?;
-    let verdict = words::verdict(&found, &measured, &numbers);
+    let verdict = text::verdict(&found, &measured, &numbers);
     let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
     value["counts_per_m"] = json!(file.counts_per_m);
-    let words = words::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
+    let words = text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
     Ok(Judged { value, words, covariance: found.covariance })
 }
 

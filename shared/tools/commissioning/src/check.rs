@@ -3,7 +3,7 @@
 use cable_robot::energy::MotorTable;
 use cable_robot::{Distribution, NodeJacobian, Robot, Vector3, tension};
 use command::{Answer, Failure, Output, points};
-use config::{BoxFile, CalibrationFile, GroundFile, PlannerSection, RobotFile, toml_file};
+use config::{CalibrationFile, GroundFile, PlannerSection, RobotFile, SystemFile, toml_file};
 use planner::mission::Mission;
 use planner::plan::{Plan, PlannerConfig};
 use sensor::SensorFile;
@@ -83,7 +83,7 @@ pub struct Args {
 /// A file that cannot be read or holds values that are not accepted: one sentence.
 pub fn run(args: &Args) -> Answer<Output> {
     if args.accepted {
-        can_be_built(&BoxFile::load(&args.config).map_err(Failure::bad)?)?;
+        can_be_built(&SystemFile::load(&args.config).map_err(Failure::bad)?)?;
         return Ok(Output::new(json!({ "accepted": true }), String::new()));
     }
     let found = check(&args.config, args.on.as_deref())?;
@@ -109,10 +109,10 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
     match kind(path)? {
         Kind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
         Kind::Box => {
-            let file = BoxFile::load(path).map_err(Failure::bad)?;
+            let file = SystemFile::load(path).map_err(Failure::bad)?;
             can_be_built(&file)?;
             let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
-            findings.extend(box_file(&file)?);
+            findings.extend(system_file(&file)?);
             Ok(findings)
         }
         Kind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
@@ -122,13 +122,13 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
             let Some(on) = on else {
                 let legs = mission.leg.len();
                 return Ok(vec![note(format!(
-                    "mission \"{}\" has {legs} legs; with --for BOX.toml it is also flown on paper",
+                    "mission \"{}\" has {legs} legs; with --for SYSTEM.toml it is also flown on paper",
                     mission.name
                 ))]);
             };
             Ok(vec![match kind(on)? {
                 Kind::Box => {
-                    let file = BoxFile::load(on).map_err(Failure::bad)?;
+                    let file = SystemFile::load(on).map_err(Failure::bad)?;
                     let start = file.motor_box.as_ref().map(|section| section.start_m.position_m);
                     let robot = file.robot_file().map_err(Failure::bad)?;
                     let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
@@ -148,7 +148,7 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
 ///
 /// # Errors
 /// The first that does not, in its own words.
-pub fn can_be_built(file: &BoxFile) -> Answer {
+pub fn can_be_built(file: &SystemFile) -> Answer {
     let robot = file.robot_file().map_err(Failure::bad)?;
     motor_io::CoreConfig::from_files(file, &robot).map_err(Failure::bad)?;
     chain_can_be_built(file, &robot)
@@ -158,7 +158,7 @@ pub fn can_be_built(file: &BoxFile) -> Answer {
 ///
 /// # Errors
 /// One sentence: which key, what is accepted.
-pub fn chain_can_be_built(file: &BoxFile, robot: &RobotFile) -> Answer {
+pub fn chain_can_be_built(file: &SystemFile, robot: &RobotFile) -> Answer {
     controller::ControllerConfig::of(file, robot, 1)
         .map_err(|error| Failure::BadInput(format!("[controller] {error}")))?;
     let parts = robot.robot().map_err(Failure::bad)?;
@@ -216,7 +216,7 @@ fn kind(path: &Path) -> Answer<Kind> {
         Ok(Kind::Ground)
     } else {
         Err(Failure::BadInput(format!(
-            "{} is no configuration file: a robot file has [robot], a box file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
+            "{} is no configuration file: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
             path.display()
         )))
     }
@@ -406,7 +406,7 @@ fn ceiling(robot: &Robot, from: &Vector3<f64>, distribution: Distribution) -> Fi
     note(format!("in the middle the node can go up to {:.2} m within tension_limits_n", at.z - 0.01))
 }
 
-fn box_file(file: &BoxFile) -> Answer<Vec<Finding>> {
+fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let mut findings = Vec::new();
     let (period, watchdog) = (file.period_s(), file.motor_io.watchdog_s);
@@ -449,7 +449,7 @@ fn box_file(file: &BoxFile) -> Answer<Vec<Finding>> {
 }
 
 /// A horizon of the paper's law that does not fit the drives, where their delay and lag are known.
-pub fn horizon(file: &BoxFile) -> Option<Finding> {
+pub fn horizon(file: &SystemFile) -> Option<Finding> {
     let section = file.motor_box.as_ref()?;
     let best = (2.0 * (section.delay_s + section.lag_s) / file.period_s() + 3.0).round() as usize;
     let horizon = file.controller.horizon_cycles;
@@ -487,7 +487,7 @@ impl Flight {
 ///
 /// # Errors
 /// Where it breaks which limit, by how much.
-pub fn fly(mission: &Mission, file: &BoxFile, from: &[f64; 3]) -> Answer<Flight> {
+pub fn fly(mission: &Mission, file: &SystemFile, from: &[f64; 3]) -> Answer<Flight> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
     plan(mission, &robot, &file.planner, distribution, from)

@@ -1,7 +1,7 @@
 //! `nims plan`: what a move costs, and the parabola that costs least, without a running robot.
 
 use cable_robot::energy::optimum::{Precision, best};
-use cable_robot::energy::{Best, Bounds, Cost, EnergyError, Hoist, flight, parabola};
+use cable_robot::energy::{Best, Bounds, Cost, EnergyError, WinchEnergy, flight, parabola};
 use cable_robot::path::{Lateral, Parabola};
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Distribution, Path, Robot, Vector3};
@@ -107,7 +107,7 @@ fn planned(asked: &Args) -> Answer<Value> {
         return Err(Failure::BadInput("--mu is for a parabola; leave it out, or ask for --path parabola".to_owned()));
     }
     let reckoning = Reckoning {
-        hoist: Hoist {
+        winch_energy: WinchEnergy {
             anchors: robot.anchors(),
             planar: robot.is_planar(),
             wrench_n: robot.wrench_n(&Vector3::zeros()),
@@ -156,7 +156,7 @@ fn words(best: &Best) -> Value {
 
 /// How a move is reckoned.
 struct Reckoning<'a> {
-    hoist: Hoist<'a>,
+    winch_energy: WinchEnergy<'a>,
     robot: &'a Robot,
     speed_m_s: f64,
     /// Quasi-static at constant speed, as the paper has it; otherwise from rest to rest with its accelerations.
@@ -181,14 +181,15 @@ impl Reckoning<'_> {
 
     /// The path that swings sideways too, found at constant speed as the planner finds it; the parabola where that costs less.
     fn best_lateral(&self, asked: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Value, EnergyError> {
-        let found = flight::best_lateral(self.robot, self.hoist.method, &from, &to, self.speed_m_s, asked.time_weight)?;
+        let found =
+            flight::best_lateral(self.robot, self.winch_energy.method, &from, &to, self.speed_m_s, asked.time_weight)?;
         let shape = |mu_per_m| Parabola { from, to, mu_per_m };
         let line = self.cost(&shape(0.0), Precision::Fine).ok();
         let Some((bow, _)) = found.lateral else {
             let mu_per_m = found.parabola.mu_per_m;
             return Ok(words(&Best { mu_per_m, cost: self.cost(&shape(mu_per_m), Precision::Fine)?, line }));
         };
-        let constant = || self.hoist.bow_at_constant_speed(&bow, self.speed_m_s, INTERVALS[0]);
+        let constant = || self.winch_energy.bow_at_constant_speed(&bow, self.speed_m_s, INTERVALS[0]);
         let cost = self.along(&Path::Lateral(Lateral::new(bow)), Precision::Fine, constant)?;
         let mut value = words(&Best { mu_per_m: 0.0, cost, line });
         value["mu_per_m"] = Value::Null;
@@ -201,7 +202,7 @@ impl Reckoning<'_> {
         parabola::check(shape)?;
         let coarse = usize::from(precision == Precision::Coarse);
         self.along(&flight::parabola_or_line(shape), precision, || {
-            self.hoist.constant_speed(shape, self.speed_m_s, INTERVALS[coarse])
+            self.winch_energy.constant_speed(shape, self.speed_m_s, INTERVALS[coarse])
         })
     }
 
@@ -215,7 +216,7 @@ impl Reckoning<'_> {
         let coarse = usize::from(precision == Precision::Coarse);
         let flown = |speed_m_s, acceleration_m_s2| {
             let limits = ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2);
-            flight::flown(self.robot, self.hoist.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
+            flight::flown(self.robot, self.winch_energy.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
         };
         if self.constant {
             // It has no start and no end: it is checked as slowly as makes no accelerations.

@@ -4,7 +4,7 @@ use super::flight::{DRIVES, Flight, Instant, Track};
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use anyhow::{Context, Result};
-use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, Hoist};
+use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, WinchEnergy};
 use cable_robot::motor::Motor;
 use cable_robot::{Distribution, Matrix3, Vector3};
 use plant::{Plant, PlantConfig};
@@ -32,8 +32,8 @@ impl Rig {
         Self { anchors: anchors.iter().map(|a| Vector3::from(*a)).collect(), motor }
     }
 
-    fn hoist(&self, method: Distribution) -> Hoist<'_> {
-        Hoist {
+    fn winch_energy(&self, method: Distribution) -> WinchEnergy<'_> {
+        WinchEnergy {
             anchors: &self.anchors,
             planar: false,
             wrench_n: stand_in::weight(),
@@ -57,8 +57,8 @@ impl Rig {
         ends: (Vector3<f64>, Vector3<f64>),
     ) -> Result<(Cost, Best)> {
         let bounds = Bounds { ground_m: Some(ground_m), time_weight_w: 0.0 };
-        let hoist = self.hoist(method);
-        let best = hoist.best_parabola(&ends.0, &ends.1, stand_in::SPEED_M_S, INTERVALS, &bounds)?;
+        let winch_energy = self.winch_energy(method);
+        let best = winch_energy.best_parabola(&ends.0, &ends.1, stand_in::SPEED_M_S, INTERVALS, &bounds)?;
         Ok((best.line.context("the straight line cannot be flown")?, best))
     }
 }

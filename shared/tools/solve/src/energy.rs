@@ -4,7 +4,7 @@ use super::args::{Args, Points, refuse};
 use super::geometry::written;
 use super::statics::wrench;
 use super::{SolveError, Solved};
-use cable_robot::energy::{Bounds, Cost, Current, Hoist, parabola as shape};
+use cable_robot::energy::{Bounds, Cost, Current, WinchEnergy, parabola as shape};
 use cable_robot::path::Parabola;
 use cable_robot::{Distribution, Vector3, motor};
 use serde_json::{Value, json};
@@ -96,8 +96,8 @@ impl Move {
         })
     }
 
-    fn hoist(&self) -> Hoist<'_> {
-        Hoist {
+    fn winch_energy(&self) -> WinchEnergy<'_> {
+        WinchEnergy {
             anchors: &self.anchors.points,
             planar: self.anchors.planar,
             wrench_n: self.wrench_n,
@@ -113,7 +113,7 @@ impl Move {
 pub fn move_energy(args: &Args) -> Solved {
     let (asked, mu_per_m) = (Move::new(args)?, args.number("mu_per_m")?);
     let path = Parabola { from: asked.from, to: asked.to, mu_per_m };
-    let cost = asked.hoist().constant_speed(&path, asked.speed_m_s, asked.intervals)?;
+    let cost = asked.winch_energy().constant_speed(&path, asked.speed_m_s, asked.intervals)?;
     Ok(json!({ "energy_j": cost.energy_j, "duration_s": cost.duration_s }))
 }
 
@@ -122,7 +122,7 @@ pub fn optimal_parabola(args: &Args) -> Solved {
     let asked = Move::new(args)?;
     let bounds =
         Bounds { ground_m: args.optional("ground_m")?, time_weight_w: args.optional("time_weight_w")?.unwrap_or(0.0) };
-    let best = asked.hoist().best_parabola(&asked.from, &asked.to, asked.speed_m_s, asked.intervals, &bounds)?;
+    let best = asked.winch_energy().best_parabola(&asked.from, &asked.to, asked.speed_m_s, asked.intervals, &bounds)?;
     let energy = |cost: &Cost| cost.energy_j;
     Ok(json!({
         "mu_per_m": best.mu_per_m,

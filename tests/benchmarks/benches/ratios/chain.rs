@@ -8,7 +8,7 @@ use cable_control::drive_lag::{DriveLag, LagFit, Record};
 use cable_control::law::{InputWeight, LqGain};
 use cable_robot::kinematics::{Jacobian, forward_kinematics, inverse_kinematics};
 use cable_robot::{Anchors, CableVec, Matrix3, Vector3, elastic};
-use controller::{Law, Seen};
+use controller::{Law, Inputs};
 use criterion::{BatchSize, Criterion};
 use lockstep::{Chain, Cycle, Lockstep, Scenario};
 use nims_tests::scenarios::{self, Case};
@@ -191,7 +191,7 @@ fn steps(
                 |chain| {
                     chain.map(|mut chain| {
                         for cycle in cycles {
-                            black_box(chain.controller.step(&Seen {
+                            black_box(chain.controller.step(&Inputs {
                                 estimates: [Some(&cycle.estimate), None],
                                 motion: Some(&cycle.motion),
                                 authority: Some(&cycle.authority),

@@ -5,7 +5,7 @@ use std::hint::black_box;
 
 use anyhow::{Context, Result, ensure};
 use benchmarks::Report;
-use cable_robot::energy::{Bounds, Hoist};
+use cable_robot::energy::{Bounds, WinchEnergy};
 use cable_robot::motor::Motor;
 use cable_robot::{Anchors, Distribution, StructureMatrix, Vector3, tension};
 use clarabel::algebra::CscMatrix;
@@ -179,7 +179,7 @@ fn parabola(criterion: &mut Criterion, report: &mut Report) -> Result<()> {
             Vector3::new(7.5, 2.5, 4.0),
         ),
     ] {
-        let hoist = Hoist {
+        let hoist = WinchEnergy {
             anchors,
             planar: false,
             wrench_n: weight(),

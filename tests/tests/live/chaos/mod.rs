@@ -28,7 +28,7 @@ const STILL_M_S: f64 = 0.05;
 const WELL_CYCLES: u64 = 50;
 /// Cycles from a death to the standby's first command in charge.
 const TAKEN_OVER_CYCLES: u64 = 10;
-/// Everything is started again when it dies; the faults come faster than the box file's own limits are made for.
+/// Everything is started again when it dies; the faults come faster than the system file's own limits are made for.
 const AGAIN: &str = "restart = true\nrestart_pause_s = 0.1\nrestart_limit = 1000\n";
 
 fn processes(standby: bool) -> String {

@@ -7,7 +7,7 @@ use rustix::process::Signal;
 /// Faults between two starts of the robot.
 const ROUND: usize = 8;
 const CABLES: usize = 3;
-/// Drive units of the box file, all on port 1.
+/// Drive units of the system file, all on port 1.
 const UNITS: [u8; 2] = [128, 129];
 
 /// SplitMix64: the faults are to be irregular, not unpredictable.

@@ -18,7 +18,7 @@ use std::time::Duration;
 /// Three lines, and four, in the same room.
 pub const THREE_LINES: &str = "demo3";
 pub const FOUR_LINES: &str = "demo4";
-/// Where these box files let the node hang at the start, m, and the other end of the moves here.
+/// Where these system files let the node hang at the start, m, and the other end of the moves here.
 pub const START: [f64; 3] = [4.8, 3.0, 0.3];
 pub const GOAL: [f64; 3] = [5.4, 3.6, 0.7];
 /// Longest wait for anything; it is over only where something is wrong, and a machine may stand still for seconds.
@@ -78,7 +78,7 @@ pub fn copy_configs(folder: &Path) -> PathBuf {
 }
 
 impl Robot {
-    /// Three lines, with more text at the end of the box file.
+    /// Three lines, with more text at the end of the system file.
     pub fn up(more: &str) -> Self {
         Self::up_with(THREE_LINES, more, |_| ())
     }
@@ -143,15 +143,15 @@ impl Robot {
         self.until("the robot is up again", |robot| robot.last.header.cycle > 50);
     }
 
-    /// Changes the box file for the next start.
+    /// Changes the system file for the next start.
     pub fn change_box(&self, change: impl FnOnce(String) -> String) {
         let path = self.folder().join("configs/systems").join(format!("{}.toml", self.file));
         std::fs::write(&path, change(std::fs::read_to_string(&path).unwrap())).unwrap();
     }
 
-    /// The box file as it is started: with what was added.
-    pub fn box_file(&self) -> PathBuf {
-        box_file(self.folder.path(), self.file)
+    /// The system file as it is started: with what was added.
+    pub fn system_file(&self) -> PathBuf {
+        system_file(self.folder.path(), self.file)
     }
 
     /// Where everything of it lies.
@@ -501,10 +501,10 @@ fn kill(pid: u32, signal: Signal) {
     }
 }
 
-/// `nims up` with more text at the end of the box file; the file itself stays as it is for the next start.
+/// `nims up` with more text at the end of the system file; the file itself stays as it is for the next start.
 fn start(folder: &Path, file: &str, domain: &Domain, more: &str, run: usize) -> Child {
     let text = std::fs::read_to_string(folder.join(format!("configs/systems/{file}.toml"))).unwrap();
-    let path = box_file(folder, file);
+    let path = system_file(folder, file);
     std::fs::write(&path, text + more).unwrap();
     let said = std::fs::OpenOptions::new().append(true).create(true).open(folder.join("said")).unwrap();
     Command::new(program())
@@ -517,7 +517,7 @@ fn start(folder: &Path, file: &str, domain: &Domain, more: &str, run: usize) -> 
         .unwrap()
 }
 
-fn box_file(folder: &Path, file: &str) -> PathBuf {
+fn system_file(folder: &Path, file: &str) -> PathBuf {
     folder.join(format!("configs/systems/{file}-up.toml"))
 }
 

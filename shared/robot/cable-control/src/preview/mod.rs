@@ -11,7 +11,7 @@
 //! [L, v, u_prev], the rest of the delay being a part of a cycle during which u_prev still acts. Its Riccati equation is
 //! solved once; then a command costs one multiplication per cycle of preview: u = -K x + Σ g_j r_j.
 //!
-//! The velocity v is not measured (one encoder step in one cycle is a large velocity): a [`Twin`] runs the model with
+//! The velocity v is not measured (one encoder step in one cycle is a large velocity): a [`DriveObserver`] runs the model with
 //! the commands that were really sent, corrected by the measured lengths.
 //!
 //! **Two speeds.** A feedback quick enough to follow a ramp of speed closely would ring with a model that is a tenth
@@ -20,11 +20,11 @@
 //!
 //! Lengths in m, velocities in m/s, paying out positive; times in s. The law of Section VI-B is in [`crate::law`].
 
+mod drive_observer;
 mod lead;
-mod twin;
 
+pub use drive_observer::DriveObserver;
 pub use lead::{Lead, Led};
-pub use twin::Twin;
 
 use nalgebra::{Matrix3, Vector3};
 use thiserror::Error;

@@ -2,7 +2,7 @@
 #![allow(clippy::needless_range_loop)]
 
 use cable_control::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
-use cable_control::preview::{Lead, PreviewError, PreviewGain, Twin};
+use cable_control::preview::{DriveObserver, Lead, PreviewError, PreviewGain};
 use cable_robot::CableVec;
 use proptest::prelude::*;
 
@@ -118,8 +118,8 @@ proptest! {
     #[test]
     fn a_winch_as_modelled_is_brought_onto_the_reference(delay_s in 0.0..0.12f64, lag_s in 0.0..0.2f64, reading_s in 0.0..0.01f64) {
         let lag = DriveLag::new(delay_s, lag_s).unwrap();
-        let (gain, mut twin) = (PreviewGain::new(&lag, PERIOD_S, 60, 1e-5).unwrap(), Twin::new(&lag, PERIOD_S).unwrap());
-        let worst = follow(&gain, &mut twin, &lag, reading_s, 0.003, 500);
+        let (gain, mut observer) = (PreviewGain::new(&lag, PERIOD_S, 60, 1e-5).unwrap(), DriveObserver::new(&lag, PERIOD_S).unwrap());
+        let worst = follow(&gain, &mut observer, &lag, reading_s, 0.003, 500);
         // From 3 mm beside it; the reference swings by ±0.2 m once in two seconds, of which the move penalty gives up
         // (3.1 / 18)⁴, 0.2 mm, and three times that with the slowest winches.
         prop_assert!(worst < 7e-4, "{worst} m");
@@ -127,7 +127,14 @@ proptest! {
 }
 
 /// Follows a swinging reference with a winch of lag `truth` from `off_m` beside it; worst distance over the last half, m.
-fn follow(gain: &PreviewGain, twin: &mut Twin, truth: &DriveLag, reading_s: f64, off_m: f64, cycles: u64) -> f64 {
+fn follow(
+    gain: &PreviewGain,
+    observer: &mut DriveObserver,
+    truth: &DriveLag,
+    reading_s: f64,
+    off_m: f64,
+    cycles: u64,
+) -> f64 {
     let reference = |t: f64| 6.0 + 0.2 * libm::sin(core::f64::consts::PI * t);
     let model = CycleModel::new(truth, PERIOD_S, 0.0).unwrap();
     let reading = CycleModel::new(truth, PERIOD_S, PERIOD_S - reading_s).unwrap();
@@ -142,8 +149,8 @@ fn follow(gain: &PreviewGain, twin: &mut Twin, truth: &DriveLag, reading_s: f64,
         at_reading = reading.step(at_reading, command(reading.whole() + 1), command(reading.whole()));
         at_tick = model.step(at_tick, command(model.whole() + 1), command(model.whole()));
         let measured = CableVec::repeat(1, (at_reading.length_m * 1e4).round() * 1e-4);
-        twin.correct(k, reading_s, &measured, &CableVec::repeat(1, 0.0), &sent);
-        let there = twin.at_next_command(&sent)[0];
+        observer.correct(k, reading_s, &measured, &CableVec::repeat(1, 0.0), &sent);
+        let there = observer.at_next_command(&sent)[0];
         let first = (k + 1) as f64 + gain.delay_cycles() as f64;
         let ahead = (1..=gain.horizon()).map(|j| reference((first + j as f64) * PERIOD_S));
         u = gain.command(there, command(0), ahead);
@@ -160,7 +167,7 @@ fn a_model_that_is_a_third_off_still_follows_and_a_better_one_follows_better() {
     let worst = |factor: f64| {
         let lag = truth.scaled(factor);
         let gain = PreviewGain::new(&lag, PERIOD_S, 60, 1e-5).unwrap();
-        follow(&gain, &mut Twin::new(&lag, PERIOD_S).unwrap(), &truth, 0.004, 0.0, 600)
+        follow(&gain, &mut DriveObserver::new(&lag, PERIOD_S).unwrap(), &truth, 0.004, 0.0, 600)
     };
     let [exact, tenth, third] = [1.0, 1.1, 1.3].map(worst);
     assert!(exact < tenth && tenth < third && third < 0.03, "{exact} {tenth} {third}");

@@ -25,7 +25,7 @@ use nalgebra::Vector3;
 
 use super::lateral::above_ground;
 use super::optimum::{Precision, best};
-use super::{Best, BestLateral, Bounds, Cost, EnergyError, Hoist, lateral, parabola};
+use super::{Best, BestLateral, Bounds, Cost, EnergyError, WinchEnergy, lateral, parabola};
 use crate::motion::{Cause, Refusal};
 use crate::profile::ProfileLimits;
 use crate::{Distribution, Path, Profile, Robot, Segment, path};
@@ -46,12 +46,12 @@ pub fn best_parabola(
     speed_m_s: f64,
     time_weight_w: f64,
 ) -> Result<Best, EnergyError> {
-    let hoist = hoist(robot, method);
-    super::hoist::check_speed(speed_m_s)?;
+    let winch_energy = winch_energy(robot, method);
+    super::winch_energy::check_speed(speed_m_s)?;
     best(from, to, &bounds(robot, time_weight_w), |path, precision| {
         let intervals = INTERVALS[usize::from(precision == Precision::Coarse)];
         stays_out(robot, |u| parabola::at_fraction(path, u).position, intervals)?;
-        hoist.integrate(path, speed_m_s, intervals)
+        winch_energy.integrate(path, speed_m_s, intervals)
     })
 }
 
@@ -69,12 +69,12 @@ pub fn best_lateral(
     if robot.is_planar() {
         return Ok(BestLateral::none_beside(parabola));
     }
-    let (hoist, bounds) = (hoist(robot, method), bounds(robot, time_weight_w));
+    let (winch_energy, bounds) = (winch_energy(robot, method), bounds(robot, time_weight_w));
     Ok(lateral::best(from, to, &bounds, parabola, |bow, precision| {
         let intervals = INTERVALS[usize::from(precision == Precision::Coarse)];
         above_ground(bow, &bounds, intervals)?;
         stays_out(robot, |u| bow.at_fraction(u).position, intervals)?;
-        hoist.integrate_bow(bow, speed_m_s, intervals)
+        winch_energy.integrate_bow(bow, speed_m_s, intervals)
     }))
 }
 
@@ -118,16 +118,16 @@ pub fn flown(
     })?;
     let segment = Segment { id: 0, path: *path, profile, start_s: 0.0 };
     segment.check(robot, method, check_step_m)?;
-    hoist(robot, method).along_profile(path, &profile, robot.node_mass_kg(), intervals)
+    winch_energy(robot, method).along_profile(path, &profile, robot.node_mass_kg(), intervals)
 }
 
 /// Cost of a path as it is flown with a speed profile; of a dwell what holding costs. For estimates before a mission.
 pub fn along(robot: &Robot, method: Distribution, path: &Path, profile: &Profile) -> Result<Cost, EnergyError> {
-    hoist(robot, method).along_profile(path, profile, robot.node_mass_kg(), INTERVALS[1])
+    winch_energy(robot, method).along_profile(path, profile, robot.node_mass_kg(), INTERVALS[1])
 }
 
-fn hoist(robot: &Robot, method: Distribution) -> Hoist<'_> {
-    Hoist {
+fn winch_energy(robot: &Robot, method: Distribution) -> WinchEnergy<'_> {
+    WinchEnergy {
         anchors: robot.anchors(),
         planar: robot.is_planar(),
         wrench_n: robot.wrench_n(&Vector3::zeros()),

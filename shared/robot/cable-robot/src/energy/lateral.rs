@@ -7,10 +7,10 @@
 //!
 //! # Example
 //! ```
-//! use cable_robot::{Distribution, Vector3, energy::{Bounds, Hoist}, motor::Motor};
+//! use cable_robot::{Distribution, Vector3, energy::{Bounds, WinchEnergy}, motor::Motor};
 //! let anchors = [[0.0, 0.0, 3.2], [9.8, 0.0, 3.45], [4.4, 8.0, 3.05]].map(Vector3::from);
 //! let motor = Motor::default(); // nearly locks itself
-//! let hoist = Hoist {
+//! let winch_energy = WinchEnergy {
 //!     anchors: &anchors,
 //!     planar: false,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
@@ -20,7 +20,7 @@
 //!     current: &motor,
 //! };
 //! let (from, to) = (Vector3::new(3.3, 1.6, 2.45), Vector3::new(6.6, 1.9, 2.35));
-//! let found = hoist.best_lateral(&from, &to, 0.2, 32, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
+//! let found = winch_energy.best_lateral(&from, &to, 0.2, 32, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
 //! let (bow, cost) = found.lateral.expect("such a path costs less than the best parabola here");
 //! assert!(cost.energy_j < found.parabola.cost.energy_j && bow.side_m != [0.0; 3]);
 //! # Ok::<(), cable_robot::energy::EnergyError>(())
@@ -28,10 +28,10 @@
 
 use nalgebra::Vector3;
 
-use super::hoist::{check_intervals, check_speed};
 use super::optimum::{Precision, SCAN_INTERVALS};
 use super::parabola::FractionPoint;
-use super::{Best, Bounds, Cost, EnergyError, Hoist, parabola};
+use super::winch_energy::{check_intervals, check_speed};
+use super::{Best, Bounds, Cost, EnergyError, WinchEnergy, parabola};
 use crate::path::{Bow, HARMONICS};
 
 /// Six amplitudes: three down, three to the side.
@@ -68,8 +68,8 @@ impl BestLateral {
     }
 }
 
-impl Hoist<'_> {
-    /// Cost of a bow at constant speed, quasi-static, as [`Hoist::constant_speed`] has that of a parabola.
+impl WinchEnergy<'_> {
+    /// Cost of a bow at constant speed, quasi-static, as [`WinchEnergy::constant_speed`] has that of a parabola.
     pub fn bow_at_constant_speed(&self, bow: &Bow, speed_m_s: f64, intervals: usize) -> Result<Cost, EnergyError> {
         check_speed(speed_m_s)?;
         check_intervals(intervals)?;
@@ -88,7 +88,7 @@ impl Hoist<'_> {
     /// The path between two points, of three harmonics down and three to the side, that costs least at constant speed: I²R
     /// loss plus the weight of time.
     ///
-    /// Fails like [`Hoist::best_parabola`], which it starts from.
+    /// Fails like [`WinchEnergy::best_parabola`], which it starts from.
     pub fn best_lateral(
         &self,
         from: &Vector3<f64>,

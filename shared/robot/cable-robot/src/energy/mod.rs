@@ -2,7 +2,7 @@
 //!
 //! * [`table`]: the current of a winch, measured over speed and tension.
 //! * [`parabola`]: the sagging path of (25)-(26), by its horizontal fraction, and how deep the ground lets it sag.
-//! * [`Hoist`]: the I²R loss of a move, by Simpson's rule: at constant speed, as the paper computes it, or along a speed
+//! * [`WinchEnergy`]: the I²R loss of a move, by Simpson's rule: at constant speed, as the paper computes it, or along a speed
 //!   profile with its accelerations.
 //! * [`lateral`]: paths that swing sideways too, which save more with gears that lock themselves.
 //! * [`flight`]: the best parabola and the best lateral path of a robot as it stands.
@@ -11,10 +11,10 @@
 //!
 //! # Example
 //! ```
-//! use cable_robot::{Distribution, Vector3, energy::{Bounds, Hoist}, motor::Motor, path::Parabola};
+//! use cable_robot::{Distribution, Vector3, energy::{Bounds, WinchEnergy}, motor::Motor, path::Parabola};
 //! let anchors = [[0.0, 0.0, 6.0], [10.0, 0.0, 6.0], [10.0, 10.0, 6.0], [0.0, 10.0, 6.0]].map(Vector3::from);
 //! let motor = Motor::ideal(40.0, 1.2);
-//! let hoist = Hoist {
+//! let winch_energy = WinchEnergy {
 //!     anchors: &anchors,
 //!     planar: false,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
@@ -24,23 +24,23 @@
 //!     current: &motor,
 //! };
 //! let (from, to) = (Vector3::new(2.5, 2.5, 4.0), Vector3::new(7.5, 2.5, 4.0));
-//! let best = hoist.best_parabola(&from, &to, 0.2, 64, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
+//! let best = winch_energy.best_parabola(&from, &to, 0.2, 64, &Bounds { ground_m: Some(0.0), time_weight_w: 0.0 })?;
 //! let line = best.line.expect("the straight line is possible here");
 //! assert!(best.cost.energy_j < 0.7 * line.energy_j && best.cost.duration_s > line.duration_s);
 //! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
 
 pub mod flight;
-pub mod hoist;
 pub mod lateral;
 pub mod optimum;
 pub mod parabola;
 pub mod table;
+pub mod winch_energy;
 
-pub use hoist::{Cost, EnergyError, Hoist};
 pub use lateral::BestLateral;
 pub use optimum::{Best, Bounds};
 pub use table::{CurrentTable, MotorTable, TableError};
+pub use winch_energy::{Cost, EnergyError, WinchEnergy};
 
 use crate::motor::Motor;
 

@@ -21,8 +21,8 @@
 
 use nalgebra::Vector3;
 
-use super::hoist::{check_intervals, check_speed};
-use super::{Cost, EnergyError, Hoist, parabola};
+use super::winch_energy::{check_intervals, check_speed};
+use super::{Cost, EnergyError, WinchEnergy, parabola};
 use crate::path::Parabola;
 
 /// Points of the scan.
@@ -76,7 +76,7 @@ pub struct Best {
     pub line: Option<Cost>,
 }
 
-impl Hoist<'_> {
+impl WinchEnergy<'_> {
     /// The parabola between two points that costs least at constant speed: I²R loss plus the weight of time.
     ///
     /// Fails with the straight line's reason if no parabola can be flown.

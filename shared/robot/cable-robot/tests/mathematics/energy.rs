@@ -1,7 +1,7 @@
 //! Cost of moves against an independent reference: the ratios of Tables V and VIII for stand-in configurations, computed by
 //! another implementation in another language. The paper's own tables are lost.
 
-use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, EnergyError, Hoist};
+use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, EnergyError, WinchEnergy};
 use cable_robot::motor::Motor;
 use cable_robot::path::{Parabola, Path};
 use cable_robot::profile::{Profile, ProfileLimits};
@@ -34,8 +34,8 @@ fn triangle() -> [Vector3<f64>; 3] {
     [[0.0, 0.0, 3.20], [d2, 0.0, 3.45], [x3, (d1 * d1 - x3 * x3).sqrt(), 3.05]].map(Vector3::from)
 }
 
-fn hoist<'a>(anchors: &'a [Vector3<f64>], method: Distribution, current: &'a dyn Current) -> Hoist<'a> {
-    Hoist { anchors, planar: false, wrench_n: WEIGHT, drag_n_s2_m2: 0.0, limits_n: [1.0, 150.0], method, current }
+fn winch_energy<'a>(anchors: &'a [Vector3<f64>], method: Distribution, current: &'a dyn Current) -> WinchEnergy<'a> {
+    WinchEnergy { anchors, planar: false, wrench_n: WEIGHT, drag_n_s2_m2: 0.0, limits_n: [1.0, 150.0], method, current }
 }
 
 fn ratios(best: &Best) -> (f64, f64) {
@@ -60,9 +60,9 @@ fn table_5_gains_depend_on_the_region_and_power_falls_more_than_energy() {
     for (lower, motor, expected) in cases {
         let points = [[3.30, 1.60, 2.45], [6.60, 1.90, 2.35], [4.90, 4.60, 2.30]]
             .map(|p| Vector3::from(p) - Vector3::new(0.0, 0.0, lower));
-        let hoist = hoist(&anchors, Distribution::Unique, &motor);
+        let winch_energy = winch_energy(&anchors, Distribution::Unique, &motor);
         for (k, (energy, time)) in expected.into_iter().enumerate() {
-            let best = hoist.best_parabola(&points[k], &points[(k + 1) % 3], 0.2, 64, &GROUND).unwrap();
+            let best = winch_energy.best_parabola(&points[k], &points[(k + 1) % 3], 0.2, 64, &GROUND).unwrap();
             let (e, t) = ratios(&best);
             close(e, energy, 3);
             close(t, time, 2);
@@ -81,8 +81,11 @@ fn table_8_least_norm_and_parabolas_save_most_together() {
     ] {
         for side in 0..4 {
             let (a, b) = (corners()[side], corners()[(side + 1) % 4]);
-            let lp = hoist(&anchors, Distribution::MinSum, &motor).best_parabola(&a, &b, 0.2, 64, &GROUND).unwrap();
-            let ln = hoist(&anchors, Distribution::LeastNorm, &motor).best_parabola(&a, &b, 0.2, 64, &GROUND).unwrap();
+            let lp =
+                winch_energy(&anchors, Distribution::MinSum, &motor).best_parabola(&a, &b, 0.2, 64, &GROUND).unwrap();
+            let ln = winch_energy(&anchors, Distribution::LeastNorm, &motor)
+                .best_parabola(&a, &b, 0.2, 64, &GROUND)
+                .unwrap();
             let reference = lp.line.unwrap().energy_j;
             close(reference, base, 2);
             close(ln.line.unwrap().energy_j / reference, ln_line, 3);
@@ -124,7 +127,7 @@ fn simpson_converges_as_the_smooth_sign_lets_it() {
     // Half way the third line goes from being reeled in to being paid out.
     let path = Parabola { from: Vector3::new(1.0, 6.0, 3.0), to: Vector3::new(9.0, 3.0, 4.0), mu_per_m: 0.05 };
     let energy = |motor: &Motor, n| {
-        hoist(&anchors, Distribution::LeastNorm, motor).constant_speed(&path, 0.2, n).unwrap().energy_j
+        winch_energy(&anchors, Distribution::LeastNorm, motor).constant_speed(&path, 0.2, n).unwrap().energy_j
     };
     let error = |motor: &Motor, n| (energy(motor, n) / energy(motor, 8192) - 1.0).abs();
     for motor in [ideal(), Motor::default()] {
@@ -136,11 +139,11 @@ fn simpson_converges_as_the_smooth_sign_lets_it() {
 }
 
 /// A scan of µ that shares only the integrand with the optimisation.
-fn scanned(hoist: &Hoist, from: Vector3<f64>, to: Vector3<f64>, weight: f64, deepest: f64) -> f64 {
+fn scanned(winch_energy: &WinchEnergy, from: Vector3<f64>, to: Vector3<f64>, weight: f64, deepest: f64) -> f64 {
     (0..=1500)
         .filter_map(|i| {
             let mu_per_m = deepest * f64::from(i) / 1500.0;
-            hoist.constant_speed(&Parabola { from, to, mu_per_m }, 0.2, 32).ok()
+            winch_energy.constant_speed(&Parabola { from, to, mu_per_m }, 0.2, 32).ok()
         })
         .map(|c| c.energy_j + weight * c.duration_s)
         .fold(f64::INFINITY, f64::min)
@@ -158,11 +161,11 @@ proptest! {
         let anchors = square();
         let motor = if real { Motor::default() } else { ideal() };
         let method = if lp { Distribution::MinSum } else { Distribution::LeastNorm };
-        let hoist = Hoist { limits_n: [1.0, high], ..hoist(&anchors, method, &motor) };
+        let winch_energy = WinchEnergy { limits_n: [1.0, high], ..winch_energy(&anchors, method, &motor) };
         let deepest = cable_robot::energy::parabola::mu_limit(&from, &to, 0.1).unwrap().unwrap();
         let bounds = Bounds { ground_m: Some(0.1), time_weight_w: weight };
-        let least = scanned(&hoist, from, to, weight, deepest);
-        match hoist.best_parabola(&from, &to, 0.2, 32, &bounds) {
+        let least = scanned(&winch_energy, from, to, weight, deepest);
+        match winch_energy.best_parabola(&from, &to, 0.2, 32, &bounds) {
             Ok(best) => {
                 let found = best.cost.energy_j + weight * best.cost.duration_s;
                 // Least sum makes the cost jump.
@@ -185,11 +188,11 @@ proptest! {
         prop_assume!((to - from).xy().norm() > 2.0);
         let anchors = square();
         let motor = Motor::default();
-        let hoist = hoist(&anchors, Distribution::LeastNorm, &motor);
+        let winch_energy = winch_energy(&anchors, Distribution::LeastNorm, &motor);
         let parabola = Parabola { from, to, mu_per_m };
         let path = Path::Parabola(parabola);
         let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.05, 2.0)).unwrap();
-        let (a, b) = (hoist.along_profile(&path, &profile, 2.0, 64).unwrap(), hoist.constant_speed(&parabola, 0.05, 64).unwrap());
+        let (a, b) = (winch_energy.along_profile(&path, &profile, 2.0, 64).unwrap(), winch_energy.constant_speed(&parabola, 0.05, 64).unwrap());
         prop_assert!((a.energy_j / b.energy_j - 1.0).abs() < 0.01 && (a.duration_s / b.duration_s - 1.0).abs() < 0.01, "{a:?} {b:?}");
     }
 
@@ -198,7 +201,7 @@ proptest! {
         prop_assume!((to - from).xy().norm() > 1.0);
         let anchors = square();
         let motor = Motor::default();
-        let hoist = hoist(&anchors, Distribution::LeastNorm, &motor);
+        let winch_energy = winch_energy(&anchors, Distribution::LeastNorm, &motor);
         let path = Path::Parabola(Parabola { from, to, mu_per_m });
         let profile = Profile::plan(&path, &ProfileLimits::rest_to_rest(0.3, 0.4)).unwrap();
         let n = 20_000;
@@ -214,7 +217,7 @@ proptest! {
                 energy += motor.resistance_ohm * current * current * step;
             }
         }
-        let cost: Cost = hoist.along_profile(&path, &profile, 2.0, 256).unwrap();
+        let cost: Cost = winch_energy.along_profile(&path, &profile, 2.0, 256).unwrap();
         prop_assert!((cost.energy_j / energy - 1.0).abs() < 2e-3, "{} {energy}", cost.energy_j);
         prop_assert!((cost.duration_s - profile.duration()).abs() < 1e-12);
     }
@@ -225,7 +228,7 @@ fn several_minima_are_told_apart() {
     // Two valleys, the deeper one narrow and at the far end.
     let anchors = square();
     let motor = ideal();
-    let base = hoist(&anchors, Distribution::LeastNorm, &motor)
+    let base = winch_energy(&anchors, Distribution::LeastNorm, &motor)
         .constant_speed(&Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.0 }, 0.2, 16)
         .unwrap();
     let best = cable_robot::energy::optimum::best(&corners()[0], &corners()[1], &GROUND, |path, _| {
@@ -257,7 +260,7 @@ proptest! {
     ) {
         let anchors = square();
         let motor = ideal();
-        let base = hoist(&anchors, Distribution::LeastNorm, &motor)
+        let base = winch_energy(&anchors, Distribution::LeastNorm, &motor)
             .constant_speed(&Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.0 }, 0.2, 16)
             .unwrap();
         let deepest = cable_robot::energy::parabola::mu_limit(&corners()[0], &corners()[1], 0.0).unwrap().unwrap();
@@ -291,10 +294,10 @@ fn a_line_that_cannot_be_flown_has_no_cost_but_a_parabola_may() {
     let anchors = square();
     let motor = ideal();
     let (from, to) = (Vector3::new(0.6, 0.6, 4.5), Vector3::new(9.4, 0.6, 4.5));
-    let tight = Hoist { limits_n: [1.0, 28.0], ..hoist(&anchors, Distribution::LeastNorm, &motor) };
+    let tight = WinchEnergy { limits_n: [1.0, 28.0], ..winch_energy(&anchors, Distribution::LeastNorm, &motor) };
     let best = tight.best_parabola(&from, &to, 0.2, 64, &GROUND).unwrap();
     assert!(best.line.is_none() && best.mu_per_m > 0.0 && best.cost.peak_tension_n <= 28.0 + 1e-6, "{best:?}");
-    let tighter = Hoist { limits_n: [1.0, 12.0], ..tight };
+    let tighter = WinchEnergy { limits_n: [1.0, 12.0], ..tight };
     assert_eq!(tighter.best_parabola(&from, &to, 0.2, 64, &GROUND).unwrap_err().kind(), "infeasible");
 }
 
@@ -302,11 +305,11 @@ fn a_line_that_cannot_be_flown_has_no_cost_but_a_parabola_may() {
 fn time_has_its_price() {
     let anchors = square();
     let motor = Motor::default();
-    let hoist = hoist(&anchors, Distribution::LeastNorm, &motor);
+    let winch_energy = winch_energy(&anchors, Distribution::LeastNorm, &motor);
     let mut last = f64::INFINITY;
     for time_weight_w in [0.0, 0.5, 1.0, 2.0, 5.0, 50.0] {
         let bounds = Bounds { time_weight_w, ..GROUND };
-        let best = hoist.best_parabola(&corners()[0], &corners()[1], 0.2, 64, &bounds).unwrap();
+        let best = winch_energy.best_parabola(&corners()[0], &corners()[1], 0.2, 64, &bounds).unwrap();
         assert!(best.cost.duration_s <= last + 1e-6, "{time_weight_w}");
         last = best.cost.duration_s;
     }
@@ -317,12 +320,12 @@ fn time_has_its_price() {
 fn a_vertical_move_is_the_line_and_its_cost_that_of_a_fine_sum() {
     let anchors = triangle();
     let motor = Motor::default();
-    let hoist = hoist(&anchors, Distribution::Unique, &motor);
+    let winch_energy = winch_energy(&anchors, Distribution::Unique, &motor);
     let (from, to) = (Vector3::new(4.0, 2.5, 0.5), Vector3::new(4.0, 2.5, 1.5));
-    let best = hoist.best_parabola(&from, &to, 0.2, 64, &GROUND).unwrap();
+    let best = winch_energy.best_parabola(&from, &to, 0.2, 64, &GROUND).unwrap();
     assert_eq!((best.mu_per_m, Some(best.cost)), (0.0, best.line));
     // Raising costs more than lowering.
-    let down = hoist.constant_speed(&Parabola { from: to, to: from, mu_per_m: 0.0 }, 0.2, 64).unwrap();
+    let down = winch_energy.constant_speed(&Parabola { from: to, to: from, mu_per_m: 0.0 }, 0.2, 64).unwrap();
     assert!(best.cost.energy_j > 5.0 * down.energy_j);
     assert_eq!(best.cost.duration_s, 5.0);
 }
@@ -338,7 +341,7 @@ fn a_measured_table_gives_what_the_motor_gives_and_never_extrapolates() {
     let anchors = square();
     let path = Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.2 };
     let cost = |current: &dyn Current, speed| {
-        hoist(&anchors, Distribution::LeastNorm, current).constant_speed(&path, speed, 64)
+        winch_energy(&anchors, Distribution::LeastNorm, current).constant_speed(&path, speed, 64)
     };
     let (a, b) = (cost(&table, 0.2).unwrap().energy_j, cost(&motor, 0.2).unwrap().energy_j);
     assert!((a / b - 1.0).abs() < 1e-3, "{a} {b}");
@@ -349,24 +352,30 @@ fn a_measured_table_gives_what_the_motor_gives_and_never_extrapolates() {
 fn arguments_out_of_range_are_refused() {
     let anchors = square();
     let motor = ideal();
-    let hoist = hoist(&anchors, Distribution::LeastNorm, &motor);
+    let winch_energy = winch_energy(&anchors, Distribution::LeastNorm, &motor);
     let path = Parabola { from: corners()[0], to: corners()[1], mu_per_m: 0.1 };
     let kind = |result: Result<Cost, EnergyError>| result.unwrap_err().kind();
     for speed in [0.0, -0.2, f64::NAN, f64::INFINITY] {
-        assert_eq!(kind(hoist.constant_speed(&path, speed, 64)), "invalid_argument");
+        assert_eq!(kind(winch_energy.constant_speed(&path, speed, 64)), "invalid_argument");
     }
     for intervals in [0, 1, 63, 1_000_000] {
-        assert_eq!(kind(hoist.constant_speed(&path, 0.2, intervals)), "invalid_argument");
+        assert_eq!(kind(winch_energy.constant_speed(&path, 0.2, intervals)), "invalid_argument");
     }
-    assert_eq!(kind(hoist.constant_speed(&Parabola { to: path.from, ..path }, 0.2, 64)), "degenerate_geometry");
+    assert_eq!(kind(winch_energy.constant_speed(&Parabola { to: path.from, ..path }, 0.2, 64)), "degenerate_geometry");
     let in_plane = Vector3::new(2.0, 3.0, 6.0);
-    assert_eq!(kind(hoist.constant_speed(&Parabola { from: in_plane, ..path }, 0.2, 64)), "singular");
+    assert_eq!(kind(winch_energy.constant_speed(&Parabola { from: in_plane, ..path }, 0.2, 64)), "singular");
     for weight in [-1.0, f64::NAN] {
         let bounds = Bounds { time_weight_w: weight, ..GROUND };
-        assert_eq!(hoist.best_parabola(&path.from, &path.to, 0.2, 64, &bounds).unwrap_err().kind(), "invalid_argument");
+        assert_eq!(
+            winch_energy.best_parabola(&path.from, &path.to, 0.2, 64, &bounds).unwrap_err().kind(),
+            "invalid_argument"
+        );
     }
     let below = Bounds { ground_m: Some(4.5), ..GROUND };
-    assert_eq!(hoist.best_parabola(&path.from, &path.to, 0.2, 64, &below).unwrap_err().kind(), "invalid_argument");
+    assert_eq!(
+        winch_energy.best_parabola(&path.from, &path.to, 0.2, 64, &below).unwrap_err().kind(),
+        "invalid_argument"
+    );
     assert_eq!(
         StructureMatrix::from_columns(&anchors).len(),
         GeneralStructure::from(&StructureMatrix::from_columns(&anchors)).cables()

@@ -38,16 +38,16 @@ pub struct Args {
     /// How far a sample speaks for its surroundings, m: half the distance of neighbouring tracks or more; default: four cells.
     #[arg(long, value_name = "M", value_parser = above_zero)]
     pub reach: Option<f64>,
-    /// Which of a sensor's values, from 1; default: as the box file says, else the first.
+    /// Which of a sensor's values, from 1; default: as the system file says, else the first.
     #[arg(long, value_name = "N", requires = "sensor", value_parser = clap::value_parser!(u8).range(1..=8))]
     pub value: Option<u8>,
     /// The value is a distance straight down, m: map the height of what is there.
     #[arg(long, requires = "sensor")]
     pub looks_down: bool,
-    /// Standard deviation of a value, in its unit; default: as the box file says, else estimated from the scatter.
+    /// Standard deviation of a value, in its unit; default: as the system file says, else estimated from the scatter.
     #[arg(long, value_name = "SIGMA", requires = "sensor", value_parser = above_zero)]
     pub sigma: Option<f64>,
-    /// Diameter of what the sensor sees at once, m; default: as the box file says, else a point.
+    /// Diameter of what the sensor sees at once, m; default: as the system file says, else a point.
     #[arg(long, value_name = "M", requires = "sensor", value_parser = above_zero)]
     pub footprint: Option<f64>,
     /// Find the place of every reading anew, also where the sensor logger did so in flight.
@@ -159,7 +159,7 @@ pub fn maps_within(
     Ok(filled.collect())
 }
 
-/// What was asked for goes before what the box file says.
+/// What was asked for goes before what the system file says.
 fn adapt(config: &mut LoggerConfig, asked: &Args) {
     let names = if asked.sensor.is_empty() { Vec::new() } else { asked.sensor.clone() };
     for name in names {
@@ -176,7 +176,7 @@ fn adapt(config: &mut LoggerConfig, asked: &Args) {
 
 /// The map of one sensor; or why there is none.
 fn one(config: &LoggerConfig, asked: &Args, name: &str, measured: &Measured) -> Result<SensorMap, String> {
-    let sensor = config.sensor(name).ok_or("the box file excludes it")?;
+    let sensor = config.sensor(name).ok_or("the system file excludes it")?;
     let Some(empty) = SensorMap::new(config, &sensor, 8).map_err(|error| error.to_string())? else {
         return Err("its `map_value` is 0".to_owned());
     };

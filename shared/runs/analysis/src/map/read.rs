@@ -10,7 +10,7 @@ use runlog::{Attachment, Recorded, RunReader};
 use std::collections::HashMap;
 use std::path::Path;
 
-/// The box file of a run, as the supervisor names its copy.
+/// The system file of a run, as the supervisor names its copy.
 const BOX: &str = "box.toml";
 /// Places closer to the last one than this are not kept for the drawing of the path, m.
 const STEP_M: f64 = 0.01;
@@ -25,10 +25,10 @@ pub enum Origin {
     Computed,
 }
 
-/// How the sensors of a run are to be taken: as its box file says.
+/// How the sensors of a run are to be taken: as its system file says.
 ///
 /// # Errors
-/// There is no robot file in it, or a box file that cannot be used.
+/// There is no robot file in it, or a system file that cannot be used.
 pub fn config_of(run: &Path) -> Answer<LoggerConfig> {
     let (robot, section) = files_of(run)?;
     config(&robot, &section)
@@ -39,7 +39,7 @@ pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer
     Ok(LoggerConfig::of(section, &robot.robot().map_err(Failure::not_now)?))
 }
 
-/// The robot file of a run, and the section of its box file.
+/// The robot file of a run, and the section of its system file.
 pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
     let mut reader = RunReader::open(run)?;
     // what was kept inside the file stands before its first sample
@@ -58,11 +58,12 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
     let beside = folder.and_then(|folder| std::fs::read_to_string(folder.join(BOX)).ok());
     let kept = || inside.iter().find(|one| one.name == BOX).map(|one| String::from_utf8_lossy(&one.data).into_owned());
     let Some(text) = beside.or_else(kept) else { return Ok(SensorLoggerSection::default()) };
-    let table: toml::Table =
-        text.parse().map_err(|error| Failure::BadInput(format!("the box file of the run cannot be read: {error}")))?;
+    let table: toml::Table = text
+        .parse()
+        .map_err(|error| Failure::BadInput(format!("the system file of the run cannot be read: {error}")))?;
     match table.get("sensor_logger") {
         Some(section) => section.clone().try_into().map_err(|error| {
-            Failure::BadInput(format!("[sensor_logger] in the box file of the run cannot be used: {error}"))
+            Failure::BadInput(format!("[sensor_logger] in the system file of the run cannot be used: {error}"))
         }),
         None => Ok(SensorLoggerSection::default()),
     }

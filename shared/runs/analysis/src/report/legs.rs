@@ -2,7 +2,7 @@
 
 use crate::accuracy::{Distances, Error};
 use crate::tracker::Cycle;
-use cable_robot::energy::Hoist;
+use cable_robot::energy::WinchEnergy;
 use cable_robot::profile::{Profile, ProfileLimits};
 use cable_robot::{Distribution, Path, Robot, Segment, Vector3};
 use messages::MotorAuthority;
@@ -286,7 +286,7 @@ fn straight_line(path: &Path, profile: &Profile) -> Option<(Path, Profile)> {
 /// Loss in the motors by their model, J; `None` where the robot could not hold the node.
 fn reckoned(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
     let method: Distribution = robot.default_distribution();
-    let hoist = Hoist {
+    let winch_energy = WinchEnergy {
         anchors: robot.anchors(),
         planar: robot.is_planar(),
         wrench_n: robot.wrench_n(&Vector3::zeros()),
@@ -295,5 +295,5 @@ fn reckoned(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
         method,
         current: robot.current(),
     };
-    hoist.along_profile(path, profile, robot.node_mass_kg(), INTERVALS).ok().map(|cost| cost.energy_j)
+    winch_energy.along_profile(path, profile, robot.node_mass_kg(), INTERVALS).ok().map(|cost| cost.energy_j)
 }

@@ -230,7 +230,7 @@ impl File {
             && (counts.len() != cables || counts.iter().any(|counts| !counts.is_finite() || *counts == 0.0))
         {
             return Err(format!(
-                "counts_per_m is {counts:?}; accepted: one value for each of the {cables} lines, as in the box file; no key where the lengths are not the robot's own"
+                "counts_per_m is {counts:?}; accepted: one value for each of the {cables} lines, as in the system file; no key where the lengths are not the robot's own"
             ));
         }
         let set = |key: &mut f64, value: Option<f64>| *key = value.unwrap_or(*key);

@@ -181,7 +181,7 @@ fn serial_port(port: &PortFound) -> Finding {
         );
     }
     if !port.is_device {
-        return error(format!("port {number}: {path} is no serial device"), "correct `path` in the box file");
+        return error(format!("port {number}: {path} is no serial device"), "correct `path` in the system file");
     }
     if !port.is_usable {
         return error(
@@ -249,7 +249,7 @@ fn disk(runs: &Runs) -> Finding {
     if !is_writable {
         return error(
             format!("runs cannot be written to {folder}"),
-            "correct `runs` in the box file, or make the folder this user's",
+            "correct `runs` in the system file, or make the folder this user's",
         );
     }
     if free_bytes < least_bytes {
@@ -259,7 +259,7 @@ fn disk(runs: &Runs) -> Finding {
                 megabytes(*free_bytes),
                 megabytes(*least_bytes)
             ),
-            "move old runs away, or set `runs` in the box file to a larger disk",
+            "move old runs away, or set `runs` in the system file to a larger disk",
         );
     }
     let room = free_bytes - least_bytes;

@@ -84,9 +84,9 @@ pub struct Limits {
 /// A serial device.
 #[derive(Debug, Clone, Default)]
 pub struct PortFound {
-    /// Its place in the box file, from 1.
+    /// Its place in the system file, from 1.
     pub number: usize,
-    /// As the box file has it.
+    /// As the system file has it.
     pub path: String,
     /// It is there.
     pub exists: bool,

@@ -8,7 +8,7 @@ pub use probe::{TMPFS, where_it_will_be};
 
 use crate::check;
 use command::{Answer, Failure, Output};
-use config::BoxFile;
+use config::SystemFile;
 use std::path::PathBuf;
 
 /// `nims doctor`.
@@ -24,7 +24,7 @@ pub struct Args {
 /// The system file cannot be used.
 pub fn run(args: &Args) -> Answer<Output> {
     let path = args.config.as_deref().map(std::path::absolute).transpose().map_err(Failure::bad)?;
-    let file = path.as_deref().map(BoxFile::load).transpose().map_err(Failure::bad)?;
+    let file = path.as_deref().map(SystemFile::load).transpose().map_err(Failure::bad)?;
     let found = judge::judge(&probe::probe(file.as_ref()));
     let errors = check::errors(&found);
     let failure = (errors > 0)

@@ -3,7 +3,7 @@
 use super::machine::{DomainFound, Limits, Machine, Memory, PortFound, Runs};
 use bus::{Domain, clock};
 use client::Running;
-use config::{BoxFile, Role};
+use config::{Role, SystemFile};
 use evidence::busy::Busy;
 use rustix::fs::{Access, access, statfs, statvfs};
 use rustix::process::{Pid, Resource, geteuid, getrlimit, test_kill_process};
@@ -16,7 +16,7 @@ const SHARED_MEMORY: &str = "/dev/shm";
 pub const TMPFS: u32 = 0x0102_1994;
 
 /// This machine, as far as the box needs it; without a box, as far as any does.
-pub fn probe(file: Option<&BoxFile>) -> Machine {
+pub fn probe(file: Option<&SystemFile>) -> Machine {
     let user = geteuid().as_raw();
     let domains: Vec<Domain> = Domain::all();
     Machine {
@@ -95,14 +95,14 @@ fn limits() -> Limits {
 }
 
 /// Tries what `[realtime]` asks for, in a thread that ends with it.
-fn realtime_refused(file: &BoxFile) -> Option<String> {
+fn realtime_refused(file: &SystemFile) -> Option<String> {
     let section = file.realtime.clone();
     let awake = section.idle_latency_us.and_then(|latency_us| runtime::realtime::stay_awake(latency_us).err());
     let tried = std::thread::spawn(move || runtime::realtime::apply(&section, Role::MotorIo.name()).1).join();
     tried.ok().flatten().or(awake)
 }
 
-fn ports(file: &BoxFile) -> Vec<PortFound> {
+fn ports(file: &SystemFile) -> Vec<PortFound> {
     let ports = file.motor_io.ports.iter().enumerate();
     ports
         .filter(|(_, port)| !port.path.contains("{domain}"))
@@ -143,7 +143,7 @@ pub fn where_it_will_be(runs: &Path) -> PathBuf {
         .to_path_buf()
 }
 
-fn runs(file: &BoxFile) -> Runs {
+fn runs(file: &SystemFile) -> Runs {
     let there = where_it_will_be(&file.runs);
     Runs {
         folder: file.runs.clone(),
@@ -164,7 +164,7 @@ fn open_in(folder: &Path) -> Vec<PathBuf> {
     open.map(|entry| entry.path()).collect()
 }
 
-fn programs_missing(file: Option<&BoxFile>) -> Vec<String> {
+fn programs_missing(file: Option<&SystemFile>) -> Vec<String> {
     let Ok(own) = std::env::current_exe() else { return Vec::new() };
     let wanted = Role::STANDARD.iter().filter(|(_, role)| match (role, file) {
         (Role::MotorBox, Some(file)) => file.motor_box.is_some(),

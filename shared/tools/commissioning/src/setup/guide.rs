@@ -3,8 +3,8 @@
 use super::numbers::{self, excerpt};
 use super::question::{self, POINTS, Question, pulleys};
 use super::shape;
+use super::text::metres;
 use super::undo::undo;
-use super::words::metres;
 use crate::calibrate::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
 use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, Method, calibrate};
 

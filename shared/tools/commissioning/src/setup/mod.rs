@@ -13,8 +13,8 @@ mod shape;
 
 #[cfg(test)]
 mod tests;
+mod text;
 mod undo;
-mod words;
 
 use crate::calibrate::{self, CalibrationMethod, File};
 use command::{Answer, Failure, Output};

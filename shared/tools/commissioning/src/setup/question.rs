@@ -2,7 +2,7 @@
 
 use super::doubt::{self, Doubtful};
 use super::shape;
-use super::words::{listed, metres};
+use super::text::{listed, metres};
 use crate::calibrate;
 use crate::calibrate::{File, Setup, places};
 use calibration::{Method, calibrate};

@@ -1,6 +1,6 @@
 //! Whether distances between pulleys can be true: triangles, and the shape they make together.
 
-use super::words::{joined, metres};
+use super::text::{joined, metres};
 use crate::calibrate::File;
 use calibration::{Measurements, Method, Range, Side, Survey, survey_network};
 

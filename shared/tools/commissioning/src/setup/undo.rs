@@ -2,7 +2,7 @@
 
 use super::question::pulleys;
 use super::shape;
-use super::words::{listed, metres};
+use super::text::{listed, metres};
 use crate::calibrate::File;
 
 /// Takes back the last answer and says which it was; none if there is nothing.

@@ -5,7 +5,7 @@ use super::super::flight::{DRIVES, Flight, Track};
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::stand_in;
 use anyhow::Result;
-use cable_robot::energy::{BestLateral, Bounds, Hoist};
+use cable_robot::energy::{BestLateral, Bounds, WinchEnergy};
 use cable_robot::{Distribution, Vector3};
 
 /// Intervals of Simpson's rule: an error of 3e-6.
@@ -71,7 +71,7 @@ pub fn lateral(effort: Effort) -> Result<Section> {
         for (which, (name, motor)) in
             [("ideal", stand_in::ideal()), ("geared", stand_in::geared())].into_iter().enumerate()
         {
-            let hoist = Hoist {
+            let winch_energy = WinchEnergy {
                 anchors: &anchors,
                 planar: false,
                 wrench_n: stand_in::weight(),
@@ -83,7 +83,7 @@ pub fn lateral(effort: Effort) -> Result<Section> {
             for k in effort.some(&(0..corners.len()).collect::<Vec<_>>()) {
                 let ends = (Vector3::from(corners[k]), Vector3::from(corners[(k + 1) % corners.len()]));
                 let BestLateral { lateral, parabola, upright } =
-                    hoist.best_lateral(&ends.0, &ends.1, stand_in::SPEED_M_S, INTERVALS, &bounds)?;
+                    winch_energy.best_lateral(&ends.0, &ends.1, stand_in::SPEED_M_S, INTERVALS, &bounds)?;
                 let parabola = parabola.cost;
                 let (swing, cost) = lateral.map_or((0.0, upright), |(bow, cost)| (bow.side_m[0], cost));
                 let share = |of: f64| 1.0 - of / parabola.energy_j;

@@ -3,10 +3,10 @@
 //! within their limits is an [`EnergyError`] that says where.
 //!
 //! ```
-//! use cable_robot::{Distribution, Vector3, energy::Hoist, motor::Motor, path::Parabola};
+//! use cable_robot::{Distribution, Vector3, energy::WinchEnergy, motor::Motor, path::Parabola};
 //! let anchors = [[0.0, 0.0, 3.0], [9.0, 0.0, 3.0], [4.5, 8.0, 3.0]].map(Vector3::from);
 //! let motor = Motor::ideal(40.0, 1.2);
-//! let hoist = Hoist {
+//! let winch_energy = WinchEnergy {
 //!     anchors: &anchors,
 //!     planar: false,
 //!     wrench_n: Vector3::new(0.0, 0.0, 19.62),
@@ -16,10 +16,10 @@
 //!     current: &motor,
 //! };
 //! let line = Parabola { from: Vector3::new(4.0, 2.0, 1.0), to: Vector3::new(5.0, 2.0, 1.0), mu_per_m: 0.0 };
-//! let cost = hoist.constant_speed(&line, 0.2, 32)?;
+//! let cost = winch_energy.constant_speed(&line, 0.2, 32)?;
 //! assert!((cost.duration_s - 5.0).abs() < 1e-9 && (cost.length_m - 1.0).abs() < 1e-9);
 //! // Twice as fast takes half the time, and an ideal motor loses the same power all the while.
-//! let quick = hoist.constant_speed(&line, 0.4, 32)?;
+//! let quick = winch_energy.constant_speed(&line, 0.4, 32)?;
 //! assert!((quick.energy_j - 0.5 * cost.energy_j).abs() < 1e-9);
 //! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
@@ -126,7 +126,7 @@ impl Cost {
 }
 
 /// A robot as the cost of its moves needs it.
-pub struct Hoist<'a> {
+pub struct WinchEnergy<'a> {
     /// Where the lines leave their pulleys, m; of a planar robot with y = 0.
     pub anchors: &'a [Vector3<f64>],
     /// True for a robot in the x-z plane.
@@ -151,7 +151,7 @@ struct Moment {
     peak_a: f64,
 }
 
-impl Hoist<'_> {
+impl WinchEnergy<'_> {
     /// Cost of a parabola at constant speed, quasi-static as the paper has it: ∫ R Σ I² dt with dt = |dX/du| / v du, by
     /// Simpson's rule over the horizontal fraction u with an even number of intervals.
     pub fn constant_speed(&self, path: &Parabola, speed_m_s: f64, intervals: usize) -> Result<Cost, EnergyError> {
@@ -161,7 +161,7 @@ impl Hoist<'_> {
         self.integrate(path, speed_m_s, intervals)
     }
 
-    /// [`Hoist::constant_speed`] with arguments that were checked.
+    /// [`WinchEnergy::constant_speed`] with arguments that were checked.
     pub(super) fn integrate(&self, path: &Parabola, speed_m_s: f64, intervals: usize) -> Result<Cost, EnergyError> {
         self.integrate_by(|u| parabola::at_fraction(path, u), parabola::length_m(path), speed_m_s, intervals)
     }

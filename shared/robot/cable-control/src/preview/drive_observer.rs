@@ -10,10 +10,10 @@ const LENGTH_SIGMA_M: f64 = 5e-5;
 /// or too little through a start of half a second.
 const VELOCITY_SIGMA: f64 = 5e-3;
 
-/// A length this far from the twin's is another length (the position was set anew), m.
+/// A length this far from the observer's is another length (the position was set anew), m.
 const LOST_M: f64 = 0.05;
 
-/// Cycles without an estimate that the twin bridges.
+/// Cycles without an estimate that the observer bridges.
 const BRIDGED: u64 = 10;
 
 /// Model of all winches, run with the commands that were sent and corrected by measured lengths: a steady Kalman filter.
@@ -21,25 +21,25 @@ const BRIDGED: u64 = 10;
 /// ```
 /// use cable_robot::CableVec;
 /// use cable_control::drive_lag::{CommandHistory, CycleModel, DriveLag, Winch};
-/// use cable_control::preview::Twin;
+/// use cable_control::preview::DriveObserver;
 /// let lag = DriveLag::new(0.03, 0.04)?;
-/// let (drive, mut twin) = (CycleModel::new(&lag, 0.01, 0.01)?, Twin::new(&lag, 0.01)?);
+/// let (drive, mut observer) = (CycleModel::new(&lag, 0.01, 0.01)?, DriveObserver::new(&lag, 0.01)?);
 /// let (mut sent, mut winch) = (CommandHistory::new(), Winch { length_m: 6.0, velocity_m_s: 0.0 });
 /// for cycle in 1..100 {
 ///     sent.note(cycle, &CableVec::repeat(1, if cycle < 50 { 0.0 } else { 0.2 }));
 ///     winch = drive.step(winch, sent.ago(drive.whole() + 1)[0], sent.ago(drive.whole())[0]);
 ///     // Read as the command is sent, in steps of 0.1 mm.
 ///     let read = CableVec::repeat(1, (winch.length_m * 1e4).round() * 1e-4);
-///     twin.correct(cycle, 0.0, &read, &CableVec::repeat(1, 0.0), &sent);
+///     observer.correct(cycle, 0.0, &read, &CableVec::repeat(1, 0.0), &sent);
 /// }
-/// assert!((twin.velocities_m_s(1)[0] - 0.2).abs() < 0.01);
+/// assert!((observer.velocities_m_s(1)[0] - 0.2).abs() < 0.01);
 /// // The next command takes effect after three cycles of delay and the one in which it is sent.
-/// let there = twin.at_next_command(&sent)[0];
+/// let there = observer.at_next_command(&sent)[0];
 /// assert!((there.length_m - (winch.length_m + 4.0 * 0.2 * 0.01)).abs() < 2e-4);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Twin {
+pub struct DriveObserver {
     lag: DriveLag,
     model: CycleModel,
     period_s: f64,
@@ -49,7 +49,7 @@ pub struct Twin {
     cycle: Option<u64>,
 }
 
-impl Twin {
+impl DriveObserver {
     /// Knows the model, not yet the lengths.
     pub fn new(lag: &DriveLag, period_s: f64) -> Result<Self, LagError> {
         let model = CycleModel::new(lag, period_s, 0.0)?;
@@ -70,7 +70,7 @@ impl Twin {
     }
 
     /// Takes the lengths measured in a cycle, m, `reading_s` after its command was sent; `sent` has that command as its
-    /// newest. A cycle far from the last one, or lengths far from the twin's, begin anew with `velocities_m_s`.
+    /// newest. A cycle far from the last one, or lengths far from the observer's, begin anew with `velocities_m_s`.
     pub fn correct(
         &mut self,
         cycle: u64,
@@ -117,7 +117,7 @@ impl Twin {
     }
 
     /// Where the winches will be at the beginning of the cycle in which the next command takes effect: after
-    /// [`Twin::correct`] with the newest reading, the whole cycles of delay on.
+    /// [`DriveObserver::correct`] with the newest reading, the whole cycles of delay on.
     pub fn at_next_command(&self, sent: &CommandHistory) -> [Winch; MAX_CABLES] {
         let mut ahead = *self;
         // The command of `ago` cycles before the newest takes effect in the first of these cycles.

@@ -8,9 +8,9 @@ use messages::ros::Payload;
 /// Gives a message the name that peers compare.
 #[repr(transparent)]
 #[derive(Clone, Copy)]
-pub(crate) struct Wire<T: Payload>(pub(crate) T);
+pub(crate) struct ShmSample<T: Payload>(pub(crate) T);
 
-impl<T: Payload> fmt::Debug for Wire<T> {
+impl<T: Payload> fmt::Debug for ShmSample<T> {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(T::NAME)
     }
@@ -19,7 +19,7 @@ impl<T: Payload> fmt::Debug for Wire<T> {
 // SAFETY: a `Payload` is `Pod`: no pointers, no padding, every bit pattern valid, at any address. The name ends in a hash of the layout, so
 // that two definitions with the same name have the same memory layout.
 #[allow(unsafe_code)]
-unsafe impl<T: Payload> ZeroCopySend for Wire<T> {
+unsafe impl<T: Payload> ZeroCopySend for ShmSample<T> {
     unsafe fn type_name() -> &'static str {
         T::type_name()
     }

@@ -2,22 +2,22 @@
 
 use super::restarts::Policy;
 use command::{Answer, Failure};
-use config::{BoxFile, ProcessSection, Role, Slot};
+use config::{ProcessSection, Role, Slot, SystemFile};
 use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// What a process without an entry in the box file gets; the defaults of `[[process]]`.
+/// What a process without an entry in the system file gets; the defaults of `[[process]]`.
 const RESTART: Policy = Policy { again: false, pause_ns: 500_000_000, limit: 3, forgiven_ns: 60_000_000_000 };
 /// Bytes of a process's name: it becomes part of a channel's name, and that of a socket's path.
 const NAME_MAX: usize = 16;
 
 /// A process to be started.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Member {
+pub struct ProcessSpec {
     /// Its name on the bus and in the process table; unique.
     pub name: String,
-    /// Its name in the box file, where it takes the place of a standard process.
+    /// Its name in the system file, where it takes the place of a standard process.
     pub alias: Option<String>,
     /// What it does.
     pub role: Role,
@@ -41,14 +41,14 @@ pub struct Member {
     pub cpu: Option<usize>,
 }
 
-impl Member {
+impl ProcessSpec {
     /// Whether the robot cannot go on without it.
     #[must_use]
     pub fn is_vital(&self) -> bool {
         !matches!(self.role, Role::Recorder | Role::Other)
     }
 
-    /// Whether it goes by that name, on the bus or in the box file.
+    /// Whether it goes by that name, on the bus or in the system file.
     #[must_use]
     pub fn is_called(&self, name: &str) -> bool {
         self.name == name || self.alias.as_deref() == Some(name)
@@ -73,9 +73,9 @@ impl Member {
 #[derive(Debug, Clone)]
 pub struct Site {
     /// The box.
-    pub file: BoxFile,
+    pub file: SystemFile,
     /// The file that it was started with; its folder is where relative paths begin.
-    pub box_path: PathBuf,
+    pub system_path: PathBuf,
     /// The run's own copy of it, which the processes read.
     pub config: PathBuf,
     /// Files that commands of the box name, and the run's own copy of each.
@@ -91,7 +91,7 @@ impl Site {
     ///
     /// # Errors
     /// A program that is not there.
-    pub fn members(&self) -> Answer<Vec<Member>> {
+    pub fn members(&self) -> Answer<Vec<ProcessSpec>> {
         let mut members = Vec::new();
         for role in [Role::Recorder, Role::MotorBox, Role::Estimator, Role::Controller, Role::Planner, Role::MotorIo] {
             let mut sections = self.file.process.iter().filter(|process| process.start && process.role == role);
@@ -116,48 +116,48 @@ impl Site {
         Ok(members)
     }
 
-    /// A process of the box file, if it has one of that name.
+    /// A process of the system file, if it has one of that name.
     #[must_use]
     pub fn section(&self, name: &str) -> Option<&ProcessSection> {
         self.file.process.iter().find(|process| process.name == name)
     }
 
-    /// The process that an entry of the box file describes; for a controller or an estimator in that slot, if not in its own.
+    /// The process that an entry of the system file describes; for a controller or an estimator in that slot, if not in its own.
     ///
     /// # Errors
     /// A program that is not there.
-    pub fn configured(&self, section: &ProcessSection, slot: Option<Slot>) -> Answer<Member> {
+    pub fn configured(&self, section: &ProcessSection, slot: Option<Slot>) -> Answer<ProcessSpec> {
         let slot = section.role.has_slots().then(|| slot.unwrap_or(section.slot()));
         self.member(section.role, slot, Some(section), None)
     }
 
-    /// A controller or an estimator in that slot, with a law of its own: `law` names one, or an entry of the box file.
+    /// A controller or an estimator in that slot, with a law of its own: `law` names one, or an entry of the system file.
     ///
     /// # Errors
     /// A program that is not there, or an entry of another role.
-    pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Answer<Member> {
+    pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Answer<ProcessSpec> {
         match self.file.process_for(role, law).map_err(Failure::BadInput)? {
             Some(section) => self.configured(section, Some(slot)),
             None => self.member(role, Some(slot), None, Some(law)),
         }
     }
 
-    /// The process of a role as the box file has it: its entry, or the standard program.
+    /// The process of a role as the system file has it: its entry, or the standard program.
     ///
     /// # Errors
     /// A program that is not there.
-    pub fn of_role(&self, role: Role, slot: Option<Slot>) -> Answer<Member> {
+    pub fn of_role(&self, role: Role, slot: Option<Slot>) -> Answer<ProcessSpec> {
         let takes = |process: &&ProcessSection| {
             process.start && process.role == role && slot.is_none_or(|slot| process.slot() == slot)
         };
         self.member(role, slot, self.file.process.iter().find(takes), None)
     }
 
-    /// A program that the box file does not know.
+    /// A program that the system file does not know.
     ///
     /// # Errors
     /// A name that cannot be used, or a program that is not there.
-    pub fn plugged(&self, name: &str, folder: &Path, command: &[String]) -> Answer<Member> {
+    pub fn plugged(&self, name: &str, folder: &Path, command: &[String]) -> Answer<ProcessSpec> {
         let usable = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
         if name.is_empty() || name.len() > NAME_MAX || !name.bytes().all(usable) {
             return Err(Failure::BadInput(format!(
@@ -165,7 +165,7 @@ impl Site {
             )));
         }
         let (program, args) = self.command(name, command, folder)?;
-        Ok(Member {
+        Ok(ProcessSpec {
             name: name.to_owned(),
             alias: None,
             role: Role::Other,
@@ -187,20 +187,20 @@ impl Site {
         slot: Option<Slot>,
         section: Option<&ProcessSection>,
         law: Option<&str>,
-    ) -> Answer<Member> {
+    ) -> Answer<ProcessSpec> {
         let name = match (role, section) {
             (Role::Other, Some(section)) => section.name.clone(),
             _ => role.process_name(slot.unwrap_or_default()),
         };
         let law = law.or(section.and_then(|section| section.law.as_deref()));
         let own = section.filter(|section| !section.command.is_empty());
-        let folder = own.map(|_| self.box_path.parent().unwrap_or(Path::new("/")).to_path_buf());
+        let folder = own.map(|_| self.system_path.parent().unwrap_or(Path::new("/")).to_path_buf());
         let (program, mut args) = match own {
             Some(section) => self.command(&name, &section.command, folder.as_deref().unwrap_or(Path::new("/")))?,
             None => (beside_us(role.name())?, Vec::new()),
         };
         if role != Role::Other {
-            args.extend(["--box".into(), self.config.clone().into()]);
+            args.extend(["--system".into(), self.config.clone().into()]);
             args.extend(["--name".into(), name.clone().into(), "--domain".into(), self.domain.clone().into()]);
         }
         if slot == Some(Slot::B) {
@@ -223,7 +223,7 @@ impl Site {
         });
         // What is not recorded is lost: as long as the robot runs, its recorder is tried again.
         let limit = if role == Role::Recorder { u32::MAX } else { restart.limit };
-        Ok(Member {
+        Ok(ProcessSpec {
             alias: section.map(|section| section.name.clone()).filter(|alias| *alias != name),
             law: law.map(str::to_owned),
             name,
@@ -263,7 +263,7 @@ impl Site {
                 argument
                     .replace("{name}", name)
                     .replace("{domain}", &self.domain)
-                    .replace("{box}", &self.config.to_string_lossy())
+                    .replace("{system}", &self.config.to_string_lossy())
                     .replace("{run}", &self.run.to_string_lossy()),
             )
         };
@@ -277,7 +277,7 @@ impl Site {
     /// The files that the commands of the box name and that a process reads at its start, with the name of the process.
     #[must_use]
     pub fn files_of_commands(&self) -> Vec<(String, PathBuf)> {
-        let folder = self.box_path.parent().unwrap_or(Path::new("/"));
+        let folder = self.system_path.parent().unwrap_or(Path::new("/"));
         let of_one = |section: &ProcessSection| {
             let arguments = section.command.iter().skip(1).map(Path::new);
             let files = arguments.filter(|path| is_configuration(path)).map(|path| folder.join(path));

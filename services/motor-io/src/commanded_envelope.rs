@@ -3,15 +3,15 @@
 use crate::settings::CoreConfig;
 use messages::CABLES;
 
-/// Time constant with which an old command stops being an excuse for motion: drives lag by up to 0.16 s.
+/// Time constant with which an old command stops being an envelope for motion: drives lag by up to 0.16 s.
 const EXCUSE_S: f64 = 0.3;
-/// Velocity beyond what commands excuse, m/s and share of the limit: encoder steps and overshoot of the drive's loop.
+/// Velocity beyond what commands envelope, m/s and share of the limit: encoder steps and overshoot of the drive's loop.
 const TOLERANCE_M_S: f64 = 0.03;
 const TOLERANCE_SHARE: f64 = 0.25;
 
-/// The velocities that commands of the recent past excuse, line by line.
+/// The velocities that commands of the recent past envelope, line by line.
 #[derive(Debug, Clone)]
-pub struct Excuse {
+pub struct CommandedEnvelope {
     low_m_s: [f64; CABLES],
     high_m_s: [f64; CABLES],
     /// Cycles for which the drive has held or moved its line.
@@ -21,7 +21,7 @@ pub struct Excuse {
     settled_cycles: u32,
 }
 
-impl Excuse {
+impl CommandedEnvelope {
     /// Nothing was commanded yet, and nothing is driven.
     #[must_use]
     pub fn new(config: &CoreConfig) -> Self {

@@ -1,14 +1,14 @@
-//! The box file: which processes run, on which drives, at which rate, with which parameters.
+//! The system file: which processes run, on which drives, at which rate, with which parameters.
 
 use super::{DeviceSection, Point, SensorLoggerSection, ViewerSection};
 use crate::Slot;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
-/// A box file as written. Paths are relative to the file's own folder.
+/// A system file as written. Paths are relative to the file's own folder.
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct BoxFile {
+pub struct SystemFile {
     /// What people call this box; also the name of its domain in shared memory (a-z, 0-9, dash; at most 16).
     pub name: String,
     /// The robot file.
@@ -426,9 +426,9 @@ pub struct ProcessSection {
     /// What it does; default `other`.
     #[serde(default = "default_role")]
     pub role: Role,
-    /// Program and arguments. A name without a slash is looked for beside `nims`, then in PATH; a relative path begins at the box file's
-    /// folder, which is also where the process runs. `{name}`, `{domain}`, `{box}` and `{run}` stand for its own name, the robot's domain,
-    /// the run's copy of the box file and the run folder. A `.toml` file among the arguments is read from the run's copy of it. Empty, for a controller or an estimator: the standard program.
+    /// Program and arguments. A name without a slash is looked for beside `nims`, then in PATH; a relative path begins at the system file's
+    /// folder, which is also where the process runs. `{name}`, `{domain}`, `{system}` and `{run}` stand for its own name, the robot's domain,
+    /// the run's copy of the system file and the run folder. A `.toml` file among the arguments is read from the run's copy of it. Empty, for a controller or an estimator: the standard program.
     #[serde(default)]
     pub command: Vec<String>,
     /// For a controller or an estimator: its slot. Default: a, or b for a standby.

@@ -8,13 +8,13 @@ use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 const RETRY_NS: u64 = 2_000_000_000;
 
 /// Sweeps a domain when told to.
-pub struct Sweeper {
+pub struct Cleanup {
     domain: Domain,
     due_ns: Option<u64>,
     running: Option<Receiver<Result<Swept, BusError>>>,
 }
 
-impl Sweeper {
+impl Cleanup {
     /// For that domain.
     pub fn new(domain: &Domain) -> Self {
         Self { domain: domain.clone(), due_ns: None, running: None }

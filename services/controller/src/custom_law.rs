@@ -13,9 +13,9 @@ use messages::NodeEstimate;
 pub trait CableLaw: Send {
     /// Cable velocities dL/dt, m/s, one per cable; `None`: no answer to this estimate.
     ///
-    /// What a law remembers from cycle to cycle it remembers per [`Asked::slot`]: with two estimators alive it is asked twice in a
+    /// What a law remembers from cycle to cycle it remembers per [`LawInput::slot`]: with two estimators alive it is asked twice in a
     /// cycle.
-    fn velocity(&mut self, asked: &Asked<'_>) -> Option<CableVec>;
+    fn velocity(&mut self, asked: &LawInput<'_>) -> Option<CableVec>;
 
     /// Its parameters as TOML, `key = value` in each line: what flew is in the run, also of a law that nims does not know.
     fn parameters(&self) -> String {
@@ -25,7 +25,7 @@ pub trait CableLaw: Send {
 
 /// One cycle, one estimate.
 #[derive(Debug, Clone, Copy)]
-pub struct Asked<'a> {
+pub struct LawInput<'a> {
     /// The estimate's slot, 0 or 1.
     pub slot: usize,
     /// The robot.
@@ -46,7 +46,7 @@ pub struct Asked<'a> {
     pub ahead_held: Option<&'a Realisation>,
 }
 
-impl Asked<'_> {
+impl LawInput<'_> {
     /// Unstretched lengths as they should be now, m.
     pub fn desired_lengths_m(&self) -> Option<CableVec> {
         self.now_held.map(|held| held.unstretched_m)
@@ -70,7 +70,7 @@ impl Asked<'_> {
 }
 
 impl CableLaw for PFeedforward {
-    fn velocity(&mut self, asked: &Asked<'_>) -> Option<CableVec> {
+    fn velocity(&mut self, asked: &LawInput<'_>) -> Option<CableVec> {
         let (speed, desired) = (asked.desired_velocities_m_s()?, asked.desired_lengths_m()?);
         Some(PFeedforward::velocity(self, &speed, &desired, &asked.lengths_m()))
     }

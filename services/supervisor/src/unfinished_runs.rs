@@ -23,11 +23,11 @@ pub enum News {
 
 /// Recovers what was left.
 #[derive(Default)]
-pub struct Leftovers {
+pub struct UnfinishedRuns {
     news: Option<Receiver<News>>,
 }
 
-impl Leftovers {
+impl UnfinishedRuns {
     /// Begins with every run in these folders, and with these runs, but not with the `present` one, whose recorder looks after itself.
     ///
     /// # Errors
@@ -156,7 +156,7 @@ mod tests {
         fs::write(runs.join("note.mcap.part"), "in no run").unwrap();
 
         let mut leftovers =
-            Leftovers::recover(vec![runs.clone()], vec![runs.join("first")], runs.join("present")).unwrap();
+            UnfinishedRuns::recover(vec![runs.clone()], vec![runs.join("first")], runs.join("present")).unwrap();
         let mut recovered = Vec::new();
         for news in leftovers.finish(Duration::from_secs(60)) {
             match news {

@@ -1,6 +1,6 @@
 //! The heartbeats of the processes: who is ready, and who is silent.
 
-use super::crew::Crew;
+use super::process_set::ProcessSet;
 use bus::{Bus, Subscriber, clock};
 use command::Answer;
 use evidence::State;
@@ -18,7 +18,7 @@ const LOOKED_NS: u64 = 250_000_000;
 
 /// Heartbeats by the name of their process.
 #[derive(Default)]
-pub struct Beats {
+pub struct Heartbeats {
     heard: BTreeMap<String, Heard>,
     awake: Awake,
 }
@@ -82,7 +82,7 @@ pub enum Change {
     Back(String),
 }
 
-impl Beats {
+impl Heartbeats {
     /// Listens to a process that is about to be started.
     ///
     /// # Errors
@@ -104,11 +104,11 @@ impl Beats {
     ///
     /// # Errors
     /// Shared memory fails.
-    pub fn look(&mut self, crew: &mut Crew) -> Answer<Vec<Change>> {
+    pub fn look(&mut self, process_set: &mut ProcessSet) -> Answer<Vec<Change>> {
         let now = clock::now_ns();
         let awake_ns = self.awake.look(now);
         let mut changes = Vec::new();
-        for child in crew.iter_mut() {
+        for child in process_set.iter_mut() {
             let Some(heard) = self.heard.get_mut(&child.member.name) else { continue };
             while let Some(beat) = heard.subscriber.receive()? {
                 // An earlier life, or a stranger of that name, says nothing about this one.

@@ -1,9 +1,9 @@
 //! The processes that were started, and their end: downstream before upstream, the recorder last.
 //!
-//! Architecture invariant: a crew never outlives whoever holds it. Dropped on whatever way, a panic included, it ends its processes in order.
+//! Architecture invariant: a process_set never outlives whoever holds it. Dropped on whatever way, a panic included, it ends its processes in order.
 
 use super::child::{Child, Then};
-use super::members::Member;
+use super::process_spec::ProcessSpec;
 use super::successors::Successor;
 use bus::clock;
 use config::Role;
@@ -26,13 +26,13 @@ const LOOK_NS: u64 = 5_000_000;
 
 /// Processes in the order in which they were started.
 #[derive(Debug, Default)]
-pub struct Crew {
+pub struct ProcessSet {
     children: Vec<Child>,
     /// Those of a name that another one still has.
     pub successors: Vec<Successor>,
 }
 
-impl Crew {
+impl ProcessSet {
     /// Takes a process in; it takes the place of an earlier life.
     pub fn enter(&mut self, child: Child) {
         match self.children.iter_mut().find(|other| other.member.name == child.member.name) {
@@ -56,7 +56,7 @@ impl Crew {
         self.children.iter_mut()
     }
 
-    /// The one that goes by that name, on the bus before in the box file, the living before the dead.
+    /// The one that goes by that name, on the bus before in the system file, the living before the dead.
     pub fn find(&mut self, name: &str) -> Option<&mut Child> {
         let ranked = self.children.iter().enumerate().filter(|(_, child)| child.member.is_called(name));
         let best = ranked.max_by_key(|(_, child)| (child.member.name == name, child.exit.is_none())).map(|(at, _)| at);
@@ -71,7 +71,7 @@ impl Crew {
 
     /// Another of its role that is ready to do its work.
     #[must_use]
-    pub fn stand_in(&self, member: &Member) -> Option<&Child> {
+    pub fn stand_in(&self, member: &ProcessSpec) -> Option<&Child> {
         let stands_in = |child: &&Child| {
             child.member.role == member.role
                 && child.member.slot != member.slot
@@ -106,7 +106,7 @@ impl Crew {
     }
 }
 
-impl Drop for Crew {
+impl Drop for ProcessSet {
     fn drop(&mut self) {
         self.end(|_| (), |_| ());
     }
@@ -119,8 +119,8 @@ mod tests {
     use super::*;
     use std::path::Path;
 
-    fn member(name: &str, role: Role, script: &str) -> Member {
-        Member {
+    fn member(name: &str, role: Role, script: &str) -> ProcessSpec {
+        ProcessSpec {
             name: name.to_owned(),
             alias: None,
             role,
@@ -140,7 +140,7 @@ mod tests {
         started(folder, &member(name, role, script))
     }
 
-    fn started(folder: &Path, member: &Member) -> Child {
+    fn started(folder: &Path, member: &ProcessSpec) -> Child {
         let with = Start { domain: "test", changes: 0, succeeds: false, log: &folder.join(&member.name) };
         Child::start(member, with, Restarts::default()).unwrap().0
     }
@@ -169,12 +169,12 @@ mod tests {
             )
         };
         let panicked = std::panic::catch_unwind(|| {
-            let mut crew = Crew::default();
+            let mut process_set = ProcessSet::default();
             for (name, role) in [("recorder", Role::Recorder), ("motor-io", Role::MotorIo), ("planner", Role::Planner)]
             {
                 let mut member = member(name, role, &script(name));
                 member.folder = Some(folder.path().to_owned());
-                crew.enter(started(folder.path(), &member));
+                process_set.enter(started(folder.path(), &member));
                 wait_for(|| folder.path().join(format!("{name}.up")).exists());
             }
             panic!("something goes wrong in the supervisor");
@@ -209,12 +209,12 @@ mod tests {
     #[test]
     fn a_process_that_stands_still_can_be_ended() {
         let folder = tempfile::tempdir().unwrap();
-        let mut crew = Crew::default();
-        crew.enter(start(folder.path(), "still", Role::Other, "kill -STOP $$; sleep 1000"));
-        let pid = crew.iter().next().unwrap().pid;
+        let mut process_set = ProcessSet::default();
+        process_set.enter(start(folder.path(), "still", Role::Other, "kill -STOP $$; sleep 1000"));
+        let pid = process_set.iter().next().unwrap().pid;
         wait_for(|| std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap().contains(") T"));
-        crew.end(|_| (), |name| panic!("{name} had to be killed"));
-        assert_eq!(crew.iter().next().unwrap().state(), messages::ProcessState::STATE_STOPPED);
+        process_set.end(|_| (), |name| panic!("{name} had to be killed"));
+        assert_eq!(process_set.iter().next().unwrap().state(), messages::ProcessState::STATE_STOPPED);
     }
 
     #[test]
@@ -248,13 +248,13 @@ mod tests {
     #[test]
     fn a_name_of_the_bus_comes_before_one_of_the_box_file() {
         let folder = tempfile::tempdir().unwrap();
-        let mut crew = Crew::default();
+        let mut process_set = ProcessSet::default();
         let mut first = start(folder.path(), "controller-b", Role::Controller, "sleep 1000");
         first.member.alias = Some("mine".to_owned());
-        crew.enter(first);
-        crew.enter(start(folder.path(), "mine", Role::Other, "sleep 1000"));
-        assert_eq!(crew.find("mine").unwrap().member.role, Role::Other);
-        assert_eq!(crew.find("controller-b").unwrap().member.role, Role::Controller);
-        assert!(crew.find("nobody").is_none());
+        process_set.enter(first);
+        process_set.enter(start(folder.path(), "mine", Role::Other, "sleep 1000"));
+        assert_eq!(process_set.find("mine").unwrap().member.role, Role::Other);
+        assert_eq!(process_set.find("controller-b").unwrap().member.role, Role::Controller);
+        assert!(process_set.find("nobody").is_none());
     }
 }

@@ -6,11 +6,11 @@ use messages::{LogEvent, put_sentence, put_text};
 use std::io::Write;
 
 /// Says things.
-pub struct Voice {
+pub struct Announcer {
     log: Publisher<LogEvent>,
 }
 
-impl Voice {
+impl Announcer {
     pub(super) fn new(bus: &Bus) -> Answer<Self> {
         Ok(Self { log: bus.publisher("system/log/nims")? })
     }
