@@ -127,9 +127,14 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
             robot.until("it holds", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         });
         assert!(late.answer > 0, "{late:?}");
-        let silent = row(&mut robot, "a drive that is silent for 0.2 s", |robot| robot.fault("silence 1 for 0.2"));
-        // An answer that was under way is cut short, and that is a broken step.
-        assert!(silent.drive + silent.resync >= 10, "{silent:?}");
+        // A row of lost periods keeps the cause of its first one. Where the computer happens to be short of time in just that period, the row
+        // says nothing about drives, and the drive is silenced again. An answer that was under way is cut short: that is a resynchronisation.
+        let silenced = (0..3).any(|_| {
+            let silent = row(&mut robot, "a drive that is silent for 0.2 s", |robot| robot.fault("silence 1 for 0.2"));
+            assert!(silent.drive + silent.resync + silent.computer >= 10, "{silent:?}");
+            silent.drive + silent.resync >= 10
+        });
+        assert!(silenced, "three times the computer instead of the drive");
         let noise = row(&mut robot, "noise for a second", |robot| {
             robot.fault("noise 1 0.0005 for 1");
             robot.for_cycles(100);
