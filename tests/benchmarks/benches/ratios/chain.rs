@@ -8,7 +8,7 @@ use cable_control::drive_lag::{DriveLag, LagFit, Record};
 use cable_control::law::{InputWeight, LqGain};
 use cable_robot::kinematics::{Jacobian, forward_kinematics, inverse_kinematics};
 use cable_robot::{Anchors, CableVec, Matrix3, Vector3, elastic};
-use controller::{Law, Inputs};
+use controller::{Inputs, Law};
 use criterion::{BatchSize, Criterion};
 use lockstep::{Chain, Cycle, Lockstep, Scenario};
 use nims_tests::scenarios::{self, Case};
