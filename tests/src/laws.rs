@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result};
 use cable_control::drive_lag::DriveLag;
-use config::ControllerSection;
+use config::{ControlLaw, ControllerSection};
 use controller::Law;
 
 use crate::lockstep::{self, Flight, Lockstep};
@@ -105,7 +105,7 @@ pub fn identified(case: &Case) -> Result<DriveLag> {
 /// A model out of range.
 pub fn law(model: Option<DriveLag>, fallback: bool) -> Result<Law> {
     let section = ControllerSection {
-        law: "preview".into(),
+        law: ControlLaw::Preview,
         drive_lag_s: model.map(|model| [model.delay_s(), model.lag_s()]),
         // What is told is to be judged, not what is found out.
         identify: model.is_none(),

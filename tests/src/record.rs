@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Result;
-use config::{ControllerSection, EstimatorSection, SystemFile};
+use config::{ControlLaw, ControllerSection, EstimatorMethod, EstimatorSection, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::EstimatorConfig;
 use messages::{Message, OperatorRequest, SLOT_NAMES};
@@ -112,9 +112,9 @@ pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<
     let mission = scenario.mission.clone();
     let [x, y, z] = scenario.plant.start_m;
     let chain = Chain::of(&file)?;
-    let section = ControllerSection { law: "p-feedforward".into(), ..file.controller.clone() };
+    let section = ControllerSection { law: ControlLaw::PFeedforward, ..file.controller.clone() };
     let controller = ControllerConfig { law: Law::of(&section)?, ..*chain.controller.config() };
-    let section = EstimatorSection { method: "kalman".into(), ..file.estimator.clone() };
+    let section = EstimatorSection { method: EstimatorMethod::Kalman, ..file.estimator.clone() };
     let estimator = EstimatorConfig::of(&section, file.robot_file()?.robot()?, 0)?;
     let mut lockstep = Lockstep::with(scenario, chain)?;
     let mut tape = Tape::new(path, system_path)?;

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, ensure};
 use cable_control::law::PFeedforward;
-use config::EstimatorSection;
+use config::{EstimatorMethod, EstimatorSection};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use messages::{CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
@@ -58,7 +58,7 @@ pub fn doubled(case: &Case, law: Option<Law>) -> Result<Lockstep> {
     let Chain { controller, .. } = Chain::new(&scenario)?;
     let plain = Law::PFeedforward(PFeedforward::new(2.0)?);
     let config = ControllerConfig { law: law.unwrap_or(plain), ..*controller.config() };
-    let section = EstimatorSection { method: "kalman".into(), ..EstimatorSection::default() };
+    let section = EstimatorSection { method: EstimatorMethod::Kalman, ..EstimatorSection::default() };
     let method = Method::of(&section)?;
     let estimator = EstimatorConfig {
         robot: scenario.robot,

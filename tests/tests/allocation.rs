@@ -26,7 +26,8 @@ fn flight(robot: &'static str, shape: PathShape, law: Option<Law>, method: &str)
     };
     scenario.mission.path = shape;
     scenario.law = law.unwrap_or(scenario.law);
-    scenario.method = Method::of(&EstimatorSection { method: method.into(), ..EstimatorSection::default() }).unwrap();
+    scenario.method =
+        Method::of(&EstimatorSection { method: method.parse().unwrap(), ..EstimatorSection::default() }).unwrap();
     let chain = Chain::new(&scenario).unwrap();
     let mission = scenario.mission.clone();
     let [x, y, z] = scenario.plant.start_m;

@@ -3,7 +3,7 @@
 use cable_control::drive_lag::DriveLag;
 use cable_control::law::{InputWeight, LqGain, PFeedforward};
 use cable_robot::{CableVec, Matrix3, NodeJacobian, Vector3};
-use config::ControllerSection;
+use config::{ControlLaw, ControllerSection};
 use messages::ControlStatus;
 use thiserror::Error;
 
@@ -35,12 +35,9 @@ pub enum Law {
     Custom,
 }
 
-/// A law or a parameter that does not exist.
+/// A parameter that is not accepted.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum LawError {
-    /// No such law.
-    #[error("law is \"{0}\"; accepted: \"lq-endpoint\", \"preview\" or \"p-feedforward\"")]
-    Unknown(String),
     /// A parameter out of range.
     #[error("{key} is {value}; accepted: {accepted}")]
     Parameter {
@@ -60,14 +57,21 @@ impl Law {
     /// One sentence: which key, what is accepted.
     pub fn of(section: &ControllerSection) -> Result<Self, LawError> {
         let &ControllerSection { state_weight, input_weight, length_gain_per_s: gain, .. } = section;
-        if section.law == "p-feedforward" {
-            let wrong = LawError::Parameter { key: "length_gain_per_s", value: gain, accepted: "above 0, at most 50" };
-            return PFeedforward::new(gain).map(Self::PFeedforward).map_err(|_| wrong);
+        match section.law {
+            ControlLaw::LqEndpoint => Self::lq_endpoint(state_weight, input_weight),
+            ControlLaw::Preview => Self::preview(section),
+            ControlLaw::PFeedforward => {
+                let wrong =
+                    LawError::Parameter { key: "length_gain_per_s", value: gain, accepted: "above 0, at most 50" };
+                PFeedforward::new(gain).map(Self::PFeedforward).map_err(|_| wrong)
+            }
         }
-        if section.law != "preview" {
-            return Self::by_name(&section.law, state_weight, input_weight);
-        }
-        Self::by_name("lq-endpoint", state_weight, input_weight)?;
+    }
+
+    fn preview(section: &ControllerSection) -> Result<Self, LawError> {
+        let &ControllerSection { state_weight, input_weight, .. } = section;
+        // The fallback has the same weights.
+        Self::lq_endpoint(state_weight, input_weight)?;
         let lag = match section.drive_lag_s {
             None => None,
             Some([delay_s, lag_s]) => Some(DriveLag::new(delay_s, lag_s).map_err(|error| LawError::Parameter {
@@ -86,14 +90,11 @@ impl Law {
         Ok(Self::Preview { state_weight, input_weight, preview })
     }
 
-    /// The law of this name with these weights; [`Law::of`] for those that need more.
+    /// The paper's law with these weights.
     ///
     /// # Errors
     /// One sentence: which key, what is accepted.
-    pub fn by_name(name: &str, state_weight: f64, input_weight: f64) -> Result<Self, LawError> {
-        if name != "lq-endpoint" {
-            return Err(LawError::Unknown(name.to_owned()));
-        }
+    pub fn lq_endpoint(state_weight: f64, input_weight: f64) -> Result<Self, LawError> {
         if !(state_weight.is_finite() && state_weight >= 0.0) {
             return Err(LawError::Parameter { key: "state_weight", value: state_weight, accepted: "0 or more" });
         }
@@ -113,13 +114,13 @@ impl Law {
         }
     }
 
-    /// The name of a number, as the configuration has it; `None` for a law of one's own and for one that this build does not know.
+    /// The law of a number in `control/status`; `None` for a custom law and for a number that this build does not know.
     #[must_use]
-    pub fn name_of(number: u8) -> Option<&'static str> {
+    pub fn numbered(number: u8) -> Option<ControlLaw> {
         match number {
-            ControlStatus::LAW_LQ_ENDPOINT => Some("lq-endpoint"),
-            ControlStatus::LAW_PREVIEW => Some("preview"),
-            ControlStatus::LAW_P_FEEDFORWARD => Some("p-feedforward"),
+            ControlStatus::LAW_LQ_ENDPOINT => Some(ControlLaw::LqEndpoint),
+            ControlStatus::LAW_PREVIEW => Some(ControlLaw::Preview),
+            ControlStatus::LAW_P_FEEDFORWARD => Some(ControlLaw::PFeedforward),
             _ => None,
         }
     }

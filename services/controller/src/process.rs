@@ -30,7 +30,7 @@ pub fn main_with(program: Program, law: Box<dyn CableLaw>) -> ExitCode {
 pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<ControllerConfig> {
     let mut file = chassis.system_file()?.clone();
     if let Some(law) = law {
-        law.clone_into(&mut file.controller.law);
+        file.controller.law = law.parse().map_err(|error| BadInput(format!("[controller] law {error}")))?;
     }
     ControllerConfig::of(&file, &file.robot_file()?, chassis.incarnation())
         .map(|config| ControllerConfig { thread: std::process::id(), ..config })
@@ -47,13 +47,13 @@ struct Used {
 impl Used {
     fn begin(chassis: &mut Chassis, controller: &Controller) -> anyhow::Result<Self> {
         let (config, own) = (*controller.config(), controller.own_parameters());
-        let named = Law::name_of(config.law.number());
+        let named = Law::numbered(config.law.number());
         let program = || std::env::current_exe().ok()?.file_name().map(|name| name.to_string_lossy().into_owned());
-        let law = named.map(str::to_owned).or_else(program).unwrap_or_default();
+        let law = named.map(|law| law.name().to_owned()).or_else(program).unwrap_or_default();
         let make = move |file: &SystemFile, robot: &RobotFile| {
             let mut file = file.clone();
             if let Some(law) = named {
-                law.clone_into(&mut file.controller.law);
+                file.controller.law = law;
             }
             let own = if own.is_empty() { String::new() } else { format!("\n[law]\n{own}") };
             let text = format!("{}{own}", file.sections(&["controller"]));

@@ -5,7 +5,8 @@ use config::EstimatorSection;
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate, same_life};
 
 use crate::cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement};
-use crate::method::{Method, MethodError};
+use crate::method::Method;
+use cable_control::length_filter::FilterError;
 
 /// What the estimator is told about the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,7 +28,7 @@ impl EstimatorConfig {
     ///
     /// # Errors
     /// A method or a parameter that does not exist.
-    pub fn of(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Result<Self, MethodError> {
+    pub fn of(section: &EstimatorSection, robot: Robot, incarnation: u32) -> Result<Self, FilterError> {
         Ok(Self::by(Method::of(section)?, section, robot, incarnation))
     }
 

@@ -18,5 +18,5 @@ pub mod process;
 
 pub use cable_estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement, Parameters};
 pub use estimator::{Estimator, EstimatorConfig};
-pub use method::{METHOD_OTHER, Method, MethodError};
+pub use method::{METHOD_OTHER, Method};
 pub use runtime::program;

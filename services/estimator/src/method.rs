@@ -1,9 +1,8 @@
 //! The methods of estimation that can be chosen by a name, and that of a program of one's own.
 
 use cable_control::length_filter::FilterError;
-use config::EstimatorSection;
+use config::{EstimatorMethod, EstimatorSection};
 use messages::{ControlStatus, NodeEstimate};
-use thiserror::Error;
 
 use crate::cable_estimator::{CableEstimator, Parameters};
 use crate::{kalman, phi};
@@ -14,7 +13,7 @@ pub const METHOD_OTHER: u8 = ControlStatus::LAW_OTHER;
 /// A method that nims has itself.
 struct Standard {
     /// Its name in the configuration.
-    name: &'static str,
+    name: EstimatorMethod,
     /// Its number in `node/estimate`.
     number: u8,
     /// Those of the parameters that it uses, and the defaults of the others.
@@ -23,14 +22,25 @@ struct Standard {
     cable: fn(&Parameters) -> Box<dyn CableEstimator>,
 }
 
-/// All of them. Another one is a file with a [`CableEstimator`] and a row here.
-const STANDARD: [Standard; 2] = [
-    Standard { name: "phi", number: NodeEstimate::METHOD_PHI, used: phi::used, cable: phi::cable },
-    Standard { name: "kalman", number: NodeEstimate::METHOD_KALMAN, used: kalman::used, cable: kalman::cable },
-];
+const PHI: Standard =
+    Standard { name: EstimatorMethod::Phi, number: NodeEstimate::METHOD_PHI, used: phi::used, cable: phi::cable };
+const KALMAN: Standard = Standard {
+    name: EstimatorMethod::Kalman,
+    number: NodeEstimate::METHOD_KALMAN,
+    used: kalman::used,
+    cable: kalman::cable,
+};
+
+/// Another method is a file with a [`CableEstimator`], a row above and its name here.
+fn standard(method: EstimatorMethod) -> &'static Standard {
+    match method {
+        EstimatorMethod::Phi => &PHI,
+        EstimatorMethod::Kalman => &KALMAN,
+    }
+}
 
 fn numbered(number: u8) -> Option<&'static Standard> {
-    STANDARD.iter().find(|standard| standard.number == number)
+    EstimatorMethod::ALL.iter().map(|method| standard(*method)).find(|standard| standard.number == number)
 }
 
 /// How the readings of a cable become its length and velocity, with the parameters of that method. Two are equal if they compute the same.
@@ -40,34 +50,13 @@ pub struct Method {
     parameters: Parameters,
 }
 
-/// A method or a parameter that does not exist.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum MethodError {
-    /// No such method.
-    #[error("method is \"{0}\"; accepted: {names}", names = names())]
-    Unknown(String),
-    /// A parameter out of range.
-    #[error("{0}")]
-    Filter(#[from] FilterError),
-}
-
-/// `"phi" or "kalman"`.
-fn names() -> String {
-    let names: Vec<String> = STANDARD.iter().map(|standard| format!("\"{}\"", standard.name)).collect();
-    match names.split_last() {
-        Some((last, others)) if !others.is_empty() => format!("{} or {last}", others.join(", ")),
-        _ => names.concat(),
-    }
-}
-
 impl Method {
     /// The method that `[estimator]` of a system file chooses.
     ///
     /// # Errors
     /// One sentence: what is wrong, what is accepted.
-    pub fn of(section: &EstimatorSection) -> Result<Self, MethodError> {
-        let chosen = STANDARD.iter().find(|standard| standard.name == section.method);
-        let chosen = chosen.ok_or_else(|| MethodError::Unknown(section.method.clone()))?;
+    pub fn of(section: &EstimatorSection) -> Result<Self, FilterError> {
+        let chosen = standard(section.method);
         Ok(Self { number: chosen.number, parameters: (chosen.used)(&section.into())? })
     }
 
@@ -94,9 +83,9 @@ impl Method {
         &self.parameters
     }
 
-    /// The name of a number, as the configuration has it; `None` for a method of one's own and for one that this build does not know.
+    /// The method of a number in `node/estimate`; `None` for a custom method and for an unknown number.
     #[must_use]
-    pub fn name_of(number: u8) -> Option<&'static str> {
+    pub fn numbered(number: u8) -> Option<EstimatorMethod> {
         numbered(number).map(|standard| standard.name)
     }
 

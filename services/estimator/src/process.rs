@@ -30,7 +30,7 @@ pub fn main_with(program: Program, cable: Box<dyn CableEstimator>) -> ExitCode {
 pub fn config(chassis: &Chassis, law: Option<&str>) -> anyhow::Result<EstimatorConfig> {
     let mut file = chassis.system_file()?.clone();
     if let Some(law) = law {
-        law.clone_into(&mut file.estimator.method);
+        file.estimator.method = law.parse().map_err(|error| BadInput(format!("[estimator] method {error}")))?;
     }
     EstimatorConfig::of(&file.estimator, file.robot_file()?.robot()?, chassis.incarnation())
         .map(with_thread)
@@ -50,15 +50,15 @@ struct Used {
 impl Used {
     fn begin(chassis: &mut Chassis, estimator: &Estimator) -> anyhow::Result<Self> {
         let (config, constants) = (*estimator.config(), estimator.constants());
-        let standard = Method::name_of(config.method.number());
+        let standard = Method::numbered(config.method.number());
         let program = || std::env::current_exe().ok()?.file_name().map(|name| name.to_string_lossy().into_owned());
-        let method = standard.map(str::to_owned).or_else(program).unwrap_or_default();
+        let method = standard.map(|method| method.name().to_owned()).or_else(program).unwrap_or_default();
         let constants = if constants.is_empty() { constants } else { format!("\n[method]\n{constants}") };
         let make = move |file: &SystemFile, robot: &RobotFile| {
             let (mut file, robot) = (file.clone(), robot.robot()?);
             let made = match standard {
-                Some(name) => {
-                    name.clone_into(&mut file.estimator.method);
+                Some(method) => {
+                    file.estimator.method = method;
                     EstimatorConfig::of(&file.estimator, robot, config.incarnation)?
                 }
                 None => EstimatorConfig::own(&file.estimator, robot, config.incarnation),

@@ -3,8 +3,8 @@
 
 use cable_control::length_filter::FilterError;
 use cable_robot::{CableVec, Distribution, Jacobian, Robot, RobotParts, Vector3, elastic};
-use config::EstimatorSection;
-use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig, Method, MethodError};
+use config::{EstimatorMethod, EstimatorSection};
+use estimator::{BRIDGED_CYCLES, Estimator, EstimatorConfig, Method};
 use messages::{Header, MotorAuthority, MotorState, NodeEstimate};
 use proptest::prelude::*;
 
@@ -47,8 +47,9 @@ fn floating(drag_n_s2_m2: f64) -> Robot {
 }
 
 fn methods() -> [Method; 2] {
-    ["phi", "kalman"]
-        .map(|method| Method::of(&EstimatorSection { method: method.into(), ..EstimatorSection::default() }).unwrap())
+    ["phi", "kalman"].map(|method| {
+        Method::of(&EstimatorSection { method: method.parse().unwrap(), ..EstimatorSection::default() }).unwrap()
+    })
 }
 
 fn estimator(robot: Robot, method: Method) -> Estimator {
@@ -328,17 +329,14 @@ fn after_a_gap_a_reading_is_believed_at_once() {
 }
 
 #[test]
-fn methods_that_do_not_exist_are_named() {
-    let section = EstimatorSection { method: "guess".into(), ..EstimatorSection::default() };
+fn methods_have_a_number_each_and_wrong_parameters_are_refused() {
+    for method in EstimatorMethod::ALL {
+        let section = EstimatorSection { method: *method, ..EstimatorSection::default() };
+        assert_eq!(Method::numbered(Method::of(&section).unwrap().number()), Some(*method));
+    }
+    let section = EstimatorSection { method: EstimatorMethod::Kalman, drive_lag_s: 0.0, ..EstimatorSection::default() };
     let error = Method::of(&section).unwrap_err();
-    assert_eq!(error, MethodError::Unknown("guess".into()));
-    assert!(
-        ["guess", "phi", "kalman"].iter().all(|name| error.to_string().contains(&format!("\"{name}\""))),
-        "{error}"
-    );
-    let section = EstimatorSection { method: "kalman".into(), drive_lag_s: 0.0, ..EstimatorSection::default() };
-    let error = Method::of(&section).unwrap_err();
-    assert!(matches!(error, MethodError::Filter(FilterError { value: 0.0, .. })), "{error}");
+    assert!(matches!(error, FilterError { value: 0.0, .. }), "{error}");
 }
 
 fn any_number() -> impl Strategy<Value = f64> {

@@ -190,7 +190,7 @@ fn port_config(port: &PortSection, config: &CoreConfig, domain_root: &Path) -> P
             baud: port.baud,
             margin_ns: USB_MARGIN_NS,
             units: port.units.iter().map(unit).collect(),
-            stop_pin: port.stop_pin.as_deref().and_then(StatusPin::named),
+            stop_pin: port.stop_pin.and_then(|pin| StatusPin::named(pin.name())),
         },
     }
 }

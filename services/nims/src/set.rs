@@ -123,24 +123,23 @@ fn role_of(name: &str) -> Option<Role> {
 
 /// The law or method of a process, where it is the same with the change as without it. What a program of one's own uses is not known.
 fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Option<String> {
-    let law_or = |configured: &String| if law.is_empty() { configured.clone() } else { law.to_owned() };
     match role {
         "controller" => {
-            let law = law_or(&before.controller.law);
+            let law = if law.is_empty() { before.controller.law } else { law.parse().ok()? };
             let config = |file: &SystemFile| {
                 let mut file = file.clone();
-                file.controller.law.clone_from(&law);
+                file.controller.law = law;
                 ControllerConfig::of(&file, robot, 1).ok()
             };
-            (config(before).is_some() && config(before) == config(after)).then_some(law)
+            (config(before).is_some() && config(before) == config(after)).then(|| law.name().to_owned())
         }
         "estimator" => {
-            let law = law_or(&before.estimator.method);
+            let method = if law.is_empty() { before.estimator.method } else { law.parse().ok()? };
             let config = |file: &SystemFile| {
-                let section = EstimatorSection { method: law.clone(), ..file.estimator.clone() };
+                let section = EstimatorSection { method, ..file.estimator.clone() };
                 EstimatorConfig::of(&section, robot.robot().ok()?, 1).ok()
             };
-            (config(before).is_some() && config(before) == config(after)).then_some(law)
+            (config(before).is_some() && config(before) == config(after)).then(|| method.name().to_owned())
         }
         _ => None,
     }

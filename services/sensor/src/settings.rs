@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use config::ConfigError;
-use config::toml_file::{self, finite};
+use config::toml_file::{Source, finite};
+use config::{ConfigError, Problem};
 use serde::Deserialize;
 
 use crate::VALUES;
@@ -94,16 +94,16 @@ pub struct ValidSection {
     pub is: String,
 }
 
-/// How values stand in a line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum LineFormat {
-    /// `$WIMWV,214.8,R,0.1,M,A*28`: NMEA 0183, the checksum is compared.
-    Nmea,
-    /// `21.5,40.2`.
-    Csv,
-    /// `T=21.5 RH=40.2`.
-    KeyValue,
+config::choice! {
+    /// How values stand in a text line.
+    pub enum LineFormat {
+        /// `$WIMWV,214.8,R,0.1,M,A*28`: NMEA 0183, the checksum is compared.
+        Nmea = "nmea",
+        /// `21.5,40.2`.
+        Csv = "csv",
+        /// `T=21.5 RH=40.2`.
+        KeyValue = "key-value",
+    }
 }
 
 /// `[modbus]`.
@@ -121,15 +121,16 @@ pub struct ModbusSection {
     pub rate_hz: f64,
 }
 
-/// A table of registers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum RegisterTable {
-    /// Function 3.
-    #[default]
-    Holding,
-    /// Function 4.
-    Input,
+config::choice! {
+    /// A table of registers.
+    #[derive(Default)]
+    pub enum RegisterTable {
+        /// Function 3.
+        #[default]
+        Holding = "holding",
+        /// Function 4.
+        Input = "input",
+    }
 }
 
 /// `[[value]]`: one value of a reading.
@@ -160,17 +161,22 @@ pub struct ValueSection {
     pub swapped: bool,
 }
 
-/// A number in registers.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-#[allow(missing_docs)] // the names say it
-pub enum NumberKind {
-    #[default]
-    U16,
-    I16,
-    U32,
-    I32,
-    F32,
+config::choice! {
+    /// A number in registers.
+    #[derive(Default)]
+    pub enum NumberKind {
+        /// Unsigned, one register.
+        #[default]
+        U16 = "u16",
+        /// Signed, one register.
+        I16 = "i16",
+        /// Unsigned, two registers.
+        U32 = "u32",
+        /// Signed, two registers.
+        I32 = "i32",
+        /// Floating point, two registers.
+        F32 = "f32",
+    }
 }
 
 impl NumberKind {
@@ -190,8 +196,9 @@ impl SensorFile {
     /// # Errors
     /// One sentence that names the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let file: Self = toml_file::load(path)?;
-        file.check().map_err(|problem| ConfigError::value(path, problem))?;
+        let source = Source::read(path)?;
+        let file: Self = source.parse()?;
+        file.check().map_err(|problem| source.error(&problem))?;
         Ok(file)
     }
 
@@ -221,18 +228,20 @@ impl SensorFile {
         self.modbus.map_or(1.0, |section| section.rate_hz)
     }
 
-    fn check(&self) -> Result<(), String> {
-        let protocols = [self.tfmini.is_some(), self.line.is_some(), self.modbus.is_some()];
-        if protocols.iter().filter(|there| **there).count() != 1 {
-            return Err(
-                "the file has none, or more than one, of [tfmini], [line] and [modbus]; accepted: one".to_owned()
-            );
+    fn check(&self) -> Result<(), Problem> {
+        let protocols =
+            [("tfmini", self.tfmini.is_some()), ("line", self.line.is_some()), ("modbus", self.modbus.is_some())];
+        let written: Vec<&str> = protocols.iter().filter(|(_, written)| *written).map(|(table, _)| *table).collect();
+        if written.len() != 1 {
+            let key = written.get(1).unwrap_or(&"port").to_owned();
+            let sentence = "the file has none, or more than one, of [tfmini], [line] and [modbus]; accepted: one";
+            return Err(Problem::at(key, sentence));
         }
         if self.port.is_empty() {
-            return Err("`port` is empty; accepted: a serial device".to_owned());
+            return Err(Problem::of("port", "is empty; accepted: a serial device"));
         }
         if !(1200..=3_000_000).contains(&self.baud) {
-            return Err(format!("`baud` is {}; accepted: 1200 to 3000000", self.baud));
+            return Err(Problem::of("baud", format!("is {}; accepted: 1200 to 3000000", self.baud)));
         }
         within("latency_s", self.latency_s, "0 to 60 s", (0.0..=60.0).contains(&self.latency_s))?;
         within("stale_s", self.stale_s, "0.01 to 3600 s", (0.01..=3600.0).contains(&self.stale_s))?;
@@ -241,11 +250,11 @@ impl SensorFile {
         }
         if let Some(tfmini) = self.tfmini {
             let resolution_m = tfmini.resolution_m;
-            within("resolution_m", resolution_m, "0.01 or 0.001 m", resolution_m == 0.01 || resolution_m == 0.001)?;
+            let accepted = resolution_m == 0.01 || resolution_m == 0.001;
+            within("tfmini.resolution_m", resolution_m, "0.01 or 0.001 m", accepted)?;
             if !self.values.is_empty() {
-                return Err(
-                    "`value` is not for [tfmini], which has a distance and a strength; accepted: none".to_owned()
-                );
+                let clause = "is not for [tfmini], which has a distance and a strength; accepted: none";
+                return Err(Problem::of("value", clause));
             }
             return Ok(());
         }
@@ -257,84 +266,95 @@ impl SensorFile {
         }
     }
 
-    fn check_values(&self) -> Result<(), String> {
+    fn check_values(&self) -> Result<(), Problem> {
         if !(1..=VALUES).contains(&self.values.len()) {
-            return Err(format!("there are {} tables [[value]]; accepted: 1 to {VALUES}", self.values.len()));
+            let sentence = format!("there are {} tables [[value]]; accepted: 1 to {VALUES}", self.values.len());
+            return Err(Problem::at("value", sentence));
         }
-        for value in &self.values {
-            finite("scale", value.scale)?;
-            finite("offset", value.offset)?;
-            for (key, text) in [("quantity", &value.quantity), ("unit", &value.unit)] {
-                if text.is_empty() || text.contains([',', '\0']) {
-                    return Err(format!("`{key}` is \"{text}\"; accepted: a word without commas"));
-                }
-            }
+        for (index, value) in self.values.iter().enumerate() {
+            value.check().map_err(|problem| numbered(problem, index))?;
         }
         let (quantities, units) = self.words();
         for (key, words, room) in [("quantity", quantities, QUANTITY_BYTES), ("unit", units, UNIT_BYTES)] {
             let bytes = words.join(",").len();
             if bytes > room {
-                return Err(format!(
-                    "`{key}` of all values together has {bytes} bytes; accepted: {room}; use shorter words"
-                ));
+                let sentence =
+                    format!("`{key}` of all values together has {bytes} bytes; accepted: {room}; use shorter words");
+                return Err(Problem::at(format!("value.0.{key}"), sentence));
             }
         }
         Ok(())
     }
 
-    fn check_line(&self, line: &LineSection) -> Result<(), String> {
+    fn check_line(&self, line: &LineSection) -> Result<(), Problem> {
         if line.format == LineFormat::Nmea && line.sentence.is_empty() {
-            return Err("`sentence` is empty; accepted: the name of an NMEA sentence, e.g. \"MWV\"".to_owned());
+            let clause = "is empty; accepted: the name of an NMEA sentence, e.g. \"MWV\"";
+            return Err(Problem::of("line.sentence", clause));
         }
         if line.valid.as_ref().is_some_and(|valid| valid.field == 0) {
-            return Err("`valid` names field 0; accepted: fields count from 1".to_owned());
+            return Err(Problem::of("line.valid", "names field 0; accepted: fields count from 1"));
         }
-        for value in &self.values {
-            let named = match line.format {
-                LineFormat::KeyValue => value.key.as_deref().is_some_and(|key| !key.is_empty()),
-                LineFormat::Nmea | LineFormat::Csv => value.field.is_some_and(|field| field > 0),
+        for (index, value) in self.values.iter().enumerate() {
+            let (key, accepted, named) = match line.format {
+                LineFormat::KeyValue => ("key", "`key`", value.key.as_deref().is_some_and(|key| !key.is_empty())),
+                LineFormat::Nmea | LineFormat::Csv => {
+                    ("field", "`field`, from 1", value.field.is_some_and(|field| field > 0))
+                }
             };
             if !named {
-                let key = if line.format == LineFormat::KeyValue { "`key`" } else { "`field`, from 1" };
-                return Err(format!("the value \"{}\" does not say where it stands; accepted: {key}", value.quantity));
+                let sentence = format!("the value \"{}\" has no place; accepted: {accepted}", value.quantity);
+                return Err(numbered(Problem::at(key, sentence), index));
             }
         }
         Ok(())
     }
 
-    fn check_modbus(&self, modbus: &ModbusSection) -> Result<(), String> {
+    fn check_modbus(&self, modbus: &ModbusSection) -> Result<(), Problem> {
         if !(1..=247).contains(&modbus.unit_id) {
-            return Err(format!("`unit_id` is {}; accepted: 1 to 247", modbus.unit_id));
+            return Err(Problem::of("modbus.unit_id", format!("is {}; accepted: 1 to 247", modbus.unit_id)));
         }
-        within(
-            "rate_hz",
-            modbus.rate_hz,
-            "0.001 to 100 questions per second",
-            (1e-3..=100.0).contains(&modbus.rate_hz),
-        )?;
+        let accepted = "0.001 to 100 questions per second";
+        within("modbus.rate_hz", modbus.rate_hz, accepted, (1e-3..=100.0).contains(&modbus.rate_hz))?;
         let mut range = (u32::MAX, 0);
-        for value in &self.values {
+        for (index, value) in self.values.iter().enumerate() {
             let Some(register) = value.register.map(u32::from) else {
-                return Err(format!(
-                    "the value \"{}\" does not say where it stands; accepted: `register`",
-                    value.quantity
-                ));
+                let sentence = format!("the value \"{}\" has no place; accepted: `register`", value.quantity);
+                return Err(numbered(Problem::at("register", sentence), index));
             };
             range = (range.0.min(register), range.1.max(register + u32::from(value.number.registers())));
         }
         if range.1 > 0x1_0000 || range.1 - range.0 > REGISTERS {
-            return Err(format!(
-                "`register` of the values lie from {} to {}; accepted: within {REGISTERS} of each other, for they are asked for at once",
+            let sentence = format!(
+                "`register` of the values lie from {} to {}; accepted: within {REGISTERS} of each other, because one request reads them all",
                 range.0,
                 range.1 - 1
-            ));
+            );
+            return Err(Problem::at("value.0.register", sentence));
         }
         Ok(())
     }
 }
 
-fn within(key: &str, value: f64, accepted: &str, ok: bool) -> Result<(), String> {
-    if ok { Ok(()) } else { Err(format!("`{key}` is {value}; accepted: {accepted}")) }
+impl ValueSection {
+    fn check(&self) -> Result<(), Problem> {
+        finite("scale", self.scale)?;
+        finite("offset", self.offset)?;
+        for (key, text) in [("quantity", &self.quantity), ("unit", &self.unit)] {
+            if text.is_empty() || text.contains([',', '\0']) {
+                return Err(Problem::of(key, format!("is \"{text}\"; accepted: a word without commas")));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The same for the value of that index.
+fn numbered(problem: Problem, index: usize) -> Problem {
+    problem.within(&format!("value.{index}"), &format!("value {}", index + 1))
+}
+
+fn within(key: &str, value: f64, accepted: &str, ok: bool) -> Result<(), Problem> {
+    if ok { Ok(()) } else { Err(Problem::of(key, format!("is {value}; accepted: {accepted}"))) }
 }
 
 fn default_baud() -> u32 {

@@ -192,7 +192,7 @@ impl Site {
             (Role::Other, Some(section)) => section.name.clone(),
             _ => role.process_name(slot.unwrap_or_default()),
         };
-        let law = law.or(section.and_then(|section| section.law.as_deref()));
+        let law = law.or(section.and_then(|section| section.law.map(config::Algorithm::name)));
         let own = section.filter(|section| !section.command.is_empty());
         let folder = own.map(|_| self.system_path.parent().unwrap_or(Path::new("/")).to_path_buf());
         let (program, mut args) = match own {

@@ -10,7 +10,7 @@ mod steps;
 
 use anyhow::{Context, Result, anyhow, bail};
 use cable_control::law::PFeedforward;
-use config::{EstimatorSection, PlannerSection};
+use config::{EstimatorMethod, EstimatorSection, PlannerSection};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use messages::{OperatorRequest, SLOTS};
@@ -96,7 +96,7 @@ impl Parts {
     fn new(case: &Case) -> Result<Self> {
         let scenario = case.scenario(true)?;
         let chain = Chain::new(&scenario)?;
-        let section = EstimatorSection { method: "kalman".into(), ..EstimatorSection::default() };
+        let section = EstimatorSection { method: EstimatorMethod::Kalman, ..EstimatorSection::default() };
         let PlannerSection { speed_m_s, acceleration_m_s2, check_step_m, .. } = PlannerSection::default();
         let [delay_s, lag_s] = case.motor_s;
         let lag = cable_control::drive_lag::DriveLag::new(delay_s, lag_s).map_err(|error| anyhow!("{error:?}"))?;

@@ -3,7 +3,7 @@
 use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{CableVec, Jacobian, NodeJacobian, Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
-use config::ControllerSection;
+use config::{ControlLaw, ControllerSection};
 use controller::{CableLaw, Controller, ControllerConfig, Inputs, Law, LawError, LawInput};
 use messages::{ControlStatus, Header, MotorAuthority, MotorCommand, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
@@ -56,7 +56,7 @@ fn level_motion() -> PlanMotion {
 }
 
 fn controller(robot: Robot) -> Controller {
-    Controller::new(config(robot, Law::by_name("lq-endpoint", 0.0, 1.0).unwrap()))
+    Controller::new(config(robot, Law::lq_endpoint(0.0, 1.0).unwrap()))
 }
 
 fn authority(cycle: u64, plan_time_s: f64) -> MotorAuthority {
@@ -304,19 +304,19 @@ fn far_from_the_setpoint_there_is_no_answer() {
 }
 
 #[test]
-fn laws_are_chosen_by_name_and_wrong_ones_named() {
-    let error = Law::by_name("pid", 0.0, 1.0).unwrap_err();
-    assert_eq!(error, LawError::Unknown("pid".into()));
-    let names = ["pid", "lq-endpoint", "preview", "p-feedforward"];
-    assert!(names.iter().all(|name| error.to_string().contains(&format!("\"{name}\""))), "{error}");
-    let key = |law: Result<Law, LawError>| match law.unwrap_err() {
-        LawError::Parameter { key, .. } => key,
-        other => panic!("{other}"),
+fn laws_have_a_number_each_and_wrong_weights_are_named() {
+    for law in ControlLaw::ALL {
+        let section = ControllerSection { law: *law, ..ControllerSection::default() };
+        assert_eq!(Law::numbered(Law::of(&section).unwrap().number()), Some(*law));
+    }
+    let key = |law: Result<Law, LawError>| {
+        let LawError::Parameter { key, .. } = law.unwrap_err();
+        key
     };
-    assert_eq!(key(Law::by_name("lq-endpoint", -1.0, 1.0)), "state_weight");
-    assert_eq!(key(Law::by_name("lq-endpoint", 0.0, f64::NAN)), "input_weight");
+    assert_eq!(key(Law::lq_endpoint(-1.0, 1.0)), "state_weight");
+    assert_eq!(key(Law::lq_endpoint(0.0, f64::NAN)), "input_weight");
     let gain = |length_gain_per_s| {
-        Law::of(&ControllerSection { law: "p-feedforward".into(), length_gain_per_s, ..ControllerSection::default() })
+        Law::of(&ControllerSection { law: ControlLaw::PFeedforward, length_gain_per_s, ..ControllerSection::default() })
     };
     assert_eq!(gain(2.0).unwrap().number(), ControlStatus::LAW_P_FEEDFORWARD);
     assert_eq!(key(gain(0.0)), "length_gain_per_s");
@@ -386,7 +386,7 @@ fn a_law_of_ones_own_is_kept_inside_the_limits() {
     let says = [vec(&[0.1, -0.2, 0.0]), vec(&[8.0, -4.0, 0.8]), vec(&[f64::NAN, 0.0, 0.0]), vec(&[0.1, 0.1]), None];
     let expected = [Some([0.1, -0.2, 0.0]), Some([LIMIT_M_S, -0.5 * LIMIT_M_S, 0.1 * LIMIT_M_S]), None, None, None];
     let says = Says(says.into_iter().rev().collect());
-    let law = Law::by_name("lq-endpoint", 0.0, 1.0).unwrap();
+    let law = Law::lq_endpoint(0.0, 1.0).unwrap();
     let mut controller = Controller::with_law(config(robot, law), Box::new(says));
     for (cycle, expected) in (8..).zip(expected) {
         let is = estimate(&robot, cycle, from());

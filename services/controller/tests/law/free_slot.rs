@@ -3,7 +3,7 @@
 use cable_control::law::PFeedforward;
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3, elastic};
-use config::ControllerSection;
+use config::{ControlLaw, ControllerSection};
 use controller::{Controller, ControllerConfig, Inputs, Law};
 use messages::{ESTIMATORS, Header, MotorAuthority, MotorCommand, MotorState, NodeEstimate, PlanMotion};
 use proptest::prelude::*;
@@ -29,14 +29,14 @@ fn robot() -> Robot {
 
 fn laws() -> [Law; 3] {
     let preview = ControllerSection {
-        law: "preview".into(),
+        law: ControlLaw::Preview,
         drive_lag_s: Some([0.03, 0.04]),
         identify: false,
         misfit_limit: f64::INFINITY,
         ..ControllerSection::default()
     };
     [
-        Law::by_name("lq-endpoint", 0.0, 1.0).unwrap(),
+        Law::lq_endpoint(0.0, 1.0).unwrap(),
         Law::PFeedforward(PFeedforward::new(2.5).unwrap()),
         Law::of(&preview).unwrap(),
     ]

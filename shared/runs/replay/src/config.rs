@@ -2,7 +2,7 @@
 
 use super::Changes;
 use command::{Answer, Failure};
-use config::{RobotFile, SystemFile};
+use config::{ControlLaw, EstimatorMethod, RobotFile, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
@@ -101,13 +101,13 @@ impl Configuration {
 
     /// The estimator of that life, by the method that its estimates name and the parameters that it said it works with.
     pub(super) fn estimator(&self, incarnation: u32, method: u8, said: Option<&str>) -> Option<EstimatorConfig> {
-        let method = Method::name_of(method)?;
+        let method = Method::numbered(method)?;
         self.with_sections(said)?.estimator_config(incarnation, Some(method)).ok()
     }
 
     /// The controller of that life, with the law that its answers name and the parameters that it said it works with.
     pub(super) fn controller(&self, incarnation: u32, law: u8, said: Option<&str>) -> Option<ControllerConfig> {
-        let law = Law::name_of(law)?;
+        let law = Law::numbered(law)?;
         self.with_sections(said)?.controller_config(incarnation, Some(law)).ok()
     }
 
@@ -142,18 +142,18 @@ impl Configuration {
         Some(Cow::Owned(with))
     }
 
-    fn estimator_config(&self, incarnation: u32, method: Option<&str>) -> anyhow::Result<EstimatorConfig> {
+    fn estimator_config(&self, incarnation: u32, method: Option<EstimatorMethod>) -> anyhow::Result<EstimatorConfig> {
         let mut section = self.file.estimator.clone();
         if let Some(method) = method.filter(|_| !self.method_changed) {
-            method.clone_into(&mut section.method);
+            section.method = method;
         }
         Ok(EstimatorConfig::of(&section, self.robot.robot()?, incarnation)?)
     }
 
-    fn controller_config(&self, incarnation: u32, law: Option<&str>) -> anyhow::Result<ControllerConfig> {
+    fn controller_config(&self, incarnation: u32, law: Option<ControlLaw>) -> anyhow::Result<ControllerConfig> {
         let mut file = self.file.clone();
         if let Some(law) = law.filter(|_| !self.law_changed) {
-            law.clone_into(&mut file.controller.law);
+            file.controller.law = law;
         }
         ControllerConfig::of(&file, &self.robot, incarnation)
     }

@@ -1,19 +1,13 @@
 //! What the values of the configuration files may be. Each problem is one clause: key, what it is, what is accepted.
 
 use super::{
-    ArbiterSection, MotorBoxSection, MotorIoSection, ProcessSection, RobotFile, RobotSection, Role, SystemFile,
+    ArbiterSection, MotorBoxSection, MotorIoSection, PortSection, ProcessSection, RobotFile, RobotSection, Role,
+    SystemFile, UnitSection,
 };
-use crate::Slot;
-
-/// The control laws that the program `controller` has.
-pub const LAWS: [&str; 3] = ["lq-endpoint", "preview", "p-feedforward"];
-/// The methods that the program `estimator` has.
-pub const METHODS: [&str; 2] = ["phi", "kalman"];
+use crate::{Problem, Slot};
 
 /// Baud rates that the drives' set-up program offers.
 const BAUDS: [u32; 8] = [2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
-/// Inputs of a serial port beside its data.
-const STOP_PINS: [&str; 3] = ["cts", "dsr", "cd"];
 /// Longest watchdog of a drive, s: a byte of tenths.
 const WATCHDOG_MAX_S: f64 = 25.5;
 /// A name becomes part of a socket's path, which is short.
@@ -33,127 +27,126 @@ impl std::fmt::Display for Given {
     }
 }
 
-/// Says what is wrong unless `value` is finite and accepted.
-pub(super) fn number(key: &str, value: f64, accepted: &str, ok: impl Fn(f64) -> bool) -> Result<(), String> {
+/// Refuses `value` unless it is finite and accepted.
+pub(super) fn number(key: &str, value: f64, accepted: &str, ok: impl Fn(f64) -> bool) -> Result<(), Problem> {
     if value.is_finite() && ok(value) {
         Ok(())
     } else {
-        Err(format!("`{key}` is {}; accepted: {accepted}", Given(value)))
+        Err(Problem::of(key, format!("is {}; accepted: {accepted}", Given(value))))
     }
 }
 
-fn count(key: &str, value: usize, low: usize, high: usize) -> Result<(), String> {
-    if (low..=high).contains(&value) { Ok(()) } else { Err(format!("`{key}` is {value}; accepted: {low} to {high}")) }
-}
-
-fn choice(key: &str, value: &str, accepted: &[&str]) -> Result<(), String> {
-    if accepted.contains(&value) {
+fn count(key: &str, value: usize, low: usize, high: usize) -> Result<(), Problem> {
+    if (low..=high).contains(&value) {
         Ok(())
     } else {
-        Err(format!("`{key}` is \"{value}\"; accepted: {}", accepted.join(", ")))
+        Err(Problem::of(key, format!("is {value}; accepted: {low} to {high}")))
     }
 }
 
-/// Names of boxes and processes are parts of names in shared memory.
-fn name(key: &str, value: &str) -> Result<(), String> {
+/// Names of systems and processes are parts of names in shared memory.
+fn name(key: &str, value: &str) -> Result<(), Problem> {
     let fine = value.bytes().all(|byte| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-');
     if fine && (1..=NAME_MAX).contains(&value.len()) {
         Ok(())
     } else {
-        Err(format!("`{key}` is \"{value}\"; accepted: 1 to {NAME_MAX} of a-z, 0-9 and -"))
+        Err(Problem::of(key, format!("is \"{value}\"; accepted: 1 to {NAME_MAX} of a-z, 0-9 and -")))
     }
 }
 
 /// A robot file beyond what [`cable_robot::Robot::new`] checks.
-pub(super) fn robot(file: &RobotFile) -> Result<(), String> {
+pub(super) fn robot(file: &RobotFile) -> Result<(), Problem> {
     let robot = &file.robot;
     if let Some(limit) = robot.cable_speed_limit_m_s {
-        number("cable_speed_limit_m_s", limit, "a speed above 0, at most 10 m/s", |v| v > 0.0 && v <= 10.0)?;
+        number("robot.cable_speed_limit_m_s", limit, "a speed above 0, at most 10 m/s", |v| v > 0.0 && v <= 10.0)?;
     }
     // a robot of this kind moves at walking pace; ten times that is millimetres taken for metres
-    number("speed_limit_m_s", robot.speed_limit_m_s, "a speed above 0, at most 10 m/s", |v| v > 0.0 && v <= 10.0)?;
-    number("acceleration_limit_m_s2", robot.acceleration_limit_m_s2, "above 0, at most 50 m/s²", |v| {
+    number("robot.speed_limit_m_s", robot.speed_limit_m_s, "a speed above 0, at most 10 m/s", |v| {
+        v > 0.0 && v <= 10.0
+    })?;
+    number("robot.acceleration_limit_m_s2", robot.acceleration_limit_m_s2, "above 0, at most 50 m/s²", |v| {
         v > 0.0 && v <= 50.0
     })?;
-    number("node_mass_kg", robot.node_mass_kg, "a mass above 0, at most 1000 kg", |v| v > 0.0 && v <= 1000.0)?;
+    number("robot.node_mass_kg", robot.node_mass_kg, "a mass above 0, at most 1000 kg", |v| v > 0.0 && v <= 1000.0)?;
     if let Some(anchor) = robot.anchors_m.iter().flatten().find(|value| value.abs() > 500.0) {
-        return Err(format!(
-            "`anchors_m` holds {anchor}; accepted: metres within 500 m of the origin (are these millimetres?)"
-        ));
+        let clause = format!("holds {anchor}; accepted: metres within 500 m of the origin (are these millimetres?)");
+        return Err(Problem::of("robot.anchors_m", clause));
     }
     limits(robot)?;
-    number("drag_n_s2_m2", robot.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
+    number("robot.drag_n_s2_m2", robot.drag_n_s2_m2, "0 to 1e4 N s²/m²", |v| (0.0..=1e4).contains(&v))?;
     for corner in robot.keep_out.iter().flatten() {
-        corner.on(robot.anchors_m.is_planar()).map_err(|why| format!("`keep_out`: {why}"))?;
+        corner
+            .on(robot.anchors_m.is_planar())
+            .map_err(|why| Problem::of("robot.keep_out", format!("is not usable: {why}")))?;
     }
     // A node that floats is pulled down by lines from below.
     let hangs = robot.net_weight_n.is_none_or(|weight| weight > 0.0);
     for (index, anchor) in robot.anchors_m.iter().enumerate() {
         if hangs && anchor[2] <= robot.ground_m {
-            return Err(format!(
-                "`anchors_m` number {} is at height {} m, not above `ground_m` = {} m; a node hangs below its anchors",
+            let clause = format!(
+                "number {} is at height {} m, not above `ground_m` = {} m; a node hangs below its anchors",
                 index + 1,
                 anchor[2],
                 robot.ground_m
-            ));
+            );
+            return Err(Problem::of("robot.anchors_m", clause));
         }
     }
     if let Some(stiffness) = file.lines.stiffness_n {
-        number("stiffness_n", stiffness, "100 to 1e7 N (EA, tension per unit of strain)", |v| {
+        number("lines.stiffness_n", stiffness, "100 to 1e7 N (EA, tension per unit of strain)", |v| {
             (100.0..=1e7).contains(&v)
         })?;
     }
     motors(file)?;
-    number("current_limit_a", file.motor.current_limit_a, "above 0, at most 500 A", |v| v > 0.0 && v <= 500.0)?;
+    number("motor.current_limit_a", file.motor.current_limit_a, "above 0, at most 500 A", |v| v > 0.0 && v <= 500.0)?;
     if let Some(site) = file.site {
-        number("latitude_deg", site.latitude_deg, "-90 to 90", |v| v.abs() <= 90.0)?;
-        number("longitude_deg", site.longitude_deg, "-180 to 180", |v| v.abs() <= 180.0)?;
-        number("azimuth_deg", site.azimuth_deg, "-360 to 360", |v| v.abs() <= 360.0)?;
+        number("site.latitude_deg", site.latitude_deg, "-90 to 90", |v| v.abs() <= 90.0)?;
+        number("site.longitude_deg", site.longitude_deg, "-180 to 180", |v| v.abs() <= 180.0)?;
+        number("site.azimuth_deg", site.azimuth_deg, "-360 to 360", |v| v.abs() <= 360.0)?;
     }
     Ok(())
 }
 
 /// What a robot of this kind has in forces and sizes, with room above: what is beyond has another unit, or lost its decimal point.
-fn limits(robot: &RobotSection) -> Result<(), String> {
+fn limits(robot: &RobotSection) -> Result<(), Problem> {
     for tension in robot.tension_limits_n {
-        number("tension_limits_n", tension, "two tensions of 0 to 1e5 N", |v| (0.0..=1e5).contains(&v))?;
+        number("robot.tension_limits_n", tension, "two tensions of 0 to 1e5 N", |v| (0.0..=1e5).contains(&v))?;
     }
     if let Some(weight) = robot.net_weight_n {
-        number("net_weight_n", weight, "0 to 1e4 N", |v| (0.0..=1e4).contains(&v))?;
+        number("robot.net_weight_n", weight, "0 to 1e4 N", |v| (0.0..=1e4).contains(&v))?;
     }
-    number("ground_m", robot.ground_m, "a height within 500 m of the origin", |v| v.abs() <= 500.0)?;
+    number("robot.ground_m", robot.ground_m, "a height within 500 m of the origin", |v| v.abs() <= 500.0)?;
     for length in robot.length_limits_m {
-        number("length_limits_m", length, "two lengths above 0, at most 2000 m", |v| v > 0.0 && v <= 2000.0)?;
+        number("robot.length_limits_m", length, "two lengths above 0, at most 2000 m", |v| v > 0.0 && v <= 2000.0)?;
     }
     for coordinate in robot.keep_out.iter().flatten().flat_map(|corner| corner.position_m) {
-        number("keep_out", coordinate, "corners within 1e4 m of the origin", |v| v.abs() <= 1e4)?;
+        number("robot.keep_out", coordinate, "corners within 1e4 m of the origin", |v| v.abs() <= 1e4)?;
     }
     Ok(())
 }
 
 /// Motors and lines beyond what [`cable_robot::motor::Motor::check`] checks.
-fn motors(file: &RobotFile) -> Result<(), String> {
+fn motors(file: &RobotFile) -> Result<(), Problem> {
     for length in &file.lines.routed_length_m {
-        number("routed_length_m", *length, "lengths of 0 to 1000 m", |v| (0.0..=1000.0).contains(&v))?;
+        number("lines.routed_length_m", *length, "lengths of 0 to 1000 m", |v| (0.0..=1000.0).contains(&v))?;
     }
     let motor = &file.motor;
-    number("force_constant_n_a", motor.force_constant_n_a, "0.001 to 1e5 N/A", |v| (1e-3..=1e5).contains(&v))?;
-    number("resistance_ohm", motor.resistance_ohm, "0 to 1e4 ohm", |v| (0.0..=1e4).contains(&v))?;
-    number("gear_friction", motor.gear_friction, "0 to 100", |v| (0.0..=100.0).contains(&v))?;
-    number("coulomb_n", motor.coulomb_n, "0 to 1e5 N", |v| (0.0..=1e5).contains(&v))?;
-    number("viscous_n_s_m", motor.viscous_n_s_m, "0 to 1e6 N s/m", |v| (0.0..=1e6).contains(&v))?;
-    number("transition_m_s", motor.transition_m_s, "0 to 10 m/s", |v| (0.0..=10.0).contains(&v))
+    number("motor.force_constant_n_a", motor.force_constant_n_a, "0.001 to 1e5 N/A", |v| (1e-3..=1e5).contains(&v))?;
+    number("motor.resistance_ohm", motor.resistance_ohm, "0 to 1e4 ohm", |v| (0.0..=1e4).contains(&v))?;
+    number("motor.gear_friction", motor.gear_friction, "0 to 100", |v| (0.0..=100.0).contains(&v))?;
+    number("motor.coulomb_n", motor.coulomb_n, "0 to 1e5 N", |v| (0.0..=1e5).contains(&v))?;
+    number("motor.viscous_n_s_m", motor.viscous_n_s_m, "0 to 1e6 N s/m", |v| (0.0..=1e6).contains(&v))?;
+    number("motor.transition_m_s", motor.transition_m_s, "0 to 10 m/s", |v| (0.0..=10.0).contains(&v))
 }
 
 /// A system file for a robot of `cables` cables, whose node may do at most the given speed and acceleration.
-pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), String> {
+pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), Problem> {
     let cables = robot.robot.anchors_m.len();
     name("name", &file.name)?;
     number("rate_hz", file.rate_hz, "10 to 250 cycles per second", |v| (10.0..=250.0).contains(&v))?;
     motor_io(&file.motor_io, cables, file.rate_hz)?;
     arbiter(&file.arbiter)?;
 
-    choice("estimator.method", &file.estimator.method, &METHODS)?;
     count("estimator.eta", file.estimator.eta, 2, cable_control::motor_model::MAX_WINDOW)?;
     number("estimator.ridge", file.estimator.ridge, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
     for phi in file.estimator.prior {
@@ -169,14 +162,12 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), St
         (1e-6..=0.1).contains(&v)
     })?;
 
-    choice("controller.law", &file.controller.law, &LAWS)?;
     number("controller.length_gain_per_s", file.controller.length_gain_per_s, "above 0, at most 50 per second", |v| {
         v > 0.0 && v <= cable_control::law::MAX_LENGTH_GAIN
     })?;
     count("controller.horizon_cycles", file.controller.horizon_cycles, 1, 200)?;
     number("controller.state_weight", file.controller.state_weight, "0 to 1e9", |v| (0.0..=1e9).contains(&v))?;
     number("controller.input_weight", file.controller.input_weight, "1e-9 to 1e9", |v| (1e-9..=1e9).contains(&v))?;
-    choice("controller.distribution", &file.controller.distribution, &["least-norm", "min-sum", "safest"])?;
     number("controller.redundant_s", file.controller.redundant_s, "0.05 to 60 s", |v| (0.05..=60.0).contains(&v))?;
     number("controller.error_limit_m", file.controller.error_limit_m, "0.01 to 5 m", |v| (0.01..=5.0).contains(&v))?;
     count("controller.preview_cycles", file.controller.preview_cycles, 2, cable_control::preview::MAX_PREVIEW)?;
@@ -198,7 +189,8 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), St
     number("recorder.segment_s", file.recorder.segment_s, "10 to 1e6 s", |v| (10.0..=1e6).contains(&v))?;
     if !(10_000_000..=1_000_000_000_000).contains(&file.recorder.segment_bytes) {
         let given = file.recorder.segment_bytes;
-        return Err(format!("`recorder.segment_bytes` is {given}; accepted: 10000000 to 1000000000000 bytes"));
+        let clause = format!("is {given}; accepted: 10000000 to 1000000000000 bytes");
+        return Err(Problem::of("recorder.segment_bytes", clause));
     }
     number("recorder.flush_s", file.recorder.flush_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
     number("viewer.rate_hz", file.viewer.rate_hz, "1 to 200 samples per second", |v| (1.0..=200.0).contains(&v))?;
@@ -207,17 +199,17 @@ pub(super) fn system_file(file: &SystemFile, robot: &RobotFile) -> Result<(), St
         motor_box(section, robot)?;
     }
     if file.realtime.priority > 90 {
-        return Err(format!("`realtime.priority` is {}; accepted: 0 (ordinary) to 90", file.realtime.priority));
+        let clause = format!("is {}; accepted: 0 (ordinary) to 90", file.realtime.priority);
+        return Err(Problem::of("realtime.priority", clause));
     }
     processes(&file.process)
 }
 
-fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(), String> {
+fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(), Problem> {
     if section.counts_per_m.len() != cables {
-        return Err(format!(
-            "`motor_io.counts_per_m` has {} values and the robot has {cables} cables; accepted: one value per cable",
-            section.counts_per_m.len()
-        ));
+        let values = section.counts_per_m.len();
+        let clause = format!("has {values} values and the robot has {cables} cables; accepted: one value per cable");
+        return Err(Problem::of("motor_io.counts_per_m", clause));
     }
     for value in &section.counts_per_m {
         number("motor_io.counts_per_m", *value, "100 to 1e7 counts per metre, or the same below 0", |v| {
@@ -230,10 +222,8 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
         (0.1..=WATCHDOG_MAX_S).contains(&v) && ((v * 10.0).round() - v * 10.0).abs() < 1e-6
     })?;
     if section.watchdog_s < 3.0 * period {
-        return Err(format!(
-            "`motor_io.watchdog_s` is {}; accepted: at least three periods of {period} s",
-            section.watchdog_s
-        ));
+        let clause = format!("is {}; accepted: at least three periods of {period} s", section.watchdog_s);
+        return Err(Problem::of("motor_io.watchdog_s", clause));
     }
     count("motor_io.ttl_cycles", section.ttl_cycles as usize, 1, 50)?;
     number("motor_io.ramp_s", section.ramp_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
@@ -247,7 +237,7 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
 }
 
 /// What motor-io holds the node to by itself.
-fn node_bounds(section: &MotorIoSection) -> Result<(), String> {
+fn node_bounds(section: &MotorIoSection) -> Result<(), Problem> {
     let metres = |v: f64| (0.001..=10.0).contains(&v);
     number("motor_io.node_speed_margin", section.node_speed_margin, "0 to 1", |v| (0.0..=1.0).contains(&v))?;
     if let Some(limit) = section.node_acceleration_limit_m_s2 {
@@ -261,7 +251,7 @@ fn node_bounds(section: &MotorIoSection) -> Result<(), String> {
     number("motor_io.divergence_s", section.divergence_s, "0.01 to 10 s", |v| (0.01..=10.0).contains(&v))
 }
 
-fn arbiter(section: &ArbiterSection) -> Result<(), String> {
+fn arbiter(section: &ArbiterSection) -> Result<(), Problem> {
     number("arbiter.qualify_s", section.qualify_s, "0.1 to 60 s", |v| (0.1..=60.0).contains(&v))?;
     number("arbiter.command_bound", section.command_bound, "0.001 to 1", |v| (0.001..=1.0).contains(&v))?;
     number("arbiter.bias_share", section.bias_share, "0.001 to 1", |v| (0.001..=1.0).contains(&v))?;
@@ -274,82 +264,101 @@ fn arbiter(section: &ArbiterSection) -> Result<(), String> {
     number("arbiter.forgive_s", section.forgive_s, "0.1 to 3600 s", |v| (0.1..=3600.0).contains(&v))
 }
 
-fn ports(section: &MotorIoSection, cables: usize) -> Result<(), String> {
+fn ports(section: &MotorIoSection, cables: usize) -> Result<(), Problem> {
     if section.ports.is_empty() {
-        return Err("`motor_io.ports` is empty; accepted: at least one serial port with its drive units".to_owned());
+        let clause = "is empty; accepted: at least one serial port with its drive units";
+        return Err(Problem::of("motor_io.ports", clause));
     }
     let mut owner: Vec<Option<(usize, u8)>> = vec![None; cables];
     for (index, port) in section.ports.iter().enumerate() {
-        let number = index + 1;
-        if port.path.is_empty() {
-            return Err(format!("`path` of port {number} is empty; accepted: a device, e.g. /dev/serial/by-id/..."));
-        }
+        let here =
+            |problem: Problem| problem.within(&format!("motor_io.ports.{index}"), &format!("port {}", index + 1));
         if section.ports[..index].iter().any(|other| other.path == port.path) {
-            return Err(format!("the path {} stands at two ports; accepted: each device once", port.path));
+            let sentence = format!("the path {} stands at two ports; accepted: each device once", port.path);
+            return Err(here(Problem::at("path", sentence)));
         }
-        if !BAUDS.contains(&port.baud) {
-            let accepted: Vec<String> = BAUDS.iter().map(u32::to_string).collect();
-            return Err(format!("`baud` of port {number} is {}; accepted: {}", port.baud, accepted.join(", ")));
-        }
-        if let Some(pin) = &port.stop_pin {
-            choice(&format!("stop_pin` of port `{number}"), pin, &STOP_PINS)?;
-        }
-        if port.units.is_empty() {
-            return Err(format!("`units` of port {number} is empty; accepted: at least one drive unit"));
-        }
+        serial_port(port).map_err(here)?;
         for (at, unit) in port.units.iter().enumerate() {
-            if !(0x80..=0x87).contains(&unit.address) {
-                return Err(format!(
-                    "`address` {} on port {number} is outside 128 to 135 (0x80 to 0x87)",
-                    unit.address
-                ));
-            }
+            let of_unit =
+                |problem: Problem| here(problem.within(&format!("units.{at}"), &format!("unit {}", unit.address)));
             if port.units[..at].iter().any(|other| other.address == unit.address) {
-                return Err(format!(
-                    "two units on port {number} have the address {}; accepted: each address once per port",
+                let sentence = format!(
+                    "two units on port {} have the address {}; accepted: each address once per port",
+                    index + 1,
                     unit.address
-                ));
+                );
+                return Err(of_unit(Problem::at("address", sentence)));
             }
-            if !(1..=2).contains(&unit.cables.len()) {
-                return Err(format!(
-                    "unit {} on port {number} has {} cables; accepted: one or two, on motor 1 and motor 2",
-                    unit.address,
-                    unit.cables.len()
-                ));
-            }
-            for cable in &unit.cables {
-                if !(1..=cables).contains(cable) {
-                    return Err(format!(
-                        "unit {} on port {number} names cable {cable}; accepted: 1 to {cables}",
-                        unit.address
-                    ));
-                }
-                if let Some((other, address)) = owner[cable - 1].replace((number, unit.address)) {
-                    return Err(format!(
-                        "cable {cable} is on unit {address} of port {other} and on unit {} of port {number}; accepted: one motor per cable",
-                        unit.address
-                    ));
-                }
-            }
+            drive_unit(unit, index + 1, cables, &mut owner).map_err(of_unit)?;
         }
     }
     match owner.iter().position(Option::is_none) {
-        Some(cable) => Err(format!("no drive unit names cable {}; accepted: every cable on one motor", cable + 1)),
+        Some(cable) => Err(Problem::at(
+            "motor_io.ports",
+            format!("no drive unit names cable {}; accepted: every cable on one motor", cable + 1),
+        )),
         None => Ok(()),
     }
 }
 
-fn motor_box(section: &MotorBoxSection, robot: &RobotFile) -> Result<(), String> {
-    let start_m =
-        section.start_m.on(robot.robot.anchors_m.is_planar()).map_err(|why| format!("`motor_box.start_m`: {why}"))?;
+fn serial_port(port: &PortSection) -> Result<(), Problem> {
+    if port.path.is_empty() {
+        return Err(Problem::of("path", "is empty; accepted: a device, e.g. /dev/serial/by-id/..."));
+    }
+    if !BAUDS.contains(&port.baud) {
+        let accepted: Vec<String> = BAUDS.iter().map(u32::to_string).collect();
+        return Err(Problem::of("baud", format!("is {}; accepted: {}", port.baud, accepted.join(", "))));
+    }
+    if port.units.is_empty() {
+        return Err(Problem::of("units", "is empty; accepted: at least one drive unit"));
+    }
+    Ok(())
+}
+
+/// A unit on the port of that `number`; `owner` holds port and address of the unit that each cable is on.
+fn drive_unit(
+    unit: &UnitSection,
+    number: usize,
+    cables: usize,
+    owner: &mut [Option<(usize, u8)>],
+) -> Result<(), Problem> {
+    let address = unit.address;
+    if !(0x80..=0x87).contains(&address) {
+        let sentence = format!("`address` {address} on port {number} is outside 128 to 135 (0x80 to 0x87)");
+        return Err(Problem::at("address", sentence));
+    }
+    let at_cables = |sentence: String| Err(Problem::at("cables", sentence));
+    if !(1..=2).contains(&unit.cables.len()) {
+        return at_cables(format!(
+            "unit {address} on port {number} has {} cables; accepted: one or two, on motor 1 and motor 2",
+            unit.cables.len()
+        ));
+    }
+    for cable in &unit.cables {
+        if !(1..=cables).contains(cable) {
+            return at_cables(format!("unit {address} on port {number} names cable {cable}; accepted: 1 to {cables}"));
+        }
+        if let Some((port, other)) = owner[cable - 1].replace((number, address)) {
+            return at_cables(format!(
+                "cable {cable} is on unit {other} of port {port} and on unit {address} of port {number}; accepted: one motor per cable"
+            ));
+        }
+    }
+    Ok(())
+}
+
+fn motor_box(section: &MotorBoxSection, robot: &RobotFile) -> Result<(), Problem> {
+    let start_m = section
+        .start_m
+        .on(robot.robot.anchors_m.is_planar())
+        .map_err(|why| Problem::of("motor_box.start_m", format!("is not usable: {why}")))?;
     for value in start_m {
         number("motor_box.start_m", value, "[x, y, z] in metres", |v| v.abs() <= 1000.0)?;
     }
     if start_m[2] < robot.robot.ground_m {
-        return Err(format!(
-            "`motor_box.start_m` is at height {} m, below the robot's `ground_m` of {} m",
-            start_m[2], robot.robot.ground_m
-        ));
+        let (height, ground_m) = (start_m[2], robot.robot.ground_m);
+        let clause = format!("is at height {height} m, below the robot's `ground_m` of {ground_m} m");
+        return Err(Problem::of("motor_box.start_m", clause));
     }
     number("motor_box.delay_s", section.delay_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
     number("motor_box.lag_s", section.lag_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
@@ -361,87 +370,100 @@ fn motor_box(section: &MotorBoxSection, robot: &RobotFile) -> Result<(), String>
     number("motor_box.supply_v", section.supply_v, "1 to 60 V", |v| (1.0..=60.0).contains(&v))
 }
 
-fn processes(list: &[ProcessSection]) -> Result<(), String> {
+fn processes(list: &[ProcessSection]) -> Result<(), Problem> {
     for (index, process) in list.iter().enumerate() {
-        process_name(&process.name, process.role, process.slot())?;
+        let here =
+            |problem: Problem| problem.within(&format!("process.{index}"), &format!("process \"{}\"", process.name));
+        process_name(&process.name, process.role, process.slot()).map_err(here)?;
         if list[..index].iter().any(|other| other.name == process.name) {
-            return Err(format!("two processes are called \"{}\"; accepted: each name once", process.name));
+            let sentence = format!("two processes are called \"{}\"; accepted: each name once", process.name);
+            return Err(here(Problem::at("name", sentence)));
         }
-        let takes = |other: &&ProcessSection| {
-            other.start && other.role == process.role && (!process.role.has_slots() || other.slot() == process.slot())
-        };
-        if process.role != Role::Other
-            && process.start
-            && let Some(other) = list[..index].iter().find(takes)
-        {
-            let place =
-                if process.role.has_slots() { format!(" in slot {}", process.slot().name()) } else { String::new() };
-            return Err(format!(
-                "the processes \"{}\" and \"{}\" both have the `role` \"{}\"{place}; accepted: one, which takes the place of the standard one; give the other `start = false`{}",
-                other.name,
-                process.name,
-                process.role.name(),
-                if process.role.has_slots() { " or `standby = true`" } else { "" }
-            ));
-        }
-        process_keys(process)?;
+        place_of_process(process, &list[..index]).map_err(here)?;
+        process_keys(process).map_err(here)?;
     }
     Ok(())
 }
 
-/// Whether a process may have that name: the standard ones belong to their roles.
-fn process_name(given: &str, role: Role, slot: Slot) -> Result<(), String> {
-    name("process.name", given)?;
+/// A role has one process, or one in each slot.
+fn place_of_process(process: &ProcessSection, others: &[ProcessSection]) -> Result<(), Problem> {
+    let slots = process.role.has_slots();
+    let same_place = |other: &&ProcessSection| {
+        other.start && other.role == process.role && (!slots || other.slot() == process.slot())
+    };
+    if process.role == Role::Other || !process.start {
+        return Ok(());
+    }
+    let Some(other) = others.iter().find(same_place) else { return Ok(()) };
+    let place = if slots { format!(" in slot {}", process.slot().name()) } else { String::new() };
+    let sentence = format!(
+        "the processes \"{}\" and \"{}\" both have the `role` \"{}\"{place}; accepted: one, which takes the place of the standard one; give the other `start = false`{}",
+        other.name,
+        process.name,
+        process.role.name(),
+        if slots { " or `standby = true`" } else { "" }
+    );
+    Err(Problem::at("role", sentence))
+}
+
+/// Refuses a name that is reserved: each standard name belongs to its role.
+fn process_name(given: &str, role: Role, slot: Slot) -> Result<(), Problem> {
+    let refuse = |sentence: String| Err(Problem::at("name", sentence));
+    name("name", given)?;
     if given == "nims" {
-        return Err("a process cannot be called \"nims\": that is the supervisor".to_owned());
+        return refuse("a process cannot be called \"nims\": that is the supervisor".to_owned());
     }
     for (_, owner) in Role::STANDARD {
         let of_slot = |slot| owner.process_name(slot) == given;
         if owner != role && (of_slot(Slot::A) || owner.has_slots() && of_slot(Slot::B)) {
-            return Err(format!(
-                "the process name \"{given}\" belongs to the role {}; choose another name",
-                owner.name()
-            ));
+            let owner = owner.name();
+            return refuse(format!("the process name \"{given}\" belongs to the role {owner}; choose another name"));
         }
-        if owner == role
-            && role.has_slots()
-            && [Slot::A, Slot::B].into_iter().any(|other| other != slot && of_slot(other))
-        {
-            return Err(format!("the process name \"{given}\" belongs to the other slot; choose another name"));
+        if owner == role && role.has_slots() && Slot::ALL.iter().any(|other| *other != slot && of_slot(*other)) {
+            return refuse(format!("the process name \"{given}\" belongs to the other slot; choose another name"));
         }
     }
     Ok(())
 }
 
-fn process_keys(process: &ProcessSection) -> Result<(), String> {
+fn process_keys(process: &ProcessSection) -> Result<(), Problem> {
     let own = &process.name;
     let (role, slots) = (process.role, process.role.has_slots());
     if process.command.first().is_some_and(String::is_empty) || process.command.is_empty() && !slots {
-        return Err(format!("`command` of process \"{own}\" is empty; accepted: a program and its arguments"));
+        return Err(Problem::of("command", "is empty; accepted: a program and its arguments"));
     }
     if !slots && (process.slot.is_some() || process.standby || process.law.is_some()) {
-        return Err(format!(
-            "process \"{own}\" has `slot`, `standby` or `law`, which only the roles controller and estimator know"
+        return Err(Problem::at(
+            "role",
+            format!(
+                "process \"{own}\" has `slot`, `standby` or `law`, which only the roles controller and estimator have"
+            ),
         ));
     }
     if process.standby && process.slot() == Slot::A {
-        return Err(format!("the standby \"{own}\" is in slot a, where the first one is; accepted: slot b"));
+        let sentence = format!("the standby \"{own}\" is in slot a, where the first one is; accepted: slot b");
+        return Err(Problem::at("slot", sentence));
     }
     if process.law.is_some() && !process.command.is_empty() {
-        return Err(format!("process \"{own}\" has a `law` and a `command`; accepted: one of them"));
+        let sentence = format!("process \"{own}\" has a `law` and a `command`; accepted: one of them");
+        return Err(Problem::at("law", sentence));
     }
-    number("process.restart_pause_s", process.restart_pause_s, "0.1 to 30 s", |v| (0.1..=30.0).contains(&v))?;
-    count("process.restart_limit", process.restart_limit as usize, 1, 1000)?;
-    number("process.restart_forgive_s", process.restart_forgive_s, "0.1 to 3600 s", |v| (0.1..=3600.0).contains(&v))?;
+    if let Some(law) = process.law.filter(|law| law.role() != role) {
+        let accepted = role.algorithms().join(", ");
+        return Err(Problem::of("law", format!("is \"{}\"; accepted: {accepted}", law.name())));
+    }
+    number("restart_pause_s", process.restart_pause_s, "0.1 to 30 s", |v| (0.1..=30.0).contains(&v))?;
+    count("restart_limit", process.restart_limit as usize, 1, 1000)?;
+    number("restart_forgive_s", process.restart_forgive_s, "0.1 to 3600 s", |v| (0.1..=3600.0).contains(&v))?;
     if process.priority > 90 {
-        return Err(format!("`priority` of process \"{own}\" is {}; accepted: 0 (ordinary) to 90", process.priority));
+        return Err(Problem::of("priority", format!("is {}; accepted: 0 (ordinary) to 90", process.priority)));
     }
     if matches!(role, Role::MotorIo | Role::Estimator | Role::Controller)
         && (process.priority > 0 || process.cpu.is_some())
     {
-        return Err(format!(
-            "process \"{own}\" is of the control chain, whose `priority` and `cpu` stand in [realtime]"
-        ));
+        let sentence =
+            format!("process \"{own}\" is of the control chain, whose `priority` and `cpu` stand in [realtime]");
+        return Err(Problem::at(if process.priority > 0 { "priority" } else { "cpu" }, sentence));
     }
     Ok(())
 }

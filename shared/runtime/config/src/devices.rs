@@ -2,7 +2,8 @@
 
 use super::check::number;
 use super::load::beside;
-use crate::toml_file::{self, ConfigError};
+use crate::Problem;
+use crate::toml_file::{ConfigError, Source};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 
@@ -49,16 +50,16 @@ pub struct DeviceSection {
     pub values: Vec<FieldSection>,
 }
 
-/// What a device of the virtual box speaks.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum DeviceKind {
-    /// A Benewake TFmini or TF-Luna that looks straight down: frames of nine bytes.
-    Tfmini,
-    /// Lines of text.
-    Line,
-    /// Registers over Modbus RTU.
-    Modbus,
+crate::choice! {
+    /// What a device of the virtual motor box speaks.
+    pub enum DeviceKind {
+        /// A Benewake TFmini or TF-Luna that looks straight down: frames of nine bytes.
+        Tfmini = "tfmini",
+        /// Lines of text.
+        Line = "line",
+        /// Registers over Modbus RTU.
+        Modbus = "modbus",
+    }
 }
 
 /// `[[motor_box.device.value]]`: a quantity that differs from place to place.
@@ -147,32 +148,58 @@ impl GroundFile {
     /// # Errors
     /// One sentence that names the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let file: Self = toml_file::load(path)?;
-        file.check().map_err(|problem| ConfigError::value(path, problem))?;
+        let source = Source::read(path)?;
+        let file: Self = source.parse()?;
+        file.check().map_err(|problem| source.error(&problem))?;
         Ok(file)
     }
 
-    fn check(&self) -> Result<(), String> {
+    fn check(&self) -> Result<(), Problem> {
         let near = |v: f64| v.abs() <= 1000.0;
         number("ground_m", self.ground_m, "within 1000 m of 0", near)?;
-        let (above, size) = ("above 0, at most 1000 m", |v: f64| v > 0.0 && v <= 1000.0);
-        for cylinder in &self.cylinder {
-            cylinder.center_m.iter().try_for_each(|v| number("center_m", *v, "within 1000 m of 0", near))?;
-            number("radius_m", cylinder.radius_m, above, size)?;
-            number("height_m", cylinder.height_m, above, size)?;
+        for (index, cylinder) in self.cylinder.iter().enumerate() {
+            cylinder.check().map_err(|problem| numbered(problem, "cylinder", index))?;
         }
-        for prism in &self.prism {
-            prism.center_m.iter().try_for_each(|v| number("center_m", *v, "within 1000 m of 0", near))?;
-            prism.size_m.iter().try_for_each(|v| number("size_m", *v, above, size))?;
-            number("angle_deg", prism.angle_deg, "-360 to 360", |v| v.abs() <= 360.0)?;
-            number("height_m", prism.height_m, above, size)?;
-            if let Some(cavity) = prism.cavity {
-                for corner in cavity.from_m.iter().chain(&cavity.to_m) {
-                    number("cavity", *corner, "corners within 1000 m of the prism's middle", near)?;
-                }
-                let depth = format!("above 0, at most the prism's height of {} m", prism.height_m);
-                number("depth_m", cavity.depth_m, &depth, |v| v > 0.0 && v <= prism.height_m)?;
+        for (index, prism) in self.prism.iter().enumerate() {
+            prism.check().map_err(|problem| numbered(problem, "prism", index))?;
+        }
+        Ok(())
+    }
+}
+
+/// The same for the table of that index in the array `tables`.
+fn numbered(problem: Problem, tables: &str, index: usize) -> Problem {
+    problem.within(&format!("{tables}.{index}"), &format!("{tables} {}", index + 1))
+}
+
+fn check_center(center_m: &[f64; 2]) -> Result<(), Problem> {
+    center_m.iter().try_for_each(|v| number("center_m", *v, "within 1000 m of 0", |v| v.abs() <= 1000.0))
+}
+
+fn check_size(key: &str, value: f64) -> Result<(), Problem> {
+    number(key, value, "above 0, at most 1000 m", |v| v > 0.0 && v <= 1000.0)
+}
+
+impl CylinderSection {
+    fn check(&self) -> Result<(), Problem> {
+        check_center(&self.center_m)?;
+        check_size("radius_m", self.radius_m)?;
+        check_size("height_m", self.height_m)
+    }
+}
+
+impl PrismSection {
+    fn check(&self) -> Result<(), Problem> {
+        check_center(&self.center_m)?;
+        self.size_m.iter().try_for_each(|v| check_size("size_m", *v))?;
+        number("angle_deg", self.angle_deg, "-360 to 360", |v| v.abs() <= 360.0)?;
+        check_size("height_m", self.height_m)?;
+        if let Some(cavity) = self.cavity {
+            for corner in cavity.from_m.iter().chain(&cavity.to_m) {
+                number("cavity", *corner, "corners within 1000 m of the prism's middle", |v| v.abs() <= 1000.0)?;
             }
+            let depth = format!("above 0, at most the prism's height of {} m", self.height_m);
+            number("cavity.depth_m", cavity.depth_m, &depth, |v| v > 0.0 && v <= self.height_m)?;
         }
         Ok(())
     }
@@ -184,29 +211,34 @@ pub(super) fn check(
     ground: &mut Option<PathBuf>,
     folder: &Path,
     ports: &[String],
-) -> Result<(), String> {
+) -> Result<(), Problem> {
     if let Some(ground) = ground {
         *ground = beside(folder, ground);
-        GroundFile::load(ground).map_err(|error| format!("`motor_box.ground`: {error}"))?;
+        let unusable = |error: ConfigError| Problem::of("motor_box.ground", format!("is not usable: {error}"));
+        GroundFile::load(ground).map_err(unusable)?;
     }
     for (index, device) in devices.iter().enumerate() {
         let own = &device.name;
+        let here =
+            |problem: Problem| problem.within(&format!("motor_box.device.{index}"), &format!("device \"{own}\""));
         let fine = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
         if own.is_empty() || own.len() > 16 || !own.bytes().all(fine) {
-            return Err(format!("`motor_box.device.name` is \"{own}\"; accepted: 1 to 16 of a-z, 0-9 and -"));
+            let sentence = format!("`motor_box.device.name` is \"{own}\"; accepted: 1 to 16 of a-z, 0-9 and -");
+            return Err(here(Problem::at("name", sentence)));
         }
         let port = format!("{{domain}}/{own}");
         if devices[..index].iter().any(|other| other.name == *own) || ports.contains(&port) {
-            return Err(format!("two ports of the virtual box are called \"{own}\"; accepted: each name once"));
+            let sentence = format!("two ports of the virtual motor box are called \"{own}\"; accepted: each name once");
+            return Err(here(Problem::at("name", sentence)));
         }
-        of_one(device).map_err(|why| format!("device \"{own}\": {why}"))?;
+        of_one(device).map_err(here)?;
     }
     Ok(())
 }
 
-fn of_one(device: &DeviceSection) -> Result<(), String> {
+fn of_one(device: &DeviceSection) -> Result<(), Problem> {
     if !(1200..=3_000_000).contains(&device.baud) {
-        return Err(format!("`baud` is {}; accepted: 1200 to 3000000", device.baud));
+        return Err(Problem::of("baud", format!("is {}; accepted: 1200 to 3000000", device.baud)));
     }
     number("rate_hz", device.rate_hz, "0.01 to 1000 readings per second", |v| (0.01..=1000.0).contains(&v))?;
     number("latency_s", device.latency_s, "0 to 2 s", |v| (0.0..=2.0).contains(&v))?;
@@ -216,27 +248,35 @@ fn of_one(device: &DeviceSection) -> Result<(), String> {
     number("noise", device.noise, "0 to 1e6", |v| (0.0..=1e6).contains(&v))?;
     number("beam_deg", device.beam_deg, "0 to 90 degrees", |v| (0.0..=90.0).contains(&v))?;
     number("resolution_m", device.resolution_m, "0.01 or 0.001 m", |v| v == 0.01 || v == 0.001)?;
-    for field in &device.values {
-        let slopes = field.slope_per_m.iter();
-        slopes.chain([&field.base]).try_for_each(|v| number("value", *v, "numbers within 1e9", |v| v.abs() <= 1e9))?;
-        if let Some(peak) = field.peak {
-            peak.at_m
-                .iter()
-                .chain([&peak.height])
-                .try_for_each(|v| number("peak", *v, "numbers within 1e9", |v| v.abs() <= 1e9))?;
-            number("radius_m", peak.radius_m, "0.001 to 1e4 m", |v| (1e-3..=1e4).contains(&v))?;
-        }
+    for (index, field) in device.values.iter().enumerate() {
+        field.check().map_err(|problem| numbered(problem, "value", index))?;
     }
     if device.kind != DeviceKind::Tfmini && !(1..=8).contains(&device.values.len()) {
-        return Err(format!("it has {} `value`s; accepted: 1 to 8", device.values.len()));
+        let sentence = format!("device \"{}\" has {} `value`s; accepted: 1 to 8", device.name, device.values.len());
+        return Err(Problem::at("value", sentence));
     }
     if device.kind == DeviceKind::Line && (device.template.is_empty() || !device.template.is_ascii()) {
-        return Err("its `template` is empty or not plain ASCII; accepted: e.g. \"T={0} RH={1}\"".to_owned());
+        let clause = "is empty or not plain ASCII; accepted: e.g. \"T={0} RH={1}\"";
+        return Err(Problem::of("template", clause));
     }
     if device.kind == DeviceKind::Modbus && !(1..=247).contains(&device.unit_id) {
-        return Err(format!("`unit_id` is {}; accepted: 1 to 247", device.unit_id));
+        return Err(Problem::of("unit_id", format!("is {}; accepted: 1 to 247", device.unit_id)));
     }
     Ok(())
+}
+
+impl FieldSection {
+    fn check(&self) -> Result<(), Problem> {
+        let near = |key: &str, value: &f64| number(key, *value, "numbers within 1e9", |v| v.abs() <= 1e9);
+        near("base", &self.base)?;
+        self.slope_per_m.iter().try_for_each(|value| near("slope_per_m", value))?;
+        if let Some(peak) = &self.peak {
+            peak.at_m.iter().try_for_each(|value| near("peak.at_m", value))?;
+            near("peak.height", &peak.height)?;
+            number("peak.radius_m", peak.radius_m, "0.001 to 1e4 m", |v| (1e-3..=1e4).contains(&v))?;
+        }
+        Ok(())
+    }
 }
 
 fn default_baud() -> u32 {

@@ -5,6 +5,7 @@
 #![forbid(unsafe_code)]
 
 mod check;
+mod choice;
 mod devices;
 pub mod file;
 mod load;
@@ -12,6 +13,7 @@ mod logger;
 mod measured;
 mod mission_file;
 mod point;
+mod problem;
 mod process_for;
 mod robot_file;
 mod slot;
@@ -20,7 +22,8 @@ pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use check::{Given, LAWS, METHODS};
+pub use check::Given;
+pub use choice::{Algorithm, ControlLaw, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };
@@ -28,6 +31,7 @@ pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
 pub use mission_file::mission_file;
 pub use point::{Point, Points};
+pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
 pub use slot::Slot;
 pub use system_file::{

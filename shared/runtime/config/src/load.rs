@@ -5,9 +5,10 @@ use super::{
     CalibrationFile, ControllerSection, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile,
     check, devices,
 };
-use crate::toml_file::{self, ConfigError};
+use crate::toml_file::{ConfigError, Source};
+use crate::{Problem, TensionDistribution};
 use cable_robot::motor::Motor;
-use cable_robot::{Distribution, Robot, RobotParts};
+use cable_robot::{Distribution, Robot, RobotError, RobotParts};
 use std::path::{Path, PathBuf};
 
 impl RobotFile {
@@ -16,32 +17,34 @@ impl RobotFile {
     /// # Errors
     /// One sentence that names the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let mut file: Self = toml_file::load(path)?;
-        file.measured(path)?;
-        check::robot(&file).map_err(|problem| ConfigError::value(path, problem))?;
-        let robot = Robot::new(file.parts()).map_err(|error| ConfigError::value(path, error.to_string()))?;
+        let source = Source::read(path)?;
+        let mut file: Self = source.parse()?;
+        file.measured(path, &source)?;
+        check::robot(&file).map_err(|problem| source.error(&problem))?;
+        let robot = Robot::new(file.parts()).map_err(|error| source.error(&of_robot(&error)))?;
         if robot.anchors().are_on_a_line() {
-            let problem = "`anchors_m` lie on one straight line, so lengths determine no position; move an anchor sideways, or give all \
-                           points as [x, z] for a robot that moves in a plane";
-            return Err(ConfigError::value(path, problem));
+            let clause = "lie on one straight line, so lengths determine no position; move an anchor sideways, or give all points \
+                          as [x, z] for a robot that moves in a plane";
+            return Err(source.error(&Problem::of("robot.anchors_m", clause)));
         }
         Ok(file)
     }
 
     /// Reads the calibration and the motor table, if the file at `path` names them.
-    fn measured(&mut self, path: &Path) -> Result<(), ConfigError> {
+    fn measured(&mut self, path: &Path, source: &Source) -> Result<(), ConfigError> {
         let folder = path.parent().unwrap_or(Path::new(""));
-        let refuse = |problem: String| Err(ConfigError::value(path, problem));
+        let refuse = |key: &str, sentence: &str| Err(source.error(&Problem::at(key, sentence)));
         match (&self.robot.calibration, self.robot.anchors_m.is_empty()) {
             (Some(_), false) => {
                 return refuse(
-                    "`robot.calibration` and `anchors_m` both say where the anchors are; keep the calibration, or remove it".into(),
+                    "robot.calibration",
+                    "`robot.calibration` and `anchors_m` both say where the anchors are; keep the calibration, or remove it",
                 );
             }
             (None, true) => {
                 return refuse(
-                    "`robot` says nowhere where the anchors are; give `anchors_m`, or `calibration` with a file of nims calibrate --out"
-                        .into(),
+                    "robot",
+                    "`robot` says nowhere where the anchors are; give `anchors_m`, or `calibration` with a file of nims calibrate --out",
                 );
             }
             (None, false) => {}
@@ -67,7 +70,7 @@ impl RobotFile {
     ///
     /// # Errors
     /// What [`Robot::new`] refuses; a file that [`RobotFile::load`] accepted is never refused.
-    pub fn robot(&self) -> Result<Robot, cable_robot::RobotError> {
+    pub fn robot(&self) -> Result<Robot, RobotError> {
         Robot::new(self.parts())
     }
 
@@ -101,6 +104,18 @@ impl RobotFile {
     }
 }
 
+/// What the mathematics refuses, at the key of the file that it is about.
+fn of_robot(error: &RobotError) -> Problem {
+    let table = match error.key {
+        "stiffness_n" | "routed_length_m" => "lines",
+        "force_constant_n_a" | "resistance_ohm" | "gear_friction" | "coulomb_n" | "viscous_n_s_m"
+        | "transition_m_s" | "table" => "motor",
+        "covariance_m2" => return Problem::at("robot.calibration", error.to_string()),
+        _ => "robot",
+    };
+    Problem::at(format!("{table}.{}", error.key), error.to_string())
+}
+
 impl RobotSection {
     /// A box of `keep_out`; of a planar robot it reaches as far as need be on both sides of the plane.
     fn room(&self, [low, high]: &[Point; 2]) -> [[f64; 3]; 2] {
@@ -131,11 +146,11 @@ impl ControllerSection {
     /// How the tensions of this robot are chosen; as many cables as directions leave no choice.
     #[must_use]
     pub fn distribution_for(&self, robot: &Robot) -> Distribution {
-        match (robot.redundancy(), self.distribution.as_str()) {
+        match (robot.redundancy(), self.distribution) {
             (0, _) => Distribution::Unique,
-            (_, "min-sum") => Distribution::MinSum,
-            (_, "safest") => Distribution::Safest,
-            _ => Distribution::LeastNorm,
+            (_, TensionDistribution::LeastNorm) => Distribution::LeastNorm,
+            (_, TensionDistribution::MinSum) => Distribution::MinSum,
+            (_, TensionDistribution::Safest) => Distribution::Safest,
         }
     }
 }
@@ -164,24 +179,25 @@ impl SystemFile {
     /// # Errors
     /// One sentence that names the file, the key and what is accepted.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let mut file: Self = toml_file::load(path)?;
+        let source = Source::read(path)?;
+        let mut file: Self = source.parse()?;
+        let refuse = |problem: Problem| source.error(&problem);
         let folder = path.parent().unwrap_or(Path::new(""));
         for inner in [&mut file.robot, &mut file.runs, &mut file.planner.missions] {
             *inner = beside(folder, inner);
         }
         if let Some(section) = &mut file.motor_box {
             let ports: Vec<String> = file.motor_io.ports.iter().map(|port| port.path.clone()).collect();
-            devices::check(&section.device, &mut section.ground, folder, &ports)
-                .map_err(|problem| ConfigError::value(path, problem))?;
+            devices::check(&section.device, &mut section.ground, folder, &ports).map_err(refuse)?;
         }
         if !file.robot.is_file() {
-            let problem = format!("`robot` names {}, and there is no such file", file.robot.display());
-            return Err(ConfigError::value(path, problem));
+            let clause = format!("names {}, and there is no such file", file.robot.display());
+            return Err(refuse(Problem::of("robot", clause)));
         }
         let robot = RobotFile::load(&file.robot)?;
-        check::system_file(&file, &robot).map_err(|problem| ConfigError::value(path, problem))?;
+        check::system_file(&file, &robot).map_err(refuse)?;
         let counts = robot.calibration.as_ref().map(|found| found.encoders(&file.motor_io.counts_per_m)).transpose();
-        if let Some(counts) = counts.map_err(|problem| ConfigError::value(path, problem))?.flatten() {
+        if let Some(counts) = counts.map_err(refuse)?.flatten() {
             file.motor_io.counts_per_m = counts;
         }
         Ok(file)

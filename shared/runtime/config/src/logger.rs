@@ -1,6 +1,7 @@
 //! `[sensor_logger]`: what becomes of the readings of sensors.
 
 use super::check::number;
+use crate::Problem;
 use serde::{Deserialize, Serialize};
 
 /// `[sensor_logger]`.
@@ -69,7 +70,7 @@ pub struct LoggedSensorSection {
 }
 
 /// What the numbers may be.
-pub(super) fn check(section: &SensorLoggerSection) -> Result<(), String> {
+pub(super) fn check(section: &SensorLoggerSection) -> Result<(), Problem> {
     number("sensor_logger.wait_s", section.wait_s, "0.05 to 10 s", |v| (0.05..=10.0).contains(&v))?;
     number("sensor_logger.time_sigma_s", section.time_sigma_s, "0 to 1 s", |v| (0.0..=1.0).contains(&v))?;
     number("sensor_logger.map_period_s", section.map_period_s, "0.2 to 60 s", |v| (0.2..=60.0).contains(&v))?;
@@ -81,36 +82,49 @@ pub(super) fn check(section: &SensorLoggerSection) -> Result<(), String> {
     for value in section.map_area_m.into_iter().flatten().flatten() {
         number("sensor_logger.map_area_m", value, "two corners within 1000 m", |v| v.abs() <= 1000.0)?;
     }
-    for sensor in &section.sensor {
-        let of = |key: &str| format!("sensor_logger.sensor.{key}` of \"{}\": `{key}", sensor.name);
-        if sensor.name.is_empty() {
-            return Err("`sensor_logger.sensor.name` is empty; accepted: NAME of the channel sensor/NAME".to_owned());
-        }
-        if section.sensor.iter().filter(|other| other.name == sensor.name).count() > 1 {
-            return Err(format!(
+    for (index, sensor) in section.sensor.iter().enumerate() {
+        let here = |problem: Problem| {
+            problem.within(&format!("sensor_logger.sensor.{index}"), &format!("the sensor \"{}\"", sensor.name))
+        };
+        if section.sensor[..index].iter().any(|other| other.name == sensor.name) {
+            let sentence = format!(
                 "two entries of `sensor_logger.sensor` are called \"{}\"; accepted: each name once",
                 sensor.name
-            ));
+            );
+            return Err(here(Problem::at("name", sentence)));
         }
-        if let Some(value) = sensor.latency_s {
-            number(&of("latency_s"), value, "0 to 10 s", |v| (0.0..=10.0).contains(&v))?;
-        }
-        if let Some(value) = sensor.time_sigma_s {
-            number(&of("time_sigma_s"), value, "0 to 1 s", |v| (0.0..=1.0).contains(&v))?;
-        }
-        for value in sensor.lever_m.into_iter().flatten() {
-            number(&of("lever_m"), value, "within 10 m", |v| v.abs() <= 10.0)?;
-        }
-        if let Some(value) = sensor.sigma {
-            number(&of("sigma"), value, "above 0, at most 1e6", |v| v > 0.0 && v <= 1e6)?;
-        }
-        number(&of("footprint_m"), sensor.footprint_m, "0 to 100 m", |v| (0.0..=100.0).contains(&v))?;
-        if sensor.map_value.is_some_and(|value| value > 8) || sensor.fields.len() > 8 {
-            return Err(format!(
-                "the sensor \"{}\" has more than 8 values; accepted: up to 8 `fields`, `map_value` of 0 to 8",
-                sensor.name
-            ));
-        }
+        sensor.check().map_err(here)?;
     }
     Ok(())
+}
+
+impl LoggedSensorSection {
+    fn check(&self) -> Result<(), Problem> {
+        if self.name.is_empty() {
+            let sentence = "`sensor_logger.sensor.name` is empty; accepted: NAME of the channel sensor/NAME";
+            return Err(Problem::at("name", sentence));
+        }
+        if let Some(value) = self.latency_s {
+            number("latency_s", value, "0 to 10 s", |v| (0.0..=10.0).contains(&v))?;
+        }
+        if let Some(value) = self.time_sigma_s {
+            number("time_sigma_s", value, "0 to 1 s", |v| (0.0..=1.0).contains(&v))?;
+        }
+        for value in self.lever_m.into_iter().flatten() {
+            number("lever_m", value, "within 10 m", |v| v.abs() <= 10.0)?;
+        }
+        if let Some(value) = self.sigma {
+            number("sigma", value, "above 0, at most 1e6", |v| v > 0.0 && v <= 1e6)?;
+        }
+        number("footprint_m", self.footprint_m, "0 to 100 m", |v| (0.0..=100.0).contains(&v))?;
+        let too_many_fields = self.fields.len() > 8;
+        if too_many_fields || self.map_value.is_some_and(|value| value > 8) {
+            let sentence = format!(
+                "the sensor \"{}\" has more than 8 values; accepted: up to 8 `fields`, `map_value` of 0 to 8",
+                self.name
+            );
+            return Err(Problem::at(if too_many_fields { "fields" } else { "map_value" }, sentence));
+        }
+        Ok(())
+    }
 }

@@ -1,6 +1,7 @@
 //! Files that a robot file names because they are measured, not written: a calibration and a motor table.
 
-use crate::toml_file::{self, ConfigError};
+use crate::Problem;
+use crate::toml_file::{self, ConfigError, Source};
 use cable_robot::energy::CurrentTable;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
@@ -59,14 +60,15 @@ impl CalibrationFile {
     ///
     /// # Errors
     /// It is about other encoders.
-    pub(super) fn encoders(&self, said: &[f64]) -> Result<Option<Vec<f64>>, String> {
+    pub(super) fn encoders(&self, configured: &[f64]) -> Result<Option<Vec<f64>>, Problem> {
         let Some(counts) = self.true_counts_per_m() else { return Ok(None) };
-        let same = |(counts, said): (&f64, &f64)| (counts / said - 1.0).abs() <= SAME_ENCODERS;
-        if counts.len() != said.len() || !counts.iter().zip(said).all(same) {
-            return Err(format!(
-                "`motor_io.counts_per_m` is {said:?}, and the calibration of {} found {counts:.1?}: these are other encoders; calibrate again",
+        let same = |(counts, configured): (&f64, &f64)| (counts / configured - 1.0).abs() <= SAME_ENCODERS;
+        if counts.len() != configured.len() || !counts.iter().zip(configured).all(same) {
+            let clause = format!(
+                "is {configured:?}, and the calibration of {} found {counts:.1?}: these are other encoders; calibrate again",
                 self.date
-            ));
+            );
+            return Err(Problem::of("motor_io.counts_per_m", clause));
         }
         Ok(Some(counts))
     }
@@ -97,8 +99,9 @@ impl MotorTableFile {
     /// # Errors
     /// One sentence that names the file.
     pub fn load(path: &Path) -> Result<Self, ConfigError> {
-        let file: Self = toml_file::load(path)?;
-        file.table(0.0).map_err(|error| ConfigError::value(path, error.to_string()))?;
+        let source = Source::read(path)?;
+        let file: Self = source.parse()?;
+        file.table(0.0).map_err(|error| source.error(&Problem::at("currents_a", error.to_string())))?;
         Ok(file)
     }
 
@@ -198,7 +201,7 @@ mod tests {
         // whatever the system file says meanwhile
         assert_eq!(own.encoders(&counts).unwrap().unwrap(), counts);
         for other in [&[10000.0, 10000.0, 5000.0][..], &[10000.0, -10000.0], &[20000.0, -20000.0, 10000.0]] {
-            let sentence = own.encoders(other).unwrap_err();
+            let sentence = own.encoders(other).unwrap_err().to_string();
             assert!(["`motor_io.counts_per_m`", &own.date].iter().all(|part| sentence.contains(part)), "{sentence}");
             assert!(sentence.contains(&format!("{other:?}")) && sentence.contains("10100.0"), "{sentence}");
         }

@@ -1,6 +1,6 @@
 //! Which process a law or a method is: the standard program, or a `[[process]]` of the system file.
 
-use crate::{LAWS, METHODS, ProcessSection, Role, SystemFile};
+use crate::{ProcessSection, Role, SystemFile};
 
 impl SystemFile {
     /// The `[[process]]` that this name of a law or a method means; `None` for one that the standard program has itself.
@@ -15,12 +15,8 @@ impl SystemFile {
             let (is, wanted) = (section.role.name(), role.name());
             return Err(format!("the process \"{law}\" of the system file has the role {is}, not {wanted}"));
         }
-        let known: &[&str] = match role {
-            Role::Controller => &LAWS,
-            Role::Estimator => &METHODS,
-            _ => return Ok(None),
-        };
-        if known.contains(&law) {
+        let known = role.algorithms();
+        if known.is_empty() || known.contains(&law) {
             return Ok(None);
         }
         let quoted: Vec<String> = known.iter().map(|name| format!("\"{name}\"")).collect();
@@ -39,6 +35,7 @@ impl SystemFile {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{ControlLaw, EstimatorMethod};
     use std::path::Path;
 
     #[test]
@@ -47,10 +44,10 @@ mod tests {
         let mut file = SystemFile::load(&path).unwrap();
         let own = "name = \"mine\"\nrole = \"controller\"\ncommand = [\"mine\"]\n";
         file.process = vec![toml::from_str(own).unwrap()];
-        for law in LAWS {
+        for law in ControlLaw::NAMES {
             assert!(file.process_for(Role::Controller, law).unwrap().is_none(), "{law}");
         }
-        for method in METHODS {
+        for method in EstimatorMethod::NAMES {
             assert!(file.process_for(Role::Estimator, method).unwrap().is_none(), "{method}");
         }
         let mine = file.process_for(Role::Controller, "mine").unwrap();

@@ -1,7 +1,7 @@
 //! The system file: which processes run, on which drives, at which rate, with which parameters.
 
 use super::{DeviceSection, Point, SensorLoggerSection, ViewerSection};
-use crate::Slot;
+use crate::{Algorithm, ControlLaw, EstimatorMethod, Slot, StopPin, TensionDistribution};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -119,7 +119,7 @@ pub struct PortSection {
     pub units: Vec<UnitSection>,
     /// Status pin of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button holds on; no key: none. Open, or not
     /// to be read, is an emergency stop.
-    pub stop_pin: Option<String>,
+    pub stop_pin: Option<StopPin>,
 }
 
 /// `[[motor_io.ports.units]]`.
@@ -180,7 +180,7 @@ impl Default for ArbiterSection {
 #[serde(deny_unknown_fields, default)]
 pub struct EstimatorSection {
     /// How readings become lengths: `phi`, the paper's motor model, or `kalman`, a filter on length and velocity of each line.
-    pub method: String,
+    pub method: EstimatorMethod,
     /// Rows of the sliding window of the motor model (18)-(20).
     pub eta: usize,
     /// Pull of the motor model towards `prior`, (m/s)².
@@ -204,7 +204,7 @@ pub struct EstimatorSection {
 impl Default for EstimatorSection {
     fn default() -> Self {
         Self {
-            method: "phi".into(),
+            method: EstimatorMethod::Phi,
             eta: 50,
             ridge: 1e-4,
             prior: [0.6, 0.4],
@@ -225,7 +225,7 @@ pub struct ControllerSection {
     /// `lq-endpoint`: the paper's fixed-endpoint fixed-time law. `preview`: knows how late the drives are, and falls back
     /// to `lq-endpoint` while its model of them does not fit. `p-feedforward`: each line for itself, desired velocity and a
     /// share of the length error.
-    pub law: String,
+    pub law: ControlLaw,
     /// Delta of the law, cycles; best near 2 (delay + lag) / period + 3, unstable below a third of that.
     pub horizon_cycles: usize,
     /// Q and R of the law (scalars times identity). Q > 0 leads on ramps; 0 is best.
@@ -233,7 +233,7 @@ pub struct ControllerSection {
     /// R.
     pub input_weight: f64,
     /// How the tension of more than three cables is chosen: `least-norm`, `min-sum` or `safest`.
-    pub distribution: String,
+    pub distribution: TensionDistribution,
     /// Time constant of the loop on the redundant length mode of more than three cables, s.
     pub redundant_s: f64,
     /// `p-feedforward`: velocity per length error, 1/s; no overshoot up to about 1 / (3 (delay + lag)), unstable from about 14
@@ -259,11 +259,11 @@ pub struct ControllerSection {
 impl Default for ControllerSection {
     fn default() -> Self {
         Self {
-            law: "lq-endpoint".into(),
+            law: ControlLaw::LqEndpoint,
             horizon_cycles: 20,
             state_weight: 0.0,
             input_weight: 1.0,
-            distribution: "least-norm".into(),
+            distribution: TensionDistribution::LeastNorm,
             redundant_s: 0.3,
             length_gain_per_s: 3.0,
             stretch: true,
@@ -397,24 +397,24 @@ pub struct RealtimeSection {
     pub idle_latency_us: Option<u32>,
 }
 
-/// What a process does, which decides what its death means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Role {
-    /// Virtual motor box.
-    MotorBox,
-    /// Motor I/O.
-    MotorIo,
-    /// Estimator.
-    Estimator,
-    /// Controller.
-    Controller,
-    /// Planner.
-    Planner,
-    /// Recorder.
-    Recorder,
-    /// Anything else, e.g. a sensor.
-    Other,
+crate::choice! {
+    /// What a process does, which decides what its death means.
+    pub enum Role {
+        /// Virtual motor box.
+        MotorBox = "motor-box",
+        /// Motor I/O.
+        MotorIo = "motor-io",
+        /// Estimator.
+        Estimator = "estimator",
+        /// Controller.
+        Controller = "controller",
+        /// Planner.
+        Planner = "planner",
+        /// Recorder.
+        Recorder = "recorder",
+        /// Anything else, e.g. a sensor.
+        Other = "other",
+    }
 }
 
 /// `[[process]]`.
@@ -437,7 +437,7 @@ pub struct ProcessSection {
     #[serde(default)]
     pub standby: bool,
     /// For a controller or an estimator without a `command`: its law, if not the configured one.
-    pub law: Option<String>,
+    pub law: Option<Algorithm>,
     /// False: started only when it is asked for, by `nims start` or `nims swap`.
     #[serde(default = "yes")]
     pub start: bool,
@@ -468,20 +468,24 @@ impl ProcessSection {
 }
 
 impl Role {
-    /// Every role that has a process of its own by default, with its name.
+    /// Every role that has a process by default, with its name, which is also that of its program.
     pub const STANDARD: [(&'static str, Self); 6] = [
-        ("motor-io", Self::MotorIo),
-        ("estimator", Self::Estimator),
-        ("controller", Self::Controller),
-        ("planner", Self::Planner),
-        ("recorder", Self::Recorder),
-        ("motor-box", Self::MotorBox),
+        (Self::MotorIo.name(), Self::MotorIo),
+        (Self::Estimator.name(), Self::Estimator),
+        (Self::Controller.name(), Self::Controller),
+        (Self::Planner.name(), Self::Planner),
+        (Self::Recorder.name(), Self::Recorder),
+        (Self::MotorBox.name(), Self::MotorBox),
     ];
 
-    /// Its name, as it stands in configuration files and in the process table.
+    /// The names of what its standard program can compute: laws of the controller, methods of the estimator.
     #[must_use]
-    pub fn name(self) -> &'static str {
-        Self::STANDARD.iter().find(|(_, role)| *role == self).map_or("other", |(name, _)| name)
+    pub fn algorithms(self) -> &'static [&'static str] {
+        match self {
+            Self::Controller => ControlLaw::NAMES,
+            Self::Estimator => EstimatorMethod::NAMES,
+            _ => &[],
+        }
     }
 
     /// Whether it has two slots, so that a process can be swapped for another while both live.

@@ -1,9 +1,12 @@
 //! Reading TOML files, with errors that a person at the robot can act on.
 
+use std::ops::Range;
 use std::path::{Path, PathBuf};
 
-use crate::file;
+use crate::choice::IS;
+use crate::{Problem, file};
 use serde::de::DeserializeOwned;
+use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
 /// What is wrong with a configuration file, as one sentence: file, line, key, what is accepted.
@@ -17,21 +20,25 @@ pub enum ConfigError {
         /// One clause.
         why: String,
     },
-    /// Its text is not what is expected.
+    /// Its text is not what is expected, or a value in it is not accepted.
     #[error("{path}, line {line}: {problem}")]
     Text {
         /// The file.
         path: PathBuf,
         /// From 1.
         line: usize,
+        /// The dotted key, where the problem has one.
+        key: Option<String>,
         /// One clause, with the key where there is one.
         problem: String,
     },
-    /// Its values do not fit.
+    /// A value that does not fit and is not written in the file.
     #[error("{path}: {problem}")]
     Value {
         /// The file.
         path: PathBuf,
+        /// The dotted key.
+        key: String,
         /// One clause, with the key.
         problem: String,
     },
@@ -46,24 +53,69 @@ impl ConfigError {
         }
     }
 
-    /// The key that is wrong, if there is one: with the names of its tables where the problem says them.
+    /// The dotted key that is wrong, if there is one; tables of an array are numbered from 0.
     #[must_use]
     pub fn key(&self) -> Option<&str> {
         match self {
             Self::Unreadable { .. } => None,
-            Self::Text { problem, .. } | Self::Value { problem, .. } => problem.split('`').nth(1),
+            Self::Text { key, .. } => key.as_deref(),
+            Self::Value { key, .. } => Some(key),
         }
     }
+}
 
-    /// A file whose text is well-formed and whose values are not usable; `problem` is one clause that names the key, between the first
-    /// two backticks, with the names of its tables before it where several tables have such a key. The line is looked up in the file.
+/// The text of a TOML file, in which the keys of problems are found.
+#[derive(Debug, Clone)]
+pub struct Source {
+    path: PathBuf,
+    text: String,
+}
+
+impl Source {
+    /// Reads the text.
+    ///
+    /// # Errors
+    /// [`ConfigError::Unreadable`].
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let text = file::read_text(path)
+            .map_err(|error| ConfigError::Unreadable { path: path.to_owned(), why: error.to_string() })?;
+        Ok(Self { path: path.to_owned(), text })
+    }
+
+    /// The text as a `T`. Refusing unknown keys is up to the type (`deny_unknown_fields`).
+    ///
+    /// # Errors
+    /// [`ConfigError::Text`].
+    pub fn parse<T: DeserializeOwned>(&self) -> Result<T, ConfigError> {
+        toml::from_str(&self.text).map_err(|error| {
+            let span = error.span().unwrap_or(0..0);
+            // The document itself has an empty span.
+            let table = DeTable::parse(&self.text).ok().filter(|_| !span.is_empty());
+            let place = table.and_then(|table| place_of(table.get_ref(), &span));
+            let message = error.message().trim().replace('\n', "; ");
+            // The message names the key of an unknown or a missing key, but not that of a wrong value.
+            let subject = match &place {
+                Some(Place::Key(key)) => key.rsplit_once('.').map(|(table, _)| table),
+                Some(Place::Value(key)) => Some(key.as_str()),
+                None => None,
+            };
+            let problem = match subject {
+                Some(key) if message.starts_with(IS) => format!("`{key}` {message}"),
+                Some(key) => format!("`{key}`: {message}"),
+                None => message,
+            };
+            let key = place.map(|(Place::Key(key) | Place::Value(key))| key);
+            ConfigError::Text { path: self.path.clone(), line: line_at(&self.text, span.start), key, problem }
+        })
+    }
+
+    /// The problem with the file, and with the line of its key or, where that is not written, of its table.
     #[must_use]
-    pub fn value(path: &Path, problem: impl Into<String>) -> Self {
-        let (path, problem) = (path.to_owned(), problem.into());
-        let text = file::read_text(&path).unwrap_or_default();
-        match problem.split('`').nth(1).and_then(|key| line_of(&text, key)) {
-            Some(line) => Self::Text { path, line, problem },
-            None => Self::Value { path, problem },
+    pub fn error(&self, problem: &Problem) -> ConfigError {
+        let (path, key, sentence) = (self.path.clone(), problem.key().to_owned(), problem.to_string());
+        match line_of(&self.text, problem.key()) {
+            Some(line) => ConfigError::Text { path, line, key: Some(key), problem: sentence },
+            None => ConfigError::Value { path, key, problem: sentence },
         }
     }
 }
@@ -73,9 +125,7 @@ impl ConfigError {
 /// # Errors
 /// [`ConfigError::Unreadable`] or [`ConfigError::Text`].
 pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
-    let text = file::read_text(path)
-        .map_err(|error| ConfigError::Unreadable { path: path.to_owned(), why: error.to_string() })?;
-    parse(&text, path)
+    Source::read(path)?.parse()
 }
 
 /// [`load`] from a text in hand; `path` is only named in errors.
@@ -83,78 +133,107 @@ pub fn load<T: DeserializeOwned>(path: &Path) -> Result<T, ConfigError> {
 /// # Errors
 /// [`ConfigError::Text`].
 pub fn parse<T: DeserializeOwned>(text: &str, path: &Path) -> Result<T, ConfigError> {
-    toml::from_str(text).map_err(|error| {
-        let at = error.span().map_or(0, |span| span.start.min(text.len()));
-        let before = text.get(..at).unwrap_or(text);
-        let line = before.matches('\n').count() + 1;
-        let here = text.lines().nth(line - 1).unwrap_or("");
-        let message = error.message().trim().replace('\n', "; ");
-        // serde names unknown and missing keys itself, but not the key of a wrong value
-        let key =
-            here.split_once('=').map(|(key, _)| key.trim()).filter(|key| !key.is_empty() && !key.starts_with('#'));
-        let problem = match key {
-            Some(key) if !message.contains(&format!("`{key}`")) && !message.contains("field `") => {
-                format!("`{key}`: {message}")
-            }
-            _ => message,
-        };
-        ConfigError::Text { path: path.to_owned(), line, problem }
-    })
+    Source { path: path.to_owned(), text: text.to_owned() }.parse()
 }
 
-/// The line, from 1, on which the dotted `key` stands; `leg.2.speed_m_s` is that of the third table `leg`, also in a table within it. If
-/// its tables are not named, the first key of that name in any table.
+/// The line, from 1, on which the dotted `key` stands; tables of an array are numbered from 0.
+///
+/// The last name may stand in a table within the one that is named: `leg.2.speed_m_s` may be a key of that leg's `line`.
+/// If the key is not written, the result is the line of the innermost of its tables that is.
 #[must_use]
 pub fn line_of(text: &str, key: &str) -> Option<usize> {
     let table = DeTable::parse(text).ok()?;
     let names: Vec<&str> = key.split('.').collect();
-    let at = find(table.get_ref(), &names).or_else(|| anywhere(table.get_ref(), names.last()?))?;
-    text.get(..at).map(|before| before.matches('\n').count() + 1)
+    find(table.get_ref(), &names).map(|at| line_at(text, at))
 }
 
-/// Where the key at the end of this way begins, bytes; in the last table also further inside.
+fn line_at(text: &str, at: usize) -> usize {
+    text.get(..at).unwrap_or(text).matches('\n').count() + 1
+}
+
+/// Where the key at the end of this way begins, bytes, or the innermost table on the way.
 fn find(table: &DeTable<'_>, names: &[&str]) -> Option<usize> {
     let (first, rest) = names.split_first()?;
-    let found = table.iter().find(|(key, _)| key.get_ref() == *first);
-    if rest.is_empty() {
-        return found.map(|(key, _)| key.span().start).or_else(|| anywhere(table, first));
-    }
-    match (found?.1.get_ref(), rest) {
+    let Some((key, value)) = table.iter().find(|(key, _)| key.get_ref() == *first) else {
+        return if rest.is_empty() { further_inside(table, first) } else { None };
+    };
+    let inner = match (value.get_ref(), rest) {
         (DeValue::Table(inner), _) => find(inner, rest),
-        (DeValue::Array(items), [number, rest @ ..]) => match items.get(number.parse::<usize>().ok()?)?.get_ref() {
-            DeValue::Table(inner) => find(inner, rest),
-            _ => None,
-        },
+        (DeValue::Array(items), [number, rest @ ..]) => {
+            let item = number.parse::<usize>().ok().and_then(|number| items.get(number));
+            item.and_then(|item| match item.get_ref() {
+                DeValue::Table(inner) => find(inner, rest).or_else(|| Some(item.span().start)),
+                _ => None,
+            })
+        }
         _ => None,
+    };
+    inner.or_else(|| Some(key.span().start))
+}
+
+/// Where the first key of that name begins in the tables within this one, bytes.
+fn further_inside(table: &DeTable<'_>, name: &str) -> Option<usize> {
+    let inner = table.iter().filter_map(|(_, value)| match value.get_ref() {
+        DeValue::Table(inner) => Some(inner),
+        _ => None,
+    });
+    let of_key = |(key, _): (&Spanned<_>, &_)| (key.get_ref() == name).then(|| key.span().start);
+    inner.filter_map(|inner| inner.iter().find_map(of_key).or_else(|| further_inside(inner, name))).min()
+}
+
+/// What stands at a span of the text: a dotted key, or its value.
+enum Place {
+    Key(String),
+    Value(String),
+}
+
+impl Place {
+    fn below(self, name: &str) -> Self {
+        match self {
+            Self::Key(key) => Self::Key(format!("{name}.{key}")),
+            Self::Value(key) => Self::Value(format!("{name}.{key}")),
+        }
     }
 }
 
-/// Where the first key of that name begins, at whatever depth, bytes.
-fn anywhere(table: &DeTable<'_>, name: &str) -> Option<usize> {
-    table
-        .iter()
-        .filter_map(
-            |(key, value)| {
-                if key.get_ref() == name { Some(key.span().start) } else { inside(value.get_ref(), name) }
-            },
-        )
-        .min()
+/// The innermost key or value of the table around this span.
+fn place_of(table: &DeTable<'_>, at: &Range<usize>) -> Option<Place> {
+    table.iter().find_map(|(key, value)| {
+        let name: &str = key.get_ref();
+        if let Some(inner) = place_in(value.get_ref(), at) {
+            return Some(inner.below(name));
+        }
+        // A table that begins with a header has the span of the header, which is also where its name stands.
+        if holds(&value.span(), at) {
+            return Some(Place::Value(name.to_owned()));
+        }
+        holds(&key.span(), at).then(|| Place::Key(name.to_owned()))
+    })
 }
 
-fn inside(value: &DeValue<'_>, name: &str) -> Option<usize> {
+fn place_in(value: &DeValue<'_>, at: &Range<usize>) -> Option<Place> {
     match value {
-        DeValue::Table(inner) => anywhere(inner, name),
-        DeValue::Array(items) => items.iter().filter_map(|item| inside(item.get_ref(), name)).min(),
+        DeValue::Table(inner) => place_of(inner, at),
+        DeValue::Array(items) => items.iter().enumerate().find_map(|(index, item)| {
+            let name = index.to_string();
+            let inner = place_in(item.get_ref(), at).map(|inner| inner.below(&name));
+            let is_table = matches!(item.get_ref(), DeValue::Table(_));
+            inner.or_else(|| (is_table && holds(&item.span(), at)).then_some(Place::Value(name)))
+        }),
         _ => None,
     }
+}
+
+fn holds(outer: &Range<usize>, inner: &Range<usize>) -> bool {
+    outer.start <= inner.start && inner.end <= outer.end
 }
 
 /// The value itself, unless it is NaN or infinite (which TOML can express).
 ///
 /// # Errors
-/// One clause that names the key, for [`ConfigError::value`].
-pub fn finite(key: &str, value: f64) -> Result<f64, String> {
-    if value.is_finite() { Ok(value) } else { Err(format!("`{key}` is {value}; give a finite number")) }
+/// What is wrong at the key.
+pub fn finite(key: &str, value: f64) -> Result<f64, Problem> {
+    if value.is_finite() { Ok(value) } else { Err(Problem::of(key, format!("is {value}; give a finite number"))) }
 }
 
 #[cfg(test)]
@@ -171,11 +250,14 @@ mod tests {
         inner: Option<Inner>,
     }
 
-    #[derive(Debug, serde::Deserialize)]
-    #[serde(rename_all = "kebab-case")]
-    enum Law {
-        LqEndpoint,
-        Preview,
+    crate::choice! {
+        /// Two laws.
+        pub enum Law {
+            /// The first.
+            LqEndpoint = "lq-endpoint",
+            /// The second.
+            Preview = "preview",
+        }
     }
 
     #[derive(Debug, serde::Deserialize)]
@@ -187,29 +269,38 @@ mod tests {
 
     /// Line and key of what is wrong, and the clause about it.
     fn refused(text: &str) -> (usize, Option<String>, String) {
-        let error = parse::<Example>(text, Path::new("box.toml")).unwrap_err();
+        let error = parse::<Example>(text, Path::new("system.toml")).unwrap_err();
         let sentence = error.to_string();
         assert_eq!(sentence.lines().count(), 1, "{sentence}");
         let key = error.key().map(str::to_owned);
-        let ConfigError::Text { path, line, problem } = error else { panic!("{sentence}") };
-        assert_eq!(path, Path::new("box.toml"));
-        assert!(sentence.starts_with("box.toml, ") && sentence.contains(&format!(" {line}: {problem}")), "{sentence}");
+        let ConfigError::Text { path, line, problem, .. } = error else { panic!("{sentence}") };
+        assert_eq!(path, Path::new("system.toml"));
+        assert!(
+            sentence.starts_with("system.toml, ") && sentence.contains(&format!(" {line}: {problem}")),
+            "{sentence}"
+        );
         (line, key, problem)
     }
 
     #[test]
     fn errors_name_file_line_key_and_what_is_accepted() {
-        parse::<Example>("speed_m_s = 0.2\nlaw = \"preview\"", Path::new("box.toml")).unwrap();
-        let cases: [(&str, usize, &str, &[&str]); 5] = [
-            ("speed_m_s = \"0.2\"\nlaw = \"preview\"", 1, "speed_m_s", &["f64"]),
-            ("speed_m_s = 0.2\n\nlaw = \"pid\"", 3, "law", &["`pid`", "`lq-endpoint`", "`preview`"]),
-            ("speed_m_s = 0.2\nlaw = \"preview\"\nsped = 1", 3, "sped", &["`speed_m_s`"]),
-            ("law = \"preview\"", 1, "speed_m_s", &[]),
-            ("speed_m_s = 0.2\nlaw = \"preview\"\n[inner]\ncount = -1", 4, "count", &["-1", "u32"]),
+        parse::<Example>("speed_m_s = 0.2\nlaw = \"preview\"", Path::new("system.toml")).unwrap();
+        let cases: [(&str, usize, Option<&str>, &[&str]); 6] = [
+            ("speed_m_s = \"0.2\"\nlaw = \"preview\"", 1, Some("speed_m_s"), &["`speed_m_s`", "f64"]),
+            ("speed_m_s = 0.2\n\nlaw = \"pid\"", 3, Some("law"), &["`law` is \"pid\"; accepted: lq-endpoint, preview"]),
+            ("speed_m_s = 0.2\n\nlaw = \"previews\"", 3, Some("law"), &["; did you mean preview?"]),
+            ("speed_m_s = 0.2\nlaw = \"preview\"\nsped = 1", 3, Some("sped"), &["`sped`", "`speed_m_s`"]),
+            ("law = \"preview\"", 1, None, &["`speed_m_s`"]),
+            (
+                "speed_m_s = 0.2\nlaw = \"preview\"\n[inner]\ncount = -1",
+                4,
+                Some("inner.count"),
+                &["`inner.count`", "-1", "u32"],
+            ),
         ];
         for (text, line, key, parts) in cases {
             let (at, named, problem) = refused(text);
-            assert_eq!((at, named.as_deref()), (line, Some(key)), "{problem}");
+            assert_eq!((at, named.as_deref()), (line, key), "{problem}");
             assert!(parts.iter().all(|part| problem.contains(part)), "{problem}");
         }
         assert_eq!(refused("speed_m_s = 0.2\nlaw = \"preview").0, 2);
@@ -217,39 +308,46 @@ mod tests {
 
     #[test]
     fn a_value_that_is_not_accepted_is_found_by_its_key() {
-        let text =
-            "name = \"x\"\n\n[motor_io]\n# speed_m_s = 3\nramp_s = 90\n[planner]\nspeed_m_s = 9\n[[port]]\nbaud = 1\n";
+        let text = "name = \"x\"\n\n[motor_io]\n# speed_m_s = 3\nramp_s = 90\n[planner]\nspeed_m_s = 9\n[[port]]\nbaud = 1\n\
+                    [[port]]\nunits = [\n{ address = 1 },\n{ address = 2, cables = [1] },\n]\n[[leg]]\nline = { to_m = 1 }\n";
         for (key, line) in [
             ("name", Some(1)),
             ("motor_io.ramp_s", Some(5)),
             ("planner.speed_m_s", Some(7)),
-            ("speed_m_s", Some(7)),
-            ("baud", Some(9)),
-            ("planner.ramp", None),
+            ("port.0.baud", Some(9)),
+            ("port.1.units.1.address", Some(13)),
+            // in a table within
+            ("leg.0.to_m", Some(16)),
+            // not written: the innermost of its tables
+            ("planner.ramp", Some(6)),
+            ("port.1.baud", Some(10)),
+            ("port.1.units.0.cables", Some(12)),
+            ("rate_hz", None),
+            ("arbiter.fade_s", None),
         ] {
             assert_eq!(line_of(text, key), line, "{key}");
         }
-        let file = tempfile::NamedTempFile::new().unwrap();
-        std::fs::write(file.path(), text).unwrap();
-        let error = ConfigError::value(file.path(), "`motor_io.ramp_s` is 90");
+        let source = Source { path: "system.toml".into(), text: text.to_owned() };
+        let error = source.error(&Problem::of("motor_io.ramp_s", "is 90"));
         assert!(matches!(error, ConfigError::Text { line: 5, .. }), "{error}");
-        assert_eq!((error.path(), error.key()), (file.path(), Some("motor_io.ramp_s")));
-        assert!(error.to_string().ends_with(": `motor_io.ramp_s` is 90"), "{error}");
+        assert_eq!((error.path(), error.key()), (Path::new("system.toml"), Some("motor_io.ramp_s")));
+        assert_eq!(error.to_string(), "system.toml, line 5: `motor_io.ramp_s` is 90");
+        assert_eq!(source.error(&Problem::of("rate_hz", "is 1")).to_string(), "system.toml: `rate_hz` is 1");
     }
 
     #[test]
     fn a_file_that_is_not_there_is_said_so() {
-        let error = load::<Example>(Path::new("/nowhere/box.toml")).unwrap_err();
+        let error = load::<Example>(Path::new("/nowhere/system.toml")).unwrap_err();
         let why = file::ReadError::Missing.to_string();
-        assert!(error.to_string().contains("/nowhere/box.toml") && error.to_string().ends_with(&why), "{error}");
-        assert!(matches!(error, ConfigError::Unreadable { .. }) && error.path() == Path::new("/nowhere/box.toml"));
+        assert!(error.to_string().contains("/nowhere/system.toml") && error.to_string().ends_with(&why), "{error}");
+        assert!(matches!(error, ConfigError::Unreadable { .. }) && error.path() == Path::new("/nowhere/system.toml"));
     }
 
     #[test]
     fn only_finite_numbers_pass() {
         assert_eq!(finite("x", 1.5), Ok(1.5));
         for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
-            assert!(finite("robot.node_mass_kg", value).unwrap_err().contains("`robot.node_mass_kg`"));
+            assert!(finite("robot.node_mass_kg", value).unwrap_err().to_string().contains("`robot.node_mass_kg`"));
         }
     }
 }

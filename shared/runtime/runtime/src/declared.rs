@@ -58,8 +58,8 @@ impl Declared {
             let robot = file.robot_file().ok();
             declared.read(path, &parts_of(path, &file.robot, robot.as_ref()));
             let law = match role {
-                "controller" => file.controller.law.as_str(),
-                "estimator" => file.estimator.method.as_str(),
+                "controller" => file.controller.law.name(),
+                "estimator" => file.estimator.method.name(),
                 _ => "",
             };
             declared.uses(law, &file.sections(sections_of(role)));

@@ -5,14 +5,14 @@ use super::super::section::{Check, Effort, Section, Table, fixed, rms};
 use super::super::{control, stand_in};
 use super::{span, times};
 use anyhow::{Context, Result};
-use config::ControllerSection;
+use config::{ControlLaw, ControllerSection};
 use controller::Law;
 use plot::{Axis, Chart, Look, Picture};
 
 /// The lag-aware law with what it is told of the drives.
 fn preview_law(lag_s: Option<[f64; 2]>) -> Result<Law> {
     let section = ControllerSection {
-        law: "preview".into(),
+        law: ControlLaw::Preview,
         drive_lag_s: lag_s,
         identify: lag_s.is_none(),
         // Told a wrong lag, it is to show what it does with it.

@@ -1,0 +1,194 @@
+//! Choices: keys whose value is one of a few names. Each choice is one enum, and its names stand nowhere else.
+
+use crate::Role;
+use serde::{Deserialize, Serialize};
+
+/// Where a name is this similar to an accepted one, the sentence offers it; clap's bound for its own suggestions.
+const SIMILAR: f64 = 0.7;
+
+/// Begins the clause about a name that is not accepted, so that it follows the key directly.
+pub(crate) const IS: &str = "is ";
+
+/// A name that is not one of those that are accepted. The sentence continues one that begins with the key.
+///
+/// ```
+/// let error = "previw".parse::<config::ControlLaw>().unwrap_err();
+/// let sentence = r#"is "previw"; accepted: lq-endpoint, preview, p-feedforward; did you mean preview?"#;
+/// assert_eq!(error.to_string(), sentence);
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{IS}\"{given}\"; accepted: {}{}", accepted.join(", "), self.suggestion())]
+pub struct UnknownChoice {
+    /// The name as written.
+    pub given: String,
+    /// Every accepted name.
+    pub accepted: Vec<&'static str>,
+}
+
+impl UnknownChoice {
+    fn suggestion(&self) -> String {
+        let similarity = |name: &&'static str| (strsim::jaro(&self.given, name), *name);
+        let nearest = self.accepted.iter().map(similarity).max_by(|one, other| one.0.total_cmp(&other.0));
+        nearest
+            .filter(|(similarity, _)| *similarity > SIMILAR)
+            .map_or_else(String::new, |(_, name)| format!("; did you mean {name}?"))
+    }
+}
+
+/// Declares a choice: an enum with one name for each value, in files, in sentences and in the process table.
+///
+/// ```
+/// config::choice! {
+///     /// Which way the cable leaves its pulley.
+///     pub enum Exit {
+///         /// Over the top.
+///         Top = "top",
+///         /// From below.
+///         Bottom = "bottom",
+///     }
+/// }
+/// assert_eq!("top".parse(), Ok(Exit::Top));
+/// assert_eq!(Exit::NAMES, ["top", "bottom"]);
+/// assert_eq!(Exit::Bottom.name(), "bottom");
+/// ```
+#[macro_export]
+macro_rules! choice {
+    ($(#[$about:meta])* pub enum $choice:ident { $($(#[$value_about:meta])* $value:ident = $name:literal,)+ }) => {
+        $(#[$about])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, ::serde::Deserialize, ::serde::Serialize)]
+        #[serde(try_from = "::std::string::String")]
+        pub enum $choice {
+            $($(#[$value_about])* #[serde(rename = $name)] $value,)+
+        }
+
+        impl $choice {
+            /// Every value.
+            pub const ALL: &'static [Self] = &[$(Self::$value),+];
+            /// The name of every value, in the same order.
+            pub const NAMES: &'static [&'static str] = &[$($name),+];
+
+            /// Its name in configuration files.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self {
+                    $(Self::$value => $name,)+
+                }
+            }
+        }
+
+        impl ::std::fmt::Display for $choice {
+            fn fmt(&self, f: &mut ::std::fmt::Formatter<'_>) -> ::std::fmt::Result {
+                f.write_str(self.name())
+            }
+        }
+
+        impl ::std::str::FromStr for $choice {
+            type Err = $crate::UnknownChoice;
+
+            fn from_str(name: &str) -> ::std::result::Result<Self, Self::Err> {
+                let known = Self::ALL.iter().find(|value| value.name() == name);
+                known.copied().ok_or_else(|| $crate::UnknownChoice { given: name.to_owned(), accepted: Self::NAMES.to_vec() })
+            }
+        }
+
+        impl ::std::convert::TryFrom<::std::string::String> for $choice {
+            type Error = $crate::UnknownChoice;
+
+            fn try_from(name: ::std::string::String) -> ::std::result::Result<Self, Self::Error> {
+                name.parse()
+            }
+        }
+    };
+}
+
+choice! {
+    /// The control laws that the program `controller` has.
+    pub enum ControlLaw {
+        /// The paper's fixed-endpoint fixed-time law.
+        LqEndpoint = "lq-endpoint",
+        /// Preview control over a model of the drives' delay and lag. While the model does not fit, `lq-endpoint` takes over.
+        Preview = "preview",
+        /// Each cable for itself: the desired velocity and a share of the length error.
+        PFeedforward = "p-feedforward",
+    }
+}
+
+choice! {
+    /// The methods that the program `estimator` has.
+    pub enum EstimatorMethod {
+        /// The paper's motor model.
+        Phi = "phi",
+        /// A filter on length and velocity of each cable.
+        Kalman = "kalman",
+    }
+}
+
+choice! {
+    /// How the tensions of more cables than directions are chosen.
+    pub enum TensionDistribution {
+        /// The smallest sum of squares.
+        LeastNorm = "least-norm",
+        /// The smallest sum.
+        MinSum = "min-sum",
+        /// The largest distance to both limits.
+        Safest = "safest",
+    }
+}
+
+choice! {
+    /// A status input of a serial port.
+    pub enum StopPin {
+        /// Clear to send.
+        Cts = "cts",
+        /// Data set ready.
+        Dsr = "dsr",
+        /// Carrier detect.
+        Cd = "cd",
+    }
+}
+
+/// What the standard program of a role with slots computes: a law of the controller or a method of the estimator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(try_from = "String", into = "&'static str")]
+pub enum Algorithm {
+    /// Of the program `controller`.
+    Law(ControlLaw),
+    /// Of the program `estimator`.
+    Method(EstimatorMethod),
+}
+
+impl Algorithm {
+    /// The role whose standard program has it.
+    #[must_use]
+    pub const fn role(self) -> Role {
+        match self {
+            Self::Law(_) => Role::Controller,
+            Self::Method(_) => Role::Estimator,
+        }
+    }
+
+    /// Its name in configuration files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Law(law) => law.name(),
+            Self::Method(method) => method.name(),
+        }
+    }
+}
+
+impl From<Algorithm> for &'static str {
+    fn from(algorithm: Algorithm) -> Self {
+        algorithm.name()
+    }
+}
+
+impl TryFrom<String> for Algorithm {
+    type Error = UnknownChoice;
+
+    fn try_from(given: String) -> Result<Self, UnknownChoice> {
+        let law = given.parse().map(Self::Law).ok();
+        law.or_else(|| given.parse().map(Self::Method).ok())
+            .ok_or_else(|| UnknownChoice { given, accepted: [ControlLaw::NAMES, EstimatorMethod::NAMES].concat() })
+    }
+}
