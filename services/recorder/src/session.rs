@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::thread::JoinHandle;
 
 use messages::{Message, RecorderGap, RecorderStatus, put_sentence, put_text};
-use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunError, RunWriter, kept_files, next_file};
+use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunError, RunWriter, next_file, run_attachments};
 
 use crate::batch::{Batch, Heard};
 use crate::recording::Recording;
@@ -146,7 +146,7 @@ impl Session {
         let path = next_file(&self.settings.folder);
         let mut about = self.settings.about.clone();
         about.insert("segment".to_owned(), (self.files + 1).to_string());
-        let kept = self.kept_files();
+        let kept = self.run_attachments();
         let mut writer = RunWriter::create(&path, self.clock, &about, &kept)?;
         let ids = match self.repeat(&mut writer, now_ns) {
             Ok(ids) => ids,
@@ -185,8 +185,8 @@ impl Session {
 
     /// The files beside the samples that the next run file begins with: those of the run folder, and those that the file before began with
     /// and that are no longer there. The configuration comes first.
-    fn kept_files(&self) -> Vec<Attachment> {
-        let mut kept = kept_files(&self.settings.folder);
+    fn run_attachments(&self) -> Vec<Attachment> {
+        let mut kept = run_attachments(&self.settings.folder);
         let lost = self.kept.iter().filter(|file| !kept.iter().any(|present| present.name == file.name));
         let lost: Vec<Attachment> = lost.cloned().collect();
         kept.extend(lost);
@@ -480,7 +480,7 @@ impl Session {
             return Err(error);
         }
         self.settle();
-        recording.finish(&kept_files(&self.settings.folder), &self.summary(reason)).map(Some)
+        recording.finish(&run_attachments(&self.settings.folder), &self.summary(reason)).map(Some)
     }
 
     /// One sample of `recorder/status` per channel.

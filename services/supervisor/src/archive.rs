@@ -8,9 +8,9 @@ use std::time::Duration;
 use std::{fs, io};
 
 /// Where the missions that were flown are kept.
-pub const MISSIONS: &str = runlog::KEPT_FOLDERS[0];
+pub const MISSIONS: &str = runlog::ATTACHED_FOLDERS[0];
 /// Where the files are kept that processes were started with.
-pub const PROCESSES: &str = runlog::KEPT_FOLDERS[1];
+pub const PROCESSES: &str = runlog::ATTACHED_FOLDERS[1];
 /// A larger file is no configuration, bytes.
 const LARGEST: u64 = 1 << 20;
 /// How long a process that is to be started waits for its copy of a file: less than what makes motor-io take the supervisor for dead.

@@ -215,7 +215,7 @@ impl Supervisor {
         let Some(folder) = &member.folder else { return };
         let arguments = member.args.iter().map(Path::new).chain([member.program.as_path()]);
         let kept = |path: &Path| {
-            path.extension().is_some_and(|ending| runlog::KEPT_ENDINGS.iter().any(|kept| ending == *kept))
+            path.extension().is_some_and(|ending| runlog::ATTACHED_ENDINGS.iter().any(|kept| ending == *kept))
         };
         for path in arguments.filter(|path| kept(path)).map(|path| folder.join(path)) {
             // What is a copy of this run already needs no other.

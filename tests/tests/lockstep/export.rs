@@ -1,9 +1,9 @@
-//! Exported tables hold what the run files hold, says software of others: CSV, NumPy, Parquet; of a run of several files, with types that nobody knows.
+//! ExportedTable tables hold what the run files hold, says software of others: CSV, NumPy, Parquet; of a run of several files, with types that nobody knows.
 
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use nims_tests::python;
 use recorder::{Batch, Heard, Session, Settings};
-use runlog::export::{Format, Wanted, export};
+use runlog::export::{ExportRequest, Format, export};
 use runlog::{ChannelSpec, RunClock};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -91,9 +91,9 @@ fn run(folder: &Path) {
     assert_eq!(writing.session.close("stopped").unwrap().unwrap(), folder.join("run-0003.mcap"));
 }
 
-fn wanted(format: Format, folder: &Path) -> Wanted {
+fn wanted(format: Format, folder: &Path) -> ExportRequest {
     let (from_s, to_s) = (f64::NEG_INFINITY, f64::INFINITY);
-    Wanted { format, folder: folder.to_owned(), channels: Vec::new(), from_s, to_s }
+    ExportRequest { format, folder: folder.to_owned(), channels: Vec::new(), from_s, to_s }
 }
 
 #[test]

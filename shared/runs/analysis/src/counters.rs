@@ -2,7 +2,7 @@
 
 use messages::{Message, MotorAuthority, MotorInput};
 use robot_state::Periods;
-use runlog::Recorded;
+use runlog::RecordedSample;
 use std::collections::VecDeque;
 
 /// Samples of one channel that wait for the other one's of the same cycle. Beyond this the other channel is not there.
@@ -40,7 +40,7 @@ pub struct Count {
 
 impl Count {
     /// Takes a sample in; others than those of the two channels are passed over.
-    pub fn note(&mut self, recorded: &Recorded<'_>) {
+    pub fn note(&mut self, recorded: &RecordedSample<'_>) {
         match recorded.channel.name.as_str() {
             "motor/input" => _ = recorded.to::<MotorInput>().map(|input| self.input(&input)),
             "motor/authority" => _ = recorded.to::<MotorAuthority>().map(|authority| self.authority(&authority)),

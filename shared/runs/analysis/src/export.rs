@@ -4,7 +4,7 @@ use crate::runs::{progress, there};
 use clap::ValueEnum;
 use command::values::finite;
 use command::{Answer, Failure, Output};
-use runlog::export::{Export, Wanted};
+use runlog::export::{ExportRequest, ExportResult};
 use serde_json::json;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
@@ -61,7 +61,7 @@ const CONTENTS: &str = "tables.json";
 /// There is no run, it has not what is wanted, or a table cannot be written.
 pub fn run(asked: &Args) -> Answer<Output> {
     there(&asked.run)?;
-    let wanted = Wanted {
+    let wanted = ExportRequest {
         format: asked.format.into(),
         folder: asked.out.clone().unwrap_or_else(|| beside(&asked.run)),
         channels: asked.channel.clone(),
@@ -86,7 +86,7 @@ fn beside(run: &Path) -> PathBuf {
     if run.is_dir() { run.join("export") } else { run.parent().unwrap_or(Path::new("")).join("export") }
 }
 
-fn words(export: &Export, folder: &Path) -> String {
+fn words(export: &ExportResult, folder: &Path) -> String {
     let mut words = format!("{} tables in {}; {CONTENTS} says what each is", export.tables.len(), folder.display());
     let width = export.tables.iter().map(|table| table.channel.len()).max().unwrap_or(0);
     for table in &export.tables {

@@ -6,7 +6,7 @@ use messages::{
     ControlStatus, Energy, Message, MotorAuthority, MotorState, NodeEstimate, PlanMotion, Rule, SLOTS, TruthNode,
     blended_estimate,
 };
-use runlog::Recorded;
+use runlog::RecordedSample;
 use segments::segment_of;
 use std::collections::{BTreeMap, VecDeque};
 
@@ -91,7 +91,7 @@ pub struct Tracker {
 impl Tracker {
     /// Takes a sample in; `each` gets the cycles that are complete now. False if the channel is one of those it knows and the sample
     /// is of another version of its type.
-    pub fn note(&mut self, recorded: &Recorded<'_>, each: &mut impl FnMut(&Cycle<'_>)) -> bool {
+    pub fn note(&mut self, recorded: &RecordedSample<'_>, each: &mut impl FnMut(&Cycle<'_>)) -> bool {
         let name = recorded.channel.name.as_str();
         let slot = usize::from(name.ends_with("/b"));
         match name {
@@ -119,7 +119,7 @@ impl Tracker {
 
     fn put<T: Message>(
         &mut self,
-        recorded: &Recorded<'_>,
+        recorded: &RecordedSample<'_>,
         each: &mut impl FnMut(&Cycle<'_>),
         set: impl FnOnce(&mut Row, T),
     ) -> bool {

@@ -1,7 +1,7 @@
 //! A channel of the run: its samples as types of this build, and how they compare with what is computed now.
 
 use messages::Message;
-use runlog::{Conversion, Recorded, RecordedChannel};
+use runlog::{Conversion, RecordedChannel, RecordedSample};
 use serde::Serialize;
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -63,7 +63,7 @@ impl<T: Message> Channel<T> {
     }
 
     /// The sample as this build knows it.
-    pub(super) fn read(&mut self, recorded: &Recorded<'_>, t0_ns: u64) -> Option<T> {
+    pub(super) fn read(&mut self, recorded: &RecordedSample<'_>, t0_ns: u64) -> Option<T> {
         self.t0_ns = t0_ns;
         self.tally.recorded += 1;
         if !self.known.as_ref().is_some_and(|channel| Arc::ptr_eq(channel, recorded.channel)) {

@@ -25,7 +25,7 @@ use messages::{
     OperatorRequest, PlanMotion, SLOT_NAMES, SLOTS, SystemConfig, text_of,
 };
 use parts::{Controllers, Estimators, MotorIo, Recent};
-use runlog::{Recorded, RunReader};
+use runlog::{RecordedSample, RunReader};
 use std::path::Path;
 use used::Used;
 
@@ -182,7 +182,7 @@ impl Machine {
     }
 
     /// The next sample of the run.
-    fn take(&mut self, recorded: &Recorded<'_>) {
+    fn take(&mut self, recorded: &RecordedSample<'_>) {
         // A sample may repeat an old stamp (a cycle without a reading), so what counts is its place in the file.
         self.newest_ns = self.newest_ns.max(recorded.log_time_ns);
         let time_ns = self.newest_ns;

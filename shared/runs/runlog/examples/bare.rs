@@ -1,5 +1,6 @@
-//! Processor time, s, of writing a load with the bare `mcap` crate: RATE samples/s of 128 B on 100 channels and 20 clouds/s of 100 kB, for
-//! SECONDS. To compare the recorder with; see `services/recorder/tests/load.rs`.
+//! Prints the processor time in s of writing a load with the `mcap` crate alone: RATE samples/s of 128 B on 100
+//! channels and 20 clouds/s of 100 kB, for SECONDS. The reference for the recorder's own cost; see
+//! `services/recorder/tests/load.rs`.
 
 use mcap::records::MessageHeader;
 use mcap::{Compression, WriteOptions};
@@ -53,7 +54,7 @@ fn write(path: &std::path::Path, rate: u64, seconds: u64) -> Result<f64, Box<dyn
         }
         let time = sequence * 1_000_000_000 / rate;
         let channel_id = channels[sequence as usize % channels.len()];
-        // making the numbers does not count
+        // generating the numbers does not count
         let begun = processor_s();
         let mut header = MessageHeader { channel_id, sequence: sequence as u32, log_time: time, publish_time: time };
         writer.write_to_known_channel(&header, &small)?;

@@ -1,25 +1,26 @@
-//! The files beside the samples that say what a run is: they stand in its folder, and are kept inside its run files too.
+//! Files that describe a run: they lie in its folder and are attached to its run files.
 
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use crate::Attachment;
 
-/// Folders of a run with what came while it ran, numbered in the order of its coming: missions that were flown, and files that processes
-/// were started with.
-pub const KEPT_FOLDERS: [&str; 2] = ["missions", "processes"];
-/// Endings of the names of such files.
-pub const KEPT_ENDINGS: [&str; 6] = ["toml", "json", "yaml", "yml", "py", "sh"];
+/// Subfolders of a run for files added while it runs, numbered in order of arrival: the missions that were executed,
+/// and the configuration files of processes started later.
+pub const ATTACHED_FOLDERS: [&str; 2] = ["missions", "processes"];
+/// File name extensions that are attached.
+pub const ATTACHED_ENDINGS: [&str; 6] = ["toml", "json", "yaml", "yml", "py", "sh"];
 
-/// The files of a run folder that its run files are to hold: the configuration in the order of its names, then what came later in its order.
+/// The files of a run folder to attach to its run files: the configuration sorted by name, then the later files by
+/// number.
 #[must_use]
-pub fn kept_files(folder: &Path) -> Vec<Attachment> {
+pub fn run_attachments(folder: &Path) -> Vec<Attachment> {
     let of = |place: Option<&str>| {
         let mut paths = files_in(&place.map_or_else(|| folder.to_owned(), |place| folder.join(place)));
         paths.sort_by_cached_key(|path| (number(path), path.clone()));
         paths.into_iter().filter_map(move |path| attachment(&path, place)).collect::<Vec<_>>()
     };
-    [None].into_iter().chain(KEPT_FOLDERS.into_iter().map(Some)).flat_map(of).collect()
+    [None].into_iter().chain(ATTACHED_FOLDERS.into_iter().map(Some)).flat_map(of).collect()
 }
 
 fn files_in(folder: &Path) -> Vec<PathBuf> {
@@ -32,14 +33,14 @@ fn files_in(folder: &Path) -> Vec<PathBuf> {
         .collect()
 }
 
-/// Of `12-name.toml`: 12.
+/// The leading number of a file name: 12 for `12-name.toml`, 0 where there is none.
 fn number(path: &Path) -> u64 {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     name.split_once('-').and_then(|(number, _)| number.parse().ok()).unwrap_or(0)
 }
 
 fn attachment(path: &Path, place: Option<&str>) -> Option<Attachment> {
-    let ending = path.extension()?.to_str().filter(|ending| KEPT_ENDINGS.contains(ending))?;
+    let ending = path.extension()?.to_str().filter(|ending| ATTACHED_ENDINGS.contains(ending))?;
     let media_type = match ending {
         "py" => "text/x-python".to_owned(),
         "sh" => "text/x-shellscript".to_owned(),
@@ -69,7 +70,7 @@ mod tests {
         for left_out in ["run.mcap", "missions/3-c.toml.new", "log/x.txt", "export/tables.json"] {
             write(left_out);
         }
-        let kept = kept_files(folder.path());
+        let kept = run_attachments(folder.path());
         let names: Vec<&str> = kept.iter().map(|file| file.name.as_str()).collect();
         assert_eq!(
             names,

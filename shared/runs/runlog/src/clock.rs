@@ -1,4 +1,4 @@
-//! One offset per run between the clock of the control cycle and the clock on the wall.
+//! One offset per run between the clock of the control cycle (CLOCK_MONOTONIC) and UNIX time.
 
 use std::fs;
 use std::path::Path;
@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::read::first_about;
 use crate::segments;
 
-/// An instant on both clocks; every stamp of a run is mapped with it.
+/// One instant on both clocks. Every stamp of a run is converted with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct RunClock {
     /// UNIX time, ns.
@@ -18,20 +18,21 @@ pub struct RunClock {
     pub t0_mono_ns: u64,
 }
 
-/// A stamp older than this says nothing about when the sample was published: it may come from another clock, ns.
+/// A stamp older than this may come from another clock and is not used as the publication time, ns.
 const OLD_NS: u64 = 60_000_000_000;
 
-/// When a sample that was heard at `now_ns` was published, CLOCK_MONOTONIC, ns.
+/// Publication time of a sample received at `now_ns`, CLOCK_MONOTONIC, ns.
 ///
-/// There is no time of publication in a sample but the time when its content was true; it lies before the publication, a few milliseconds at
-/// most in the control loop. A stamp in the future (a prediction) or of another clock is not used for that.
+/// A foreign sample carries only the time at which its content was valid. In the control loop that is at most a few
+/// milliseconds before the publication. A stamp in the future (a prediction) or from another clock is replaced by
+/// `now_ns`.
 #[must_use]
 pub fn published_ns(stamp_ns: u64, now_ns: u64) -> u64 {
     let plausible = stamp_ns > 0 && stamp_ns.saturating_add(OLD_NS) >= now_ns;
     if plausible { stamp_ns.min(now_ns) } else { now_ns }
 }
 
-/// Key of what tells one life of the machine from another: CLOCK_MONOTONIC begins anew with each.
+/// Metadata key of the boot id: CLOCK_MONOTONIC restarts at every boot.
 pub(crate) const BOOT_ID: &str = "boot_id";
 
 pub(crate) fn boot_id() -> String {
@@ -42,7 +43,8 @@ impl RunClock {
     /// Reads both clocks.
     #[must_use]
     pub fn now() -> Self {
-        // between two readings of the one clock lies the reading of the other; the closest of five pairs is the least disturbed one
+        // the second clock is read between two readings of the first; the pair with the shortest interval was disturbed
+        // least
         (0..5)
             .map(|_| {
                 let before = nanoseconds(ClockId::Monotonic);
@@ -54,10 +56,10 @@ impl RunClock {
             .map_or(Self { t0_unix_ns: 0, t0_mono_ns: 0 }, |(_, clock)| clock)
     }
 
-    /// The clock of a run: the one that its files have, if they are of this life of the machine; otherwise the one that was `set` for all
-    /// processes of the run; otherwise both clocks are read.
+    /// The clock of a run: the one in its files if they were written since the last boot, else the one `set` for all
+    /// processes of the run, else the current reading of both clocks.
     ///
-    /// A recorder that is started again goes on in the time of the first, whatever the wall clock has done in between.
+    /// A restarted recorder continues with the clock of the first, whatever happened to the wall clock in the meantime.
     #[must_use]
     pub fn of_run(folder: &Path, set: Option<Self>) -> Self {
         let of_file = |file: &std::path::PathBuf| {
@@ -69,7 +71,7 @@ impl RunClock {
         files.iter().find_map(of_file).or(set).unwrap_or_else(Self::now)
     }
 
-    /// The clock as a run file states it.
+    /// The clock stored in the metadata of a run file.
     pub(crate) fn of_about(about: &std::collections::BTreeMap<String, String>) -> Option<Self> {
         let number = |key: &str| about.get(key)?.parse().ok();
         Some(Self { t0_unix_ns: number("t0_unix_ns")?, t0_mono_ns: number("t0_mono_ns")? })
@@ -98,12 +100,13 @@ fn nanoseconds(clock: ClockId) -> u64 {
     (time.tv_sec as u64).wrapping_mul(1_000_000_000).wrapping_add(time.tv_nsec as u64)
 }
 
-/// `2026-03-01 14:05:09 UTC` for a UNIX time in ns.
+/// Formats a UNIX time in ns as `2026-03-01 14:05:09 UTC`.
 #[must_use]
 pub fn utc(unix_ns: u64) -> String {
     let seconds = unix_ns / 1_000_000_000;
     let (days, rest) = (seconds / 86_400, seconds % 86_400);
-    // the calendar repeats every 400 years of 146,097 days; years are counted from March, so that the leap day is the last of a year
+    // the calendar repeats every 400 years (146,097 days); years are counted from March, so the leap day is the last
+    // day of a year
     let shifted = days + 719_468;
     let (era, day_of_era) = (shifted / 146_097, shifted % 146_097);
     let year_of_era = (day_of_era - day_of_era / 1_460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
@@ -125,7 +128,7 @@ mod tests {
         assert_eq!(clock.unix_of(5_000_000_001), 1_700_000_000_000_000_001);
         assert_eq!(clock.unix_of(4_000_000_000), 1_699_999_999_000_000_000);
         assert_eq!(clock.mono_of(clock.unix_of(123)), 123);
-        assert_eq!(clock.mono_of(0), 0, "before the machine was on: the beginning");
+        assert_eq!(clock.mono_of(0), 0, "a time before boot saturates at 0");
     }
 
     #[test]

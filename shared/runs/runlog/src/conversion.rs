@@ -1,10 +1,10 @@
-//! How the bytes of a recorded sample become a type of this build: as they are or, where the definition has changed since, field by field
-//! by name. What is new is zero.
+//! Converts recorded samples to this build's types. If the definition has changed since, fields are copied by name and
+//! new fields are zero.
 
 use messages::Message;
 use messages::schema::{Schema, SchemaField, Value};
 
-/// From the definition in a run file to that of this build.
+/// Conversion from the definition in a run file to this build's definition.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Conversion {
     same: bool,
@@ -19,7 +19,8 @@ struct Span {
 }
 
 impl Conversion {
-    /// `None` if it is another type altogether, or its definition cannot be read. `type_name` is e.g. `nims_msgs/MotorState/1a2b3c4d`.
+    /// `None` if the type is a different one, or its definition cannot be parsed. `type_name` is e.g.
+    /// `nims_msgs/MotorState/1a2b3c4d`.
     #[must_use]
     pub fn of<T: Message>(type_name: &str, schema: &str) -> Option<Self> {
         if schema == T::schema() {
@@ -37,15 +38,15 @@ impl Conversion {
         Some(Self { same: false, spans: is.fields().iter().filter_map(span).collect() })
     }
 
-    /// Whether the definition is that of this build.
+    /// True if the recorded definition equals this build's.
     #[must_use]
     pub fn is_same(&self) -> bool {
         self.same
     }
 
-    /// The sample as this build knows it; `None` if bytes are missing.
+    /// The sample as this build's type; `None` if bytes are missing.
     #[must_use]
-    pub fn take<T: Message>(&self, sample: &[u8]) -> Option<T> {
+    pub fn apply<T: Message>(&self, sample: &[u8]) -> Option<T> {
         if self.same {
             return (sample.len() == size_of::<T>()).then(|| bytemuck::pod_read_unaligned(sample));
         }
@@ -58,13 +59,13 @@ impl Conversion {
         Some(value)
     }
 
-    /// Whether two samples of this build's type agree in everything that was recorded.
+    /// True if two samples of this build's type agree in all fields that were recorded.
     #[must_use]
     pub fn agree(&self, was: &[u8], is: &[u8]) -> bool {
         if self.same { was == is } else { self.spans.iter().all(|span| span.of(was) == span.of(is)) }
     }
 
-    /// The first field in which they do not: its name, and both values.
+    /// The first recorded field that differs: its name and both values.
     #[must_use]
     pub fn first_difference<T: Message>(&self, was: &[u8], is: &[u8]) -> Option<(String, String, String)> {
         let schema = Schema::parse(T::schema()).ok()?;
@@ -94,7 +95,7 @@ mod tests {
     use super::*;
     use messages::MotorState;
 
-    /// The definition of a build before `life` and `published_ns` stood in the header.
+    /// A definition from a build without `life` and `published_ns` in the header.
     fn before() -> String {
         MotorState::schema().replace("uint64 life\n", "").replace("uint64 published_ns\n", "")
     }
@@ -108,8 +109,8 @@ mod tests {
         let old = [&bytes[8..32], &bytes[40..]].concat();
         let conversion = Conversion::of::<MotorState>("nims_msgs/MotorState/00000000", &before()).unwrap();
         assert!(!conversion.is_same());
-        assert_eq!(conversion.take::<MotorState>(&old), Some(state));
-        assert_eq!(conversion.take::<MotorState>(&old[..40]), None);
+        assert_eq!(conversion.apply::<MotorState>(&old), Some(state));
+        assert_eq!(conversion.apply::<MotorState>(&old[..40]), None);
     }
 
     #[test]

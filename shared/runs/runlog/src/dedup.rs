@@ -1,15 +1,17 @@
-//! Samples that stand in more than one file of a run.
+//! Samples that occur in more than one file of a run.
 //!
-//! A file that follows another begins with the last sample of each channel that had long been silent, so that it can be understood alone;
-//! and a recorder that was started again is given what the channels have kept, which the file before may hold too. Read as one, such
-//! a sample counts once. It is known by its number and the time when it was true, which one clock maps for the whole run.
+//! A later file begins with the last sample of each channel that was silent for long, so that the file is complete on
+//! its own. A restarted recorder also receives the history of the channels, which the previous file may contain
+//! already. Read as one run, such a sample counts once. It is identified by its sequence number and its sampling time,
+//! which one clock maps for the whole run.
 
 use std::collections::{HashSet, VecDeque};
 
-/// Samples per channel that are remembered of the files before, and looked at in the next: twice the longest history of a channel.
-const KEPT: usize = 1024;
+/// Samples per channel that are remembered from earlier files and compared in the next: twice the longest history of a
+/// channel.
+const REMEMBERED: usize = 1024;
 
-/// Number and sampling time.
+/// Sequence number and sampling time.
 type Key = (u32, u64);
 
 #[derive(Default)]
@@ -19,15 +21,15 @@ struct Past {
     looked: usize,
 }
 
-/// Tells the repeated samples of a run, channel by channel.
+/// Detects repeated samples of a run, channel by channel.
 #[derive(Default)]
-pub(crate) struct Repeats {
+pub(crate) struct Duplicates {
     channels: Vec<Past>,
     found: u64,
 }
 
-impl Repeats {
-    /// The samples from now on are those of the next file.
+impl Duplicates {
+    /// Starts the next file.
     pub(crate) fn next_file(&mut self) {
         for past in &mut self.channels {
             past.before = past.last.iter().copied().collect();
@@ -35,7 +37,7 @@ impl Repeats {
         }
     }
 
-    /// Whether this sample stood in a file before.
+    /// True if an earlier file contained this sample.
     pub(crate) fn is_repeated(&mut self, channel: usize, sequence: u32, publish_time_ns: u64) -> bool {
         if channel >= self.channels.len() {
             self.channels.resize_with(channel + 1, Past::default);
@@ -48,18 +50,18 @@ impl Repeats {
                 return true;
             }
             past.looked += 1;
-            if past.looked >= KEPT {
+            if past.looked >= REMEMBERED {
                 past.before.clear();
             }
         }
-        if past.last.len() == KEPT {
+        if past.last.len() == REMEMBERED {
             past.last.pop_front();
         }
         past.last.push_back(key);
         false
     }
 
-    /// How many there were so far.
+    /// Repeated samples so far.
     pub(crate) fn found(&self) -> u64 {
         self.found
     }
@@ -71,7 +73,7 @@ mod tests {
 
     #[test]
     fn a_sample_counts_once_however_many_files_repeat_it() {
-        let mut repeats = Repeats::default();
+        let mut repeats = Duplicates::default();
         let mut read = |file: &[(usize, u32)]| {
             repeats.next_file();
             let new =
@@ -79,9 +81,9 @@ mod tests {
             file.iter().filter(new).copied().collect::<Vec<_>>()
         };
         assert_eq!(read(&[(0, 1), (0, 2), (3, 1)]), [(0, 1), (0, 2), (3, 1)]);
-        assert_eq!(read(&[(3, 1), (0, 2), (0, 3)]), [(0, 3)], "of the file before");
-        assert_eq!(read(&[(3, 1), (0, 4)]), [(0, 4)], "of the file before that");
-        assert_eq!(read(&[(0, 5), (0, 5)]), [(0, 5), (0, 5)], "twice in one file is as it was heard");
+        assert_eq!(read(&[(3, 1), (0, 2), (0, 3)]), [(0, 3)], "in the previous file");
+        assert_eq!(read(&[(3, 1), (0, 4)]), [(0, 4)], "in the file before the previous one");
+        assert_eq!(read(&[(0, 5), (0, 5)]), [(0, 5), (0, 5)], "a sample twice in one file was received twice");
         assert_eq!(repeats.found(), 3);
     }
 }

@@ -1,4 +1,4 @@
-//! Under which schema a channel is written, so that no reader of the file stumbles.
+//! Chooses the schema under which a channel is written, so that every reader of the file can decode it.
 
 use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
@@ -7,7 +7,7 @@ use messages::ros::Payload;
 use messages::schema::{Schema, SchemaError, is_type_name, split};
 use messages::{hash_of, ros, schema_name};
 
-/// A channel as it is found on the bus.
+/// A channel as discovered on the bus.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChannelSpec {
     /// e.g. `motor/state`; the topic in the file is `/motor/state`.
@@ -16,40 +16,40 @@ pub struct ChannelSpec {
     pub type_name: String,
     /// Complete definition; empty if the channel has none.
     pub schema: String,
-    /// Bytes of every sample.
+    /// Bytes of each sample.
     pub size: usize,
 }
 
 impl ChannelSpec {
-    /// A channel of a type this build knows.
+    /// The channel `name` with a type of this build.
     #[must_use]
     pub fn of<T: Payload>(name: &str) -> Self {
         Self { name: name.into(), type_name: T::type_name().into(), schema: T::schema().into(), size: size_of::<T>() }
     }
 }
 
-/// What a reader is told of a channel, in a file or live.
+/// The definition of a channel as it is given to readers, in a file or live.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Definition {
     /// `pkg/msg/Type`.
     pub schema_name: String,
-    /// Complete ROS 2 definition of the type of that name.
+    /// Complete ROS 2 definition of `schema_name`.
     pub text: String,
-    /// Of the channel: its `type`, and where the text is not the channel's own, its `original_schema` and why it was `refused`.
+    /// Channel metadata: its `type`; where the text was replaced, also `original_schema` and the reason in `refused`.
     pub metadata: BTreeMap<String, String>,
 }
 
-/// The type names used in one file, or towards one reader: each may stand for one text only, nested types included.
+/// Type names used in one file or one connection. Each may stand for one text only, nested types included.
 #[derive(Debug, Default)]
 pub struct Definitions {
     texts: HashMap<String, String>,
 }
 
-/// More renames than any text has types.
+/// Limit of renaming rounds: more than any text has types.
 const ROUNDS: usize = 64;
 
 impl Definitions {
-    /// The schema for a channel: its own, its own under another name, or plain bytes.
+    /// The schema of a channel: its own, its own under another name, or plain bytes.
     pub fn of(&mut self, spec: &ChannelSpec) -> Definition {
         match check(spec) {
             Ok(name) => self.unique(spec, name),
@@ -57,11 +57,11 @@ impl Definitions {
         }
     }
 
-    /// Renames whatever stands for another text in this file already.
+    /// Renames types whose name already stands for another text in this file.
     fn unique(&mut self, spec: &ChannelSpec, name: String) -> Definition {
         let (mut own, mut text) = (name, Cow::Borrowed(spec.schema.as_str()));
         for _ in 0..ROUNDS {
-            // from the innermost type outwards: the name of a type depends on the names in its text
+            // from the innermost type outwards, because the name of a type depends on the names in its text
             let clash = split(&text).into_iter().rev().find_map(|(name, lines)| {
                 let known = self.texts.get(if name.is_empty() { own.as_str() } else { name })?;
                 (known != lines.trim_end()).then(|| (name.to_owned(), format!("X{:08x}", hash_of(lines.trim_end()))))
@@ -86,46 +86,46 @@ impl Definitions {
 
 /// Why a channel is recorded as plain bytes.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum Refusal {
-    /// Its type has a name that some reader cannot take.
+pub enum SchemaRefusal {
+    /// Some readers do not accept the type name.
     #[error("the type name `{0}` is not `package/Type/hash`")]
     TypeName(String),
-    /// It came without a definition.
+    /// There is no definition.
     #[error("the channel has no definition")]
     NoDefinition,
-    /// Its definition is outside the subset that every reader decodes alike.
+    /// The definition is outside the subset that every reader decodes identically.
     #[error(transparent)]
     Schema(#[from] SchemaError),
-    /// Its definition does not describe the sample's bytes.
+    /// The definition does not describe all bytes of the sample.
     #[error("the definition describes {described} bytes, a sample has {sample}: is there hidden padding?")]
     Size {
-        /// Bytes that the definition describes.
+        /// Bytes the definition describes.
         described: usize,
         /// Bytes of a sample.
         sample: usize,
     },
 }
 
-/// The two-part type name, if the definition is one that every reader decodes and that describes just the sample's bytes.
-fn check(spec: &ChannelSpec) -> Result<String, Refusal> {
+/// The two-part type name, if every reader decodes the definition and it describes exactly the sample's bytes.
+fn check(spec: &ChannelSpec) -> Result<String, SchemaRefusal> {
     let name = schema_name(&spec.type_name)
         .map(|name| name.replacen("/msg/", "/", 1))
         .filter(|name| is_type_name(name))
-        .ok_or_else(|| Refusal::TypeName(spec.type_name.clone()))?;
+        .ok_or_else(|| SchemaRefusal::TypeName(spec.type_name.clone()))?;
     if spec.schema.is_empty() {
-        return Err(Refusal::NoDefinition);
+        return Err(SchemaRefusal::NoDefinition);
     }
     if ros::schema_of(&spec.type_name).is_some_and(|known| known == spec.schema) {
-        return Ok(name); // with texts and lists, and known to every reader
+        return Ok(name); // has strings and sequences, which every reader decodes
     }
     let schema = Schema::parse(&spec.schema)?;
     if schema.size() != spec.size {
-        return Err(Refusal::Size { described: schema.size(), sample: spec.size });
+        return Err(SchemaRefusal::Size { described: schema.size(), sample: spec.size });
     }
     Ok(name)
 }
 
-fn opaque(spec: &ChannelSpec, why: &Refusal) -> Definition {
+fn opaque(spec: &ChannelSpec, why: &SchemaRefusal) -> Definition {
     Definition {
         schema_name: format!("nims_msgs/msg/Opaque{}", spec.size),
         text: format!("uint8[{}] data\n", spec.size.max(1)),
@@ -137,7 +137,7 @@ fn opaque(spec: &ChannelSpec, why: &Refusal) -> Definition {
     }
 }
 
-/// Renames a nested type, where it is defined and where it is used.
+/// Renames a nested type in its definition and in all uses.
 fn rename(text: &str, from: &str, to: &str) -> String {
     let mut renamed = String::with_capacity(text.len() + 64);
     for line in text.split_inclusive('\n') {
@@ -196,7 +196,7 @@ mod tests {
         let parsed = Schema::parse(&definition.text).unwrap();
         assert_eq!(parsed.size(), 24);
         assert!(is_type_name(&nested));
-        // the same type again finds the same names
+        // the same type again gets the same names
         assert_eq!(definitions.of(&foreign("nims_msgs/MotorState/00000000", &text, 24)), definition);
     }
 
@@ -205,11 +205,11 @@ mod tests {
         let mut definitions = Definitions::default();
         let string = Schema::parse("string x\n").unwrap_err();
         for (spec, why) in [
-            (foreign("wind", "float64 x\n", 8), Refusal::TypeName("wind".into())),
-            (foreign("my-pkg/Wind/1", "float64 x\n", 8), Refusal::TypeName("my-pkg/Wind/1".into())),
-            (foreign("my_pkg/Wind/1", "", 8), Refusal::NoDefinition),
-            (foreign("my_pkg/Wind/1", "string x\n", 8), Refusal::Schema(string)),
-            (foreign("my_pkg/Wind/1", "float64 x\nuint8 y\n", 16), Refusal::Size { described: 9, sample: 16 }),
+            (foreign("wind", "float64 x\n", 8), SchemaRefusal::TypeName("wind".into())),
+            (foreign("my-pkg/Wind/1", "float64 x\n", 8), SchemaRefusal::TypeName("my-pkg/Wind/1".into())),
+            (foreign("my_pkg/Wind/1", "", 8), SchemaRefusal::NoDefinition),
+            (foreign("my_pkg/Wind/1", "string x\n", 8), SchemaRefusal::Schema(string)),
+            (foreign("my_pkg/Wind/1", "float64 x\nuint8 y\n", 16), SchemaRefusal::Size { described: 9, sample: 16 }),
         ] {
             let definition = definitions.of(&spec);
             assert_eq!(definition.schema_name, format!("nims_msgs/msg/Opaque{}", spec.size));

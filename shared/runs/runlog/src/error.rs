@@ -1,31 +1,32 @@
-//! What can go wrong with a run file, one sentence each.
+//! Errors of run files.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
-/// A run file could not be written, recovered or read.
+/// Error of writing, recovering or reading a run file.
 #[derive(Debug, thiserror::Error)]
 pub enum RunError {
-    /// The operating system refused.
+    /// The operating system returned an error.
     #[error("{}: could not {what}: {source}", path.display())]
     Io {
         /// The file or folder.
         path: PathBuf,
-        /// What was tried.
+        /// The attempted operation.
         what: &'static str,
-        /// Why not.
+        /// The error of the operating system.
         source: io::Error,
     },
-    /// The writer failed, and stays failed: open a new file. What was written up to the last whole chunk can be recovered.
-    #[error("{}: writing stopped ({why}); what is in the file can be recovered with `nims recover`", path.display())]
+    /// The MCAP writer failed and cannot be used further: open a new file. Everything up to the last complete chunk can
+    /// be recovered.
+    #[error("{}: writing stopped ({why}); recover the file with `nims recover`", path.display())]
     Write {
         /// The file.
         path: PathBuf,
-        /// The writer's own words.
+        /// The error message of the writer.
         why: String,
     },
-    /// The file was removed or moved while it was written.
-    #[error("the run file {}, so what was in it is missing here: {}", RunError::REMOVED, path.display())]
+    /// The file was removed or moved while it was being written.
+    #[error("the run file {}; its samples are missing here: {}", RunError::REMOVED, path.display())]
     Removed {
         /// The file.
         path: PathBuf,
@@ -35,80 +36,80 @@ pub enum RunError {
     NotARun {
         /// The file or folder.
         path: PathBuf,
-        /// What it is instead.
-        what: NoRun,
+        /// The reason.
+        what: NotARunReason,
     },
-    /// A recorder holds the file.
-    #[error("{} is being recorded right now; stop the recording first", path.display())]
+    /// A recorder has locked the file.
+    #[error("{} is being recorded; stop the recording first", path.display())]
     Busy {
         /// The file.
         path: PathBuf,
     },
-    /// A sample has not the size that its channel announced.
-    #[error("channel {channel}: a sample of {got} bytes, where the channel's type has {expected}")]
+    /// A sample does not have the size of its channel's type.
+    #[error("channel {channel}: sample size is {got} bytes; accepted: {expected}")]
     Size {
         /// The channel's name.
         channel: String,
-        /// Bytes that came.
+        /// Bytes of the sample.
         got: usize,
         /// Bytes of the type.
         expected: usize,
     },
-    /// The channel is there, but holds another type.
-    #[error("channel {channel} holds {found}, not {wanted} as this program knows it")]
+    /// The channel has a type other than the requested one.
+    #[error("channel {channel} has the type {found}; this program reads {wanted}")]
     Type {
         /// The channel's name.
         channel: String,
-        /// What the file says.
+        /// The type in the file.
         found: String,
-        /// What was asked for.
+        /// The requested type.
         wanted: String,
     },
 }
 
-/// Why a file or a folder is no run, or not the part of one that was asked for.
+/// Why a file or folder is not a run, or does not contain the requested part.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-pub enum NoRun {
-    /// A folder without run files.
-    #[error("the folder holds no run file (*.mcap or *.mcap.part)")]
+pub enum NotARunReason {
+    /// The folder contains no run files.
+    #[error("the folder contains no run file (*.mcap or *.mcap.part)")]
     NoFiles,
-    /// A pipe, a device or a folder where a file is needed.
-    #[error("it is no regular file")]
+    /// A pipe, a device or a folder was given where a file is needed.
+    #[error("not a regular file")]
     NotRegular,
-    /// A file of another name than run files have.
-    #[error("the name of a run file ends in .mcap or .mcap.part")]
+    /// The name does not end as those of run files do.
+    #[error("the name of a run file must end in .mcap or .mcap.part")]
     Name,
-    /// A file that was recovered before, beside it.
-    #[error("{} exists already; move it away to recover again", beside.display())]
+    /// The file was recovered before; the result lies next to it.
+    #[error("{} already exists; move it away to recover again", beside.display())]
     RecoveredBefore {
-        /// What the recovery made.
+        /// The recovered file.
         beside: PathBuf,
     },
-    /// A file without a byte.
+    /// The file has no bytes.
     #[error("the file is empty")]
     Empty,
-    /// A file with other content.
+    /// The content is not MCAP.
     #[error("not an MCAP file")]
     NotMcap,
-    /// A run without samples.
-    #[error("it holds no samples")]
+    /// The run contains no samples.
+    #[error("the run contains no samples")]
     NoSamples,
-    /// A run without the channels that are wanted.
-    #[error("no channel {}; there are {}", wanted.join(", "), there.join(", "))]
+    /// The run has none of the requested channels.
+    #[error("no channel {}; accepted: {}", wanted.join(", "), there.join(", "))]
     NoChannel {
-        /// As they were asked for.
+        /// The requested channels.
         wanted: Vec<String>,
         /// The channels of the run.
         there: Vec<String>,
     },
-    /// A run without samples in the time that is wanted.
-    #[error("no sample in that time")]
+    /// The run has no samples in the requested time.
+    #[error("no samples in the requested time")]
     NoSampleThen,
 }
 
 impl RunError {
-    /// What stands in the sentence of a file that was removed or moved, however long its path is. Where only the sentence arrives, it is
-    /// known by this.
+    /// Part of the sentence of [`RunError::Removed`]. A program that receives only the sentence recognises the error by
+    /// it.
     pub const REMOVED: &'static str = "was removed or moved while it was written";
 
     pub(crate) fn io(path: &Path, what: &'static str) -> impl FnOnce(io::Error) -> Self {
@@ -116,16 +117,16 @@ impl RunError {
     }
 
     pub(crate) fn write(path: &Path) -> impl FnOnce(mcap::McapError) -> Self {
-        move |error| Self::Write { path: path.to_owned(), why: words(&error) }
+        move |error| Self::Write { path: path.to_owned(), why: cause_text(&error) }
     }
 
-    pub(crate) fn not_a_run(path: &Path, what: NoRun) -> Self {
+    pub(crate) fn not_a_run(path: &Path, what: NotARunReason) -> Self {
         Self::NotARun { path: path.to_owned(), what }
     }
 }
 
-/// The cause itself where the library only says that there was one.
-pub(crate) fn words(error: &mcap::McapError) -> String {
+/// The error message; the underlying cause where the library's own message only states that there was one.
+pub(crate) fn cause_text(error: &mcap::McapError) -> String {
     match error {
         mcap::McapError::Io(cause) => cause.to_string(),
         other => other.to_string(),

@@ -1,36 +1,36 @@
-//! What is wrong with a run: for programs by its kind, for people as a sentence.
+//! Problems of a run: one enum for programs, its sentences for operators.
 
 use std::path::PathBuf;
 
-/// One thing that is wrong with a run, or that it is being recorded.
+/// One problem of a run, or that it is still being recorded.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Finding {
-    /// A recorder holds a file and writes nothing.
+    /// A recorder has the file open but does not write.
     #[error(
-        "{}: a recorder holds it, but nothing has been written for {silent_s} s; read up to what is on the disk",
+        "{}: open in a recorder that has written nothing for {silent_s} s; contains only what is on the disk",
         path.display()
     )]
     Silent {
         /// The file.
         path: PathBuf,
-        /// For how long, whole seconds.
+        /// Time without a write, whole seconds.
         silent_s: u64,
     },
-    /// A recorder writes a file.
-    #[error("{}: is being recorded, and read up to what is on the disk", path.display())]
+    /// A recorder is writing the file.
+    #[error("{}: being recorded; contains only what is on the disk", path.display())]
     Recording {
         /// The file.
         path: PathBuf,
     },
-    /// A file has places that cannot be read.
+    /// A file has unreadable places.
     #[error("{}: {places} damaged places; run `nims recover`", path.display())]
     Damaged {
         /// The file.
         path: PathBuf,
-        /// How many.
+        /// Number of unreadable places.
         places: usize,
     },
-    /// A file ends where its recorder was killed.
+    /// A file has no end mark: its recorder was killed.
     #[error("{}: not closed properly; run `nims recover`", path.display())]
     NotClosed {
         /// The file.
@@ -41,46 +41,46 @@ pub enum Finding {
     Recovered {
         /// The file.
         path: PathBuf,
-        /// What it may lack.
-        lack: Lack,
+        /// Data that may be missing.
+        lack: MissingData,
     },
     /// Time without samples of a fast channel.
     #[error("{seconds:.2} s were not recorded")]
     Unrecorded {
-        /// How long, s.
+        /// Total time, s.
         seconds: f64,
     },
-    /// A channel lacks samples by their numbers.
+    /// Sequence numbers show that samples of a channel are missing.
     #[error("{channel}: {samples} samples missing in {gaps} gaps")]
     Lost {
         /// The channel.
         channel: String,
-        /// How many.
+        /// Number of missing samples.
         samples: u64,
-        /// In how many gaps.
+        /// Number of gaps.
         gaps: u64,
     },
     /// Samples of channels without a definition.
-    #[error("{samples} samples of channels that nothing in the file describes")]
+    #[error("{samples} samples of channels without a definition in the file")]
     Orphaned {
-        /// How many.
+        /// Number of these samples.
         samples: u64,
     },
-    /// Nothing was recorded.
+    /// The run contains no samples.
     #[error("no samples")]
     NoSamples,
 }
 
-/// What a recovered file may lack.
+/// Data that a recovered file may lack.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
-pub enum Lack {
-    /// Samples are known to be missing: those that had not come to the disk.
-    #[error("what its recorder had not yet given to the disk when it ended is missing")]
+pub enum MissingData {
+    /// Samples that were not yet on the disk are known to be missing.
+    #[error("samples that were not yet on the disk when its recorder ended are missing")]
     NotOnDisk,
-    /// It is the last file, so no later numbers show what is missing.
-    #[error("at most the last half second before its recorder ended is missing, after a power cut the last two")]
+    /// It is the last file, so no later sequence numbers show what is missing.
+    #[error("at most the last 0.5 s before its recorder ended are missing, after a power cut the last 2 s")]
     Unknown,
-    /// The numbers of the next file follow on.
-    #[error("by their numbers, no samples are missing between it and the next file")]
+    /// The sequence numbers of the next file continue without a gap.
+    #[error("sequence numbers show no samples missing between it and the next file")]
     Nothing,
 }

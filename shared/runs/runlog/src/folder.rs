@@ -1,4 +1,4 @@
-//! The files of a run folder, and the room that is left for them.
+//! Files of a run folder, and the free space of its disk.
 
 use std::ffi::OsStr;
 use std::fs;
@@ -7,48 +7,48 @@ use std::time::SystemTime;
 
 use rustix::fs::{FlockOperation, Mode, OFlags, flock};
 
-use crate::{NoRun, RunError};
+use crate::{NotARunReason, RunError};
 
-/// Ending of a finished file.
+/// Ending of a finished file's name.
 pub const FILE_ENDING: &str = ".mcap";
-/// Ending of a file that is being written, or was when the power went.
+/// Ending of the name of a file that is being written, or whose writer ended without finishing it.
 pub const PART_ENDING: &str = ".mcap.part";
-/// Ending of the name, before `.mcap`, of a file that was recovered beside a damaged one.
+/// Ending of the name, before `.mcap`, of a file recovered from a damaged one.
 pub(crate) const RECOVERED_ENDING: &str = "-recovered";
 
-/// Whether a recorder, or a recovery, holds the file at present.
+/// True if a recorder or a recovery has locked the file.
 pub(crate) fn is_held(path: &Path) -> bool {
     let Ok(file) = fs::File::open(path) else { return false };
     matches!(flock(&file, FlockOperation::NonBlockingLockShared), Err(rustix::io::Errno::WOULDBLOCK))
 }
 
-/// A recorder writes twice a second. One that has written nothing for so long does not record, whatever it still holds, s.
+/// A recorder writes twice a second. Without a write for this long it does not record, even if it holds the lock, s.
 const SILENT_S: u64 = 3;
 
-/// For how long nothing has been written to the file, whole seconds; 0 while that is no longer than a recorder takes at times.
+/// Time since the last write, whole seconds; 0 below [`SILENT_S`].
 pub(crate) fn silent_s(path: &Path) -> u64 {
     let written = fs::metadata(path).and_then(|file| file.modified()).ok();
     let since = written.and_then(|written| SystemTime::now().duration_since(written).ok());
     since.map(|since| since.as_secs()).filter(|seconds| *seconds >= SILENT_S).unwrap_or(0)
 }
 
-/// Bytes that an unprivileged process can still write where `path` is, or will be: where there is no such folder, the nearest one above
-/// it counts.
+/// Bytes that an unprivileged process can still write at `path`. Where the folder does not exist, its nearest existing
+/// ancestor counts.
 ///
 /// # Errors
-/// The file system did not answer.
+/// The file system returned an error.
 pub fn free_bytes(path: &Path) -> Result<u64, RunError> {
     let whole = std::path::absolute(path).unwrap_or_else(|_| path.to_owned());
     let there = whole.ancestors().find(|folder| folder.exists()).unwrap_or(path);
-    let state = rustix::fs::statvfs(there).map_err(|error| RunError::io(path, "ask for free space")(error.into()))?;
+    let state = rustix::fs::statvfs(there).map_err(|error| RunError::io(path, "query the free space")(error.into()))?;
     Ok(state.f_bavail.saturating_mul(state.f_frsize))
 }
 
-/// The run files of a folder, in the order in which they were written: `run`, `run-0002`, ... Where a damaged file has been recovered, the
-/// recovered one stands in its place.
+/// The run files of a folder in the order of writing: `run`, `run-0002`, ... A recovered file takes the place of the
+/// damaged one.
 ///
 /// # Errors
-/// The folder cannot be read, or holds no run file.
+/// The folder cannot be read, or contains no run file.
 pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
     let mut found: Vec<(String, PathBuf)> = fs::read_dir(folder)
         .map_err(RunError::io(folder, "read the folder"))?
@@ -56,7 +56,7 @@ pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
         .filter_map(|entry| Some((stem(&entry.file_name())?, entry.path())))
         .collect();
     if found.is_empty() {
-        return Err(RunError::not_a_run(folder, NoRun::NoFiles));
+        return Err(RunError::not_a_run(folder, NotARunReason::NoFiles));
     }
     let of = |stem: &str| stem.strip_suffix(RECOVERED_ENDING).unwrap_or(stem).to_owned();
     let recovered: Vec<String> =
@@ -66,7 +66,8 @@ pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
     Ok(found.into_iter().map(|(_, path)| path).collect())
 }
 
-/// The final name of the next file of a run: `run.mcap`, then `run-0002.mcap`, ... Names that exist, finished or not, are skipped.
+/// The final name of the next file of a run: `run.mcap`, then `run-0002.mcap`, ... Existing names, finished or not, are
+/// skipped.
 #[must_use]
 pub fn next_file(folder: &Path) -> PathBuf {
     let free = |stem: &str| {
@@ -79,13 +80,13 @@ pub fn next_file(folder: &Path) -> PathBuf {
     folder.join(format!("{stem}{FILE_ENDING}"))
 }
 
-/// Opens a run file for reading. A pipe or a device is refused, and not waited for.
+/// Opens a run file for reading. Pipes and devices are rejected without blocking.
 pub(crate) fn open_file(path: &Path) -> Result<fs::File, RunError> {
     let opened =
         rustix::fs::open(path, OFlags::RDONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC, Mode::empty());
     let file = fs::File::from(opened.map_err(|error| RunError::io(path, "open the run file")(error.into()))?);
     let kind = file.metadata().map_err(RunError::io(path, "read the run file"))?.file_type();
-    if kind.is_file() { Ok(file) } else { Err(RunError::not_a_run(path, NoRun::NotRegular)) }
+    if kind.is_file() { Ok(file) } else { Err(RunError::not_a_run(path, NotARunReason::NotRegular)) }
 }
 
 /// `NAME` of `NAME.mcap` or `NAME.mcap.part`.
@@ -102,7 +103,7 @@ pub(crate) fn part_of(path: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Makes a rename in this folder survive a power cut.
+/// Makes a rename in this folder durable across a power cut.
 pub(crate) fn sync_folder(file: &Path) -> Result<(), RunError> {
     let folder = file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
     fs::File::open(folder).and_then(|folder| folder.sync_all()).map_err(RunError::io(folder, "synchronise the folder"))
@@ -117,7 +118,7 @@ mod tests {
     fn a_file_that_is_not_written_is_silent_after_some_seconds() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("run.mcap.part");
-        assert_eq!(silent_s(&path), 0, "there is none");
+        assert_eq!(silent_s(&path), 0, "no such file");
         fs::write(&path, "").unwrap();
         let file = fs::File::open(&path).unwrap();
         let now = SystemTime::now();
@@ -131,7 +132,10 @@ mod tests {
     fn files_come_in_the_order_of_writing_and_names_are_not_used_twice() {
         let folder = tempfile::tempdir().unwrap();
         let error = segments(folder.path()).unwrap_err();
-        assert!(matches!(&error, RunError::NotARun { path, what: NoRun::NoFiles } if path == folder.path()), "{error}");
+        assert!(
+            matches!(&error, RunError::NotARun { path, what: NotARunReason::NoFiles } if path == folder.path()),
+            "{error}"
+        );
         for expected in ["run", "run-0002", "run-0003"] {
             let path = next_file(folder.path());
             assert_eq!(path, folder.path().join(format!("{expected}.mcap")));
@@ -150,10 +154,14 @@ mod tests {
         rustix::fs::mknodat(rustix::fs::CWD, folder.path().join("pipe.mcap"), FileType::Fifo, Mode::RWXU, 0).unwrap();
         for path in [folder.path().join("pipe.mcap"), folder.path().to_path_buf(), "/dev/zero".into()] {
             let opened = open_file(&path);
-            assert!(matches!(opened, Err(RunError::NotARun { what: NoRun::NotRegular, .. })), "{}", path.display());
+            assert!(
+                matches!(opened, Err(RunError::NotARun { what: NotARunReason::NotRegular, .. })),
+                "{}",
+                path.display()
+            );
         }
         assert!(free_bytes(folder.path()).unwrap() > 0);
         let removed = folder.path().join("removed/by/hand");
-        assert!(free_bytes(&removed).unwrap() > 0, "a folder that is gone is no full disk");
+        assert!(free_bytes(&removed).unwrap() > 0, "a removed folder does not count as a full disk");
     }
 }

@@ -1,4 +1,4 @@
-//! What is in a run, and whether it can be trusted.
+//! Contents and health of a run.
 
 use std::collections::{BTreeMap, HashMap};
 use std::fmt;
@@ -10,25 +10,25 @@ use messages::{RecorderGap, text_of};
 use serde::Serialize;
 
 use crate::folder::{is_held, silent_s};
-use crate::read::{Recorded, RecordedChannel, RunReader};
-use crate::{Damage, Finding, Lack, RunError, Sequence, utc};
+use crate::read::{RecordedChannel, RecordedSample, RunReader};
+use crate::{Damage, Finding, MissingData, RunError, Sequence, utc};
 
 /// One file of the run.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct FileReport {
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
-    /// Its size.
+    /// Size of the file.
     pub bytes: u64,
-    /// It was closed properly, by its recorder or by a recovery.
+    /// Closed properly, by its recorder or by a recovery.
     pub finished: bool,
-    /// A recorder holds it at present.
+    /// A recorder has locked the file.
     pub recording: bool,
-    /// For how long the recorder that holds it has written nothing, whole seconds; 0 while it writes.
+    /// Time since the last write of the recorder that has locked the file, whole seconds; 0 while it writes.
     pub silent_s: u64,
-    /// A recovery made it, of a file that was not closed or is damaged.
+    /// Made by a recovery from an unfinished or damaged file.
     pub recovered: bool,
-    /// What could not be read.
+    /// Unreadable places.
     pub damage: Vec<Damage>,
 }
 
@@ -39,100 +39,100 @@ pub struct ChannelReport {
     pub name: String,
     /// e.g. `nims_msgs/msg/MotorState`.
     pub schema: String,
-    /// Samples.
+    /// Number of samples.
     pub messages: u64,
     /// Bytes of all samples.
     pub bytes: u64,
     /// Mean rate between the first and the last sample.
     pub rate_hz: Option<f64>,
-    /// First and last sample, s since the run began.
+    /// First sample, s since the start of the run.
     pub first_s: f64,
-    /// Last sample.
+    /// Last sample, s since the start of the run.
     pub last_s: f64,
-    /// Longest time between two samples.
+    /// Longest time between two samples, s.
     pub longest_silence_s: f64,
-    /// Samples missing by number.
+    /// Samples missing according to their sequence numbers.
     pub lost: u64,
-    /// Times that samples were missing.
+    /// Number of gaps.
     pub gaps: u64,
-    /// Time in which samples are missing: from the one before to the one behind, s.
+    /// Total time of the gaps, from the sample before to the sample after, s.
     pub unrecorded_s: f64,
-    /// Why it was recorded as plain bytes, if it was.
+    /// Why the channel was recorded as plain bytes; `None` if it was not.
     pub refused: Option<String>,
 }
 
-/// Samples that should be between two others and are not, as the recorder wrote it down.
+/// Samples missing between two others, as the recorder reported it.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct GapReport {
     /// e.g. `motor/state`.
     pub channel: String,
-    /// Samples.
+    /// Number of missing samples.
     pub missing: u64,
-    /// The sample before, s since the run began.
+    /// The sample before the gap, s since the start of the run.
     pub at_s: f64,
-    /// To the sample behind, s.
+    /// Time to the sample after the gap, s.
     pub lasted_s: f64,
-    /// Half a sentence; see [`cause_phrase`].
+    /// A clause for use in a sentence; see [`cause_phrase`].
     pub cause: &'static str,
 }
 
-/// A run file or a run folder.
+/// Report on a run file or a run folder.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub struct RunReport {
-    /// Nothing is missing or damaged, and every file was closed properly.
+    /// True if nothing is missing or damaged, and every file was closed properly.
     pub healthy: bool,
-    /// One sentence per thing that is wrong, or one that says that nothing is.
+    /// One sentence per problem, or one that states that there is none.
     pub verdict: Vec<String>,
-    /// The same for programs; empty where nothing is wrong.
+    /// The same for programs; empty without problems.
     #[serde(skip)]
     pub findings: Vec<Finding>,
     /// When the first sample was published.
     pub started: Option<String>,
-    /// The same, UNIX time.
+    /// The same as UNIX time, ns.
     pub started_unix_ns: Option<u64>,
-    /// From the first to the last sample.
+    /// Time from the first to the last sample, s.
     pub duration_s: f64,
-    /// Time in which samples of a fast channel are missing, of the one that lacks most, s.
+    /// Largest total time of gaps among the fast channels, s.
     pub unrecorded_s: f64,
-    /// A recorder holds it at present.
+    /// A recorder has locked the run.
     pub recording: bool,
-    /// For how long the recorder that holds it has written nothing, whole seconds; 0 while it writes.
+    /// Time since the last write of the recorder that has locked the run, whole seconds; 0 while it writes.
     pub silent_s: u64,
-    /// Samples.
+    /// Number of samples.
     pub messages: u64,
     /// Bytes of all samples.
     pub sample_bytes: u64,
-    /// Its files.
+    /// Files of the run.
     pub files: Vec<FileReport>,
-    /// Its channels, by name.
+    /// Channels by name.
     pub channels: Vec<ChannelReport>,
-    /// The gaps that the recorder noticed, the first [`GAPS`] of them.
+    /// The gaps that the recorder reported, limited to the first [`GAPS`].
     pub gaps: Vec<GapReport>,
-    /// Names of the files kept inside.
+    /// Names of the attached files.
     pub attachments: Vec<String>,
-    /// Who, what, with which versions.
+    /// Metadata of the run: origin, content, versions.
     pub about: BTreeMap<String, String>,
-    /// Why it ended, as the recorder wrote it.
+    /// Why the recording ended, as the recorder stored it.
     pub ended: Option<String>,
 }
 
-/// Samples between two tellings of how far the reading is.
-const TELL: u64 = 1 << 16;
-/// Gaps that are shown one by one.
-const SHOWN: usize = 10;
+/// Samples between two progress reports.
+const PROGRESS_SAMPLES: u64 = 1 << 16;
+/// Gaps that are listed individually.
+const LISTED_GAPS: usize = 10;
 
-/// The time in which nothing was recorded is told by channels of this rate or more, Hz: a slow one does not know it to the second.
+/// Unrecorded time is measured on channels of at least this rate, Hz: slower ones do not resolve it.
 const FAST_HZ: f64 = 20.0;
 
-/// More gaps than anyone reads one by one.
+/// Limit of the gaps that are kept for the report.
 pub const GAPS: usize = 1000;
 
 impl RunReport {
-    /// Less time than this without samples is not worth a sentence, because a sentence states tenths of a second, s.
+    /// Shorter unrecorded times get no sentence, because sentences state tenths of a second, s.
     pub const LEAST_S: f64 = 0.05;
 }
 
-/// Whether samples are known to be missing.
+/// True if samples are known to be missing.
 fn is_short(channels: &[ChannelReport], unrecorded_s: f64) -> bool {
     unrecorded_s >= RunReport::LEAST_S || channels.iter().any(|channel| channel.lost > 0)
 }
@@ -149,17 +149,17 @@ struct Count {
     seq_at: Option<usize>,
 }
 
-/// Takes note of every sample of a run, for whoever reads it anyway; [`info`] does nothing else.
+/// Gathers the statistics of a run from samples that are read for another purpose too; [`info`] does only this.
 #[derive(Default)]
-pub struct Inspection {
+pub struct RunInspection {
     counts: HashMap<*const RecordedChannel, (Arc<RecordedChannel>, Count)>,
     bounds: Option<(u64, u64)>,
     gaps: Vec<RecorderGap>,
 }
 
-impl Inspection {
-    /// Takes note of the next sample.
-    pub fn note(&mut self, recorded: &Recorded<'_>) {
+impl RunInspection {
+    /// Counts one sample.
+    pub fn observe(&mut self, recorded: &RecordedSample<'_>) {
         let (_, count) = self.counts.entry(Arc::as_ptr(recorded.channel)).or_insert_with(|| {
             let schema = Schema::parse(&recorded.channel.schema).ok();
             let seq_at = schema.and_then(|schema| Some(schema.field("header.seq")?.offset));
@@ -174,7 +174,7 @@ impl Inspection {
         count.last_ns = count.last_ns.max(now);
         let seq = count.seq_at.and_then(|at| recorded.sample.get(at..at + 8)?.try_into().ok());
         if let Some(seq) = seq {
-            let missing = count.sequence.note(u64::from_le_bytes(seq));
+            let missing = count.sequence.observe(u64::from_le_bytes(seq));
             count.unrecorded_ns += if missing > 0 { silence_ns } else { 0 };
         }
         self.bounds = Some(self.bounds.map_or((now, now), |(first, last)| (first.min(now), last.max(now))));
@@ -183,7 +183,7 @@ impl Inspection {
         }
     }
 
-    /// The report, once `reader` has come to the end of the run.
+    /// The report, once `reader` has reached the end of the run.
     #[must_use]
     pub fn report(self, reader: &RunReader) -> RunReport {
         report(reader, self.counts.into_values().collect(), self.bounds, &self.gaps)
@@ -198,18 +198,18 @@ pub fn info(path: &Path) -> Result<RunReport, RunError> {
     info_with(path, &mut |_, _| {})
 }
 
-/// The same; `progress` is told how many of how many bytes are read.
+/// [`info`] with progress: `progress` receives the bytes read and the bytes in total.
 ///
 /// # Errors
 /// As [`info`].
 pub fn info_with(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<RunReport, RunError> {
     let mut reader = RunReader::open(path)?;
-    let mut inspection = Inspection::default();
+    let mut inspection = RunInspection::default();
     let mut noted = 0_u64;
     while let Some(recorded) = reader.next_sample()? {
-        inspection.note(&recorded);
+        inspection.observe(&recorded);
         noted += 1;
-        if noted.is_multiple_of(TELL) {
+        if noted.is_multiple_of(PROGRESS_SAMPLES) {
             progress(reader.position(), reader.bytes());
         }
     }
@@ -222,20 +222,20 @@ fn gap_report(gap: &RecorderGap, reader: &RunReader, begin_ns: u64) -> GapReport
     GapReport {
         channel: text_of(&gap.channel),
         missing: gap.missing,
-        // What was missing before the file began is missing from its beginning on.
+        // Samples missing from before the file began count as missing from its beginning.
         at_s: ((unix(gap.last_ns) as f64 - begin_ns as f64) * 1e-9).max(0.0),
         lasted_s: gap.next_ns.saturating_sub(gap.last_ns) as f64 * 1e-9,
         cause: cause_phrase(gap.cause),
     }
 }
 
-/// Half a sentence for the cause of a gap, one of the `CAUSE_` values of [`RecorderGap`].
+/// A clause for the cause of a gap, one of the `CAUSE_` values of [`RecorderGap`].
 #[must_use]
 pub fn cause_phrase(cause: u8) -> &'static str {
     match cause {
         RecorderGap::CAUSE_DISK_FULL => "the disk was full",
         RecorderGap::CAUSE_FAILED => "the file was removed or could not be written",
-        _ => "the recorder did not take them in time",
+        _ => "the recorder did not receive them in time",
     }
 }
 
@@ -276,7 +276,7 @@ fn report(
             let damage = reader.damage().iter().filter(|(file, _)| file == path).map(|(_, one)| one.clone()).collect();
             let recovered = reader.recovered().iter().any(|(file, _)| file == path);
             let recording = !finished && is_held(path);
-            // A recorder that is stopped, or waits for its disk, holds its file too.
+            // A recorder that is suspended, or waits for its disk, also holds the lock.
             let silent_s = if recording { silent_s(path) } else { 0 };
             FileReport {
                 path: path.clone(),
@@ -292,17 +292,21 @@ fn report(
     let fast = channels.iter().filter(|channel| channel.rate_hz.is_some_and(|rate_hz| rate_hz >= FAST_HZ));
     let unrecorded_s = fast.map(|channel| channel.unrecorded_s).fold(0.0, f64::max);
     let findings = findings(&files, &channels, unrecorded_s, reader.orphaned());
-    let well = || vec!["complete, nothing missing".to_owned()];
+    let healthy_verdict = || vec!["complete, nothing missing".to_owned()];
     RunReport {
         healthy: findings.is_empty(),
-        verdict: if findings.is_empty() { well() } else { findings.iter().map(ToString::to_string).collect() },
+        verdict: if findings.is_empty() {
+            healthy_verdict()
+        } else {
+            findings.iter().map(ToString::to_string).collect()
+        },
         findings,
         started: bounds.map(|(first, _)| utc(first)),
         started_unix_ns: bounds.map(|(first, _)| first),
         duration_s: bounds.map_or(0.0, |(first, last)| seconds(last - first)),
         unrecorded_s,
         recording: files.iter().any(|file| file.recording),
-        // Where one recorder hangs and another one writes, the run is being recorded.
+        // If one recorder hangs and another one writes, the run is being recorded.
         silent_s: files.iter().filter(|file| file.recording).map(|file| file.silent_s).min().unwrap_or(0),
         messages: channels.iter().map(|channel| channel.messages).sum(),
         sample_bytes: channels.iter().map(|channel| channel.bytes).sum(),
@@ -331,9 +335,9 @@ fn findings(files: &[FileReport], channels: &[ChannelReport], unrecorded_s: f64,
             found.push(Finding::NotClosed { path });
         } else if file.recovered {
             let lack = match (short, at + 1 == files.len()) {
-                (true, _) => Lack::NotOnDisk,
-                (false, true) => Lack::Unknown,
-                (false, false) => Lack::Nothing,
+                (true, _) => MissingData::NotOnDisk,
+                (false, true) => MissingData::Unknown,
+                (false, false) => MissingData::Nothing,
             };
             found.push(Finding::Recovered { path, lack });
         }
@@ -392,15 +396,15 @@ impl fmt::Display for RunReport {
             }
         }
         writeln!(f)?;
-        for gap in self.gaps.iter().take(SHOWN) {
+        for gap in self.gaps.iter().take(LISTED_GAPS) {
             writeln!(
                 f,
                 "{}: {} samples are missing, {:.3} s from {:.3} s on: {}",
                 gap.channel, gap.missing, gap.lasted_s, gap.at_s, gap.cause
             )?;
         }
-        if self.gaps.len() > SHOWN {
-            writeln!(f, "and {} gaps more, on recorder/gap", self.gaps.len() - SHOWN)?;
+        if self.gaps.len() > LISTED_GAPS {
+            writeln!(f, "{} more gaps on recorder/gap", self.gaps.len() - LISTED_GAPS)?;
         }
         for sentence in &self.verdict {
             writeln!(f, "{sentence}")?;

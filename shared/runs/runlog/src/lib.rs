@@ -1,18 +1,19 @@
 //! Run files: write, recover, read.
 //!
-//! A run is a folder; the samples of every channel stand in it in one or more MCAP files, each readable on its own by any tool that knows
-//! MCAP and ROS 2 definitions. This is the only crate that names the `mcap` crate.
+//! A run is a folder. The samples of all channels are in one or more MCAP files in it, and any tool that reads MCAP and
+//! ROS 2 definitions can read each file alone. This is the only crate that uses the `mcap` crate.
 //!
 //! Invariants:
-//! * A sample is written as it lay in memory, behind the four bytes that say "CDR, little endian". A definition that would make some
-//!   reader fail or misread is never written; the channel is recorded as plain bytes instead, with the original text beside it.
-//! * While it grows, a file is named `NAME.mcap.part`, is locked, and ends at a chunk boundary after every [`RunWriter::flush`]. Only a
-//!   finished and synchronised file is named `NAME.mcap`.
-//! * One offset maps CLOCK_MONOTONIC to UNIX time for a whole run ([`RunClock`]): a step of the wall clock bends nothing, and neither does
-//!   a recorder that is started again.
+//! * A sample is written as it is in memory, after the four bytes that mean "CDR, little endian". A definition that some
+//!   reader would reject or misread is never written; the channel is recorded as plain bytes instead, and the original
+//!   text is kept in the channel's metadata.
+//! * A growing file is named `NAME.mcap.part`, is locked, and ends at a chunk boundary after every [`RunWriter::flush`].
+//!   Only a finished and synchronised file is named `NAME.mcap`.
+//! * One offset maps CLOCK_MONOTONIC to UNIX time for a whole run ([`RunClock`]), so neither a step of the wall clock nor
+//!   a restarted recorder distorts the time axis.
 //! * The files of a run folder are read as one run. Each can also be read alone.
-//! * What describes the channels stands in the file twice, in the chunks and as attachments, so that no single damaged byte makes the
-//!   rest unreadable.
+//! * The channel definitions are in the file twice, in the chunks and as attachments, so that no single damaged byte
+//!   makes the rest unreadable.
 //!
 //! ```
 //! # let folder = tempfile::tempdir()?;
@@ -54,15 +55,15 @@ mod sequence;
 mod sync;
 mod write;
 
-pub use attachments::{KEPT_ENDINGS, KEPT_FOLDERS, kept_files};
+pub use attachments::{ATTACHED_ENDINGS, ATTACHED_FOLDERS, run_attachments};
 pub use clock::{RunClock, published_ns, utc};
 pub use conversion::Conversion;
-pub use definition::{ChannelSpec, Definition, Definitions, Refusal};
-pub use error::{NoRun, RunError};
-pub use finding::{Finding, Lack};
+pub use definition::{ChannelSpec, Definition, Definitions, SchemaRefusal};
+pub use error::{NotARunReason, RunError};
+pub use finding::{Finding, MissingData};
 pub use folder::{FILE_ENDING, PART_ENDING, free_bytes, next_file, segments};
-pub use info::{ChannelReport, FileReport, GapReport, Inspection, RunReport, cause_phrase, info, info_with};
-pub use read::{Recorded, RecordedChannel, RunReader, read_channel};
+pub use info::{ChannelReport, FileReport, GapReport, RunInspection, RunReport, cause_phrase, info, info_with};
+pub use read::{RecordedChannel, RecordedSample, RunReader, read_channel};
 pub use recover::{Recovery, recover};
 pub use scan::Damage;
 pub use sequence::Sequence;

@@ -1,4 +1,4 @@
-//! The samples of a run, in the order in which they were recorded.
+//! Reads the samples of a run in the order of recording.
 
 use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
@@ -7,26 +7,26 @@ use std::sync::{Arc, OnceLock};
 use mcap::records::Record;
 use messages::Message;
 
-use crate::dedup::Repeats;
+use crate::dedup::Duplicates;
 use crate::recover::RECOVERED;
 use crate::scan::{Item, Scanner};
-use crate::write::{CDR_HEADER, CHANNELS_BEGINNING, RUN, RUN_END, Repeated};
+use crate::write::{CDR_HEADER, CHANNELS_BEGINNING, ChannelDefinition, RUN, RUN_END};
 use crate::{Attachment, Conversion, Damage, RunClock, RunError, segments};
 
-/// A channel as the file describes it.
+/// A channel as described in the file.
 #[derive(Debug, Clone)]
 pub struct RecordedChannel {
     /// e.g. `motor/state`.
     pub name: String,
     /// e.g. `nims_msgs/msg/MotorState`.
     pub schema_name: String,
-    /// Complete definition, as every reader understands it.
+    /// Complete definition in the form that every reader decodes.
     pub schema: String,
-    /// e.g. `nims_msgs/MotorState/1a2b3c4d`; empty in files of other origin.
+    /// e.g. `nims_msgs/MotorState/1a2b3c4d`; empty in files that other programs wrote.
     pub type_name: String,
-    /// Why it was recorded as plain bytes, if it was.
+    /// Why the channel was recorded as plain bytes; `None` if it was not.
     pub refused: Option<String>,
-    /// To the type of this build of the same name, once it was asked for.
+    /// Conversion to this build's type of the same name, created on first use.
     conversion: OnceLock<Option<Conversion>>,
 }
 
@@ -40,28 +40,28 @@ impl PartialEq for RecordedChannel {
     }
 }
 
-/// One sample.
+/// One recorded sample.
 #[derive(Debug, Clone, Copy)]
-pub struct Recorded<'a> {
-    /// Where it travelled.
+pub struct RecordedSample<'a> {
+    /// Channel of the sample.
     pub channel: &'a Arc<RecordedChannel>,
-    /// Where the channel stands in [`RunReader::channels`].
+    /// Index of the channel in [`RunReader::channels`].
     pub index: usize,
-    /// Its number, the lower 32 bits.
+    /// Sequence number, the lower 32 bits.
     pub sequence: u32,
-    /// When it was published, UNIX time, ns.
+    /// Publication time, UNIX time, ns.
     pub log_time_ns: u64,
-    /// When its content was true, UNIX time, ns.
+    /// Time at which the content was valid, UNIX time, ns.
     pub publish_time_ns: u64,
-    /// The bytes as they lay in memory.
+    /// The bytes as they were in memory.
     pub sample: &'a [u8],
 }
 
 impl RecordedChannel {
-    /// How its samples become those of this build's type; `None` if it is of another type.
+    /// Conversion of its samples to this build's type; `None` if the channel has another type.
     #[must_use]
     pub fn conversion<T: Message>(&self) -> Option<&Conversion> {
-        // Only the type of the same name can be meant, so that one place is enough for all types.
+        // only the type of the same name can match, so one conversion per channel suffices
         if self.schema_name.rsplit('/').next() != Some(T::NAME) {
             return None;
         }
@@ -69,30 +69,30 @@ impl RecordedChannel {
     }
 }
 
-impl Recorded<'_> {
-    /// The sample as a type of this build; `None` if it is of another type. One that another build recorded is read by the names of its
-    /// fields, and what is new is zero.
+impl RecordedSample<'_> {
+    /// The sample as this build's type; `None` if it has another type. Samples of another build are converted by field
+    /// name; new fields are zero.
     #[must_use]
     pub fn to<T: Message>(&self) -> Option<T> {
-        self.channel.conversion::<T>()?.take(self.sample)
+        self.channel.conversion::<T>()?.apply(self.sample)
     }
 }
 
-/// Reads a run file, or all files of a run folder one after the other as one; unfinished and damaged ones as far as they go.
+/// Reads a run file, or all files of a run folder as one; unfinished and damaged files as far as possible.
 ///
-/// A sample that a later file repeats comes once. What was recorded together comes together, but only nearly in the order of its time: a
-/// late batch, or the seam between two files, may set it back by moments.
+/// A sample that a later file repeats is returned once. Samples come only nearly in the order of time: a late batch, or
+/// the boundary between two files, may set it back briefly.
 pub struct RunReader {
     files: std::vec::IntoIter<PathBuf>,
     bytes: u64,
     scanner: Option<Scanner>,
     path: PathBuf,
-    /// By the number that a channel has in the file being read: where it stands in `all`.
+    /// Index in `all` by the channel's number in the current file.
     channels: HashMap<u16, usize>,
-    /// One object per different channel of the run, so that equal channels of several files are the same.
+    /// One object per distinct channel of the run; equal channels of several files share it.
     all: Vec<Arc<RecordedChannel>>,
-    /// Only where there is more than one file.
-    repeats: Option<Repeats>,
+    /// Only for runs of more than one file.
+    repeats: Option<Duplicates>,
     schemas: HashMap<u16, (String, String)>,
     clock: Option<RunClock>,
     about: BTreeMap<String, String>,
@@ -114,7 +114,7 @@ impl RunReader {
         let bytes = files.iter().filter_map(|file| file.metadata().ok()).map(|meta| meta.len()).sum();
         let mut reader = Self {
             bytes,
-            repeats: (files.len() > 1).then(Repeats::default),
+            repeats: (files.len() > 1).then(Duplicates::default),
             files: files.into_iter(),
             scanner: None,
             path: path.to_owned(),
@@ -154,10 +154,10 @@ impl RunReader {
     /// The next sample; `None` at the end of the run.
     ///
     /// # Errors
-    /// The file cannot be read. Damage is no error: see [`RunReader::damage`].
-    pub fn next_sample(&mut self) -> Result<Option<Recorded<'_>>, RunError> {
-        // the found message is taken apart and put together again outside of the loop, because a borrow of the scanner
-        // cannot be returned from inside while the loop goes on with it
+    /// The file cannot be read. Damage is not an error: see [`RunReader::damage`].
+    pub fn next_sample(&mut self) -> Result<Option<RecordedSample<'_>>, RunError> {
+        // the message is returned by its parts and borrowed again after the loop, because a borrow of the scanner
+        // cannot be returned from inside a loop that continues to use it
         let found = loop {
             let Some(scanner) = &mut self.scanner else { return Ok(None) };
             match scanner.next()? {
@@ -185,7 +185,7 @@ impl RunReader {
         let (index, sequence, log_time_ns, publish_time_ns) = found;
         let sample = self.scanner.as_ref().and_then(Scanner::last_data).unwrap_or_default();
         let sample = sample.strip_prefix(&CDR_HEADER).unwrap_or(sample);
-        Ok(self.all.get(index).map(|channel| Recorded {
+        Ok(self.all.get(index).map(|channel| RecordedSample {
             channel,
             index,
             sequence,
@@ -203,7 +203,14 @@ impl RunReader {
             Record::Channel(channel) => {
                 let (schema_name, schema) = self.schemas.get(&channel.schema_id).cloned().unwrap_or_default();
                 let (id, topic, metadata) = (channel.id, channel.topic, channel.metadata);
-                self.define(Repeated { id, schema_id: channel.schema_id, topic, schema_name, schema, metadata });
+                self.define(ChannelDefinition {
+                    id,
+                    schema_id: channel.schema_id,
+                    topic,
+                    schema_name,
+                    schema,
+                    metadata,
+                });
             }
             Record::Metadata(metadata) if metadata.name == RUN => {
                 self.clock = RunClock::of_about(&metadata.metadata).or(self.clock);
@@ -214,7 +221,7 @@ impl RunReader {
                 self.recovered.push((self.path.clone(), metadata.metadata));
             }
             Record::Attachment { header, data, .. } if header.name.starts_with(CHANNELS_BEGINNING) => {
-                for one in serde_json::from_slice::<Vec<Repeated>>(&data).unwrap_or_default() {
+                for one in serde_json::from_slice::<Vec<ChannelDefinition>>(&data).unwrap_or_default() {
                     self.define(one);
                 }
             }
@@ -229,7 +236,7 @@ impl RunReader {
         }
     }
 
-    fn define(&mut self, one: Repeated) {
+    fn define(&mut self, one: ChannelDefinition) {
         if self.channels.contains_key(&one.id) {
             return;
         }
@@ -248,61 +255,61 @@ impl RunReader {
         self.channels.insert(one.id, index);
     }
 
-    /// The channels met so far; all of them after the last sample.
+    /// The channels read so far; all of them after the last sample.
     #[must_use]
     pub fn channels(&self) -> &[Arc<RecordedChannel>] {
         &self.all
     }
 
-    /// The clock of the run, if its files state one.
+    /// The clock of the run, if its files contain one.
     #[must_use]
     pub fn clock(&self) -> Option<RunClock> {
         self.clock
     }
 
-    /// Who, what, with which versions.
+    /// Metadata of the run: origin, content, versions.
     #[must_use]
     pub fn about(&self) -> &BTreeMap<String, String> {
         &self.about
     }
 
-    /// What each finished file says about its end.
+    /// Closing metadata of each finished file.
     #[must_use]
     pub fn ends(&self) -> &[BTreeMap<String, String>] {
         &self.end
     }
 
-    /// Files that were kept inside the run file.
+    /// Files attached to the run files.
     #[must_use]
     pub fn attachments(&self) -> &[Attachment] {
         &self.attachments
     }
 
-    /// What could not be read so far, and in which file.
+    /// Unreadable places so far, with their files.
     #[must_use]
     pub fn damage(&self) -> &[(PathBuf, Damage)] {
         &self.damage
     }
 
-    /// Samples met so far that no definition describes.
+    /// Samples so far whose channel has no definition.
     #[must_use]
     pub fn orphaned(&self) -> u64 {
         self.orphaned
     }
 
-    /// Samples left out so far because a file before had them already.
+    /// Samples left out so far because an earlier file contained them.
     #[must_use]
     pub fn repeated(&self) -> u64 {
-        self.repeats.as_ref().map_or(0, Repeats::found)
+        self.repeats.as_ref().map_or(0, Duplicates::found)
     }
 
-    /// The files read to their end: path, whether it was finished properly, bytes.
+    /// Files read to their end: path, whether it was finished properly, bytes.
     #[must_use]
     pub fn files(&self) -> &[(PathBuf, bool, u64)] {
         &self.finished
     }
 
-    /// The files met so far that were made by a recovery, with what it says about itself.
+    /// Files so far that were made by a recovery, with its metadata.
     #[must_use]
     pub fn recovered(&self) -> &[(PathBuf, BTreeMap<String, String>)] {
         &self.recovered
@@ -314,21 +321,21 @@ impl RunReader {
         self.bytes
     }
 
-    /// How many of them have been read.
+    /// Bytes read so far.
     #[must_use]
     pub fn position(&self) -> u64 {
         let finished: u64 = self.finished.iter().map(|(_, _, bytes)| bytes).sum();
         finished + self.scanner.as_ref().map_or(0, Scanner::position)
     }
 
-    /// The file being read.
+    /// The current file.
     #[must_use]
     pub fn file(&self) -> &Path {
         &self.path
     }
 }
 
-/// What a file says at its beginning about who, what, when; `None` if it says nothing.
+/// The run metadata at the beginning of a file; `None` if there are none before the first message.
 pub(crate) fn first_about(file: &Path) -> Option<BTreeMap<String, String>> {
     let mut scanner = Scanner::open(file).ok()?;
     while let Ok(Some(item)) = scanner.next() {
@@ -341,10 +348,10 @@ pub(crate) fn first_about(file: &Path) -> Option<BTreeMap<String, String>> {
     None
 }
 
-/// Every sample of one channel with the time it was published (UNIX time, ns).
+/// All samples of one channel with their publication times (UNIX time, ns).
 ///
 /// # Errors
-/// The run cannot be read, or the channel holds another type than `T`.
+/// The run cannot be read, or the channel has a type other than `T`.
 pub fn read_channel<T: Message>(path: &Path, channel: &str) -> Result<Vec<(u64, T)>, RunError> {
     let mut reader = RunReader::open(path)?;
     let mut found = Vec::new();

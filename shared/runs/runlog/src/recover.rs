@@ -1,4 +1,4 @@
-//! Makes a finished run file of one that was not finished, or is damaged.
+//! Makes a finished run file from an unfinished or damaged one.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ffi::OsString;
@@ -14,30 +14,30 @@ use serde::Serialize;
 
 use crate::folder::{FILE_ENDING, PART_ENDING, RECOVERED_ENDING, open_file, stem, sync_folder};
 use crate::scan::{Item, Scanner};
-use crate::write::{Attachment, CHANNELS_BEGINNING, Counted, Repeated, attach, options};
-use crate::{Damage, NoRun, RunError};
+use crate::write::{Attachment, CHANNELS_BEGINNING, ChannelDefinition, CountingWriter, attach, options};
+use crate::{Damage, NotARunReason, RunError};
 
-/// Name of the metadata record that says what was recovered.
+/// Name of the metadata record with the result of a recovery.
 pub(crate) const RECOVERED: &str = "recovered";
 
-/// What a recovery found, and where the result is.
+/// Result of a recovery.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Recovery {
-    /// The file that was read.
+    /// The source file.
     pub source: PathBuf,
     /// The finished file.
     pub file: PathBuf,
-    /// The source under the name it was kept, if damage was found in it; otherwise an unfinished source is removed.
+    /// New name of the source if damage was found in it. An undamaged unfinished source is removed.
     pub kept: Option<PathBuf>,
     /// Samples in the finished file.
     pub messages: u64,
-    /// Samples that were readable, but whose channel's definition is lost.
+    /// Readable samples whose channel definition is lost.
     pub orphaned: u64,
-    /// What could not be read.
+    /// Unreadable places.
     pub damage: Vec<Damage>,
-    /// Sizes of both files.
+    /// Size of the source file.
     pub source_bytes: u64,
-    /// Of the finished file.
+    /// Size of the finished file.
     pub bytes: u64,
 }
 
@@ -48,7 +48,7 @@ impl std::fmt::Display for Recovery {
             write!(f, "\n  {} bytes at {} skipped: {}", damage.bytes, damage.offset, damage.why)?;
         }
         if self.orphaned > 0 {
-            write!(f, "\n  {} samples left out, because nothing in the file says what they are", self.orphaned)?;
+            write!(f, "\n  {} samples left out: the file contains no definition of their channels", self.orphaned)?;
         }
         if let Some(kept) = &self.kept {
             write!(f, "\n  the damaged file is kept as {}", kept.display())?;
@@ -57,10 +57,11 @@ impl std::fmt::Display for Recovery {
     }
 }
 
-/// Recovers one file: `NAME.mcap.part` becomes `NAME.mcap`; of a damaged `NAME.mcap` a readable `NAME-recovered.mcap` is made beside it.
+/// Recovers one file: `NAME.mcap.part` becomes `NAME.mcap`; for a damaged `NAME.mcap`, a readable `NAME-recovered.mcap`
+/// is made next to it.
 ///
-/// Damaged chunks are left out, everything else is copied bit for bit. The source stays as it is until the result is on the disk.
-/// `progress` is told how many of how many bytes are done.
+/// Damaged chunks are left out; everything else is copied bit for bit. The source stays unchanged until the result is
+/// on the disk. `progress` receives the bytes done and the bytes in total.
 ///
 /// # Errors
 /// The file is being recorded, is not a run file, or the result cannot be written.
@@ -77,11 +78,11 @@ pub fn recover(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Recove
 
     let mut copied = copy(path, &temporary, &[], progress)?;
     if copied.orphaned > 0 && !copied.orphans.is_disjoint(&copied.definitions.iter().map(|one| one.id).collect()) {
-        // the definitions stand behind what they define: their first copy was damaged
+        // the first copy of the definitions was damaged; the intact one comes after the samples that need it
         let definitions = std::mem::take(&mut copied.definitions);
         copied = copy(path, &temporary, &definitions, progress)?;
     }
-    fs::rename(&temporary, &target).map_err(RunError::io(&target, "give the recovered file its name"))?;
+    fs::rename(&temporary, &target).map_err(RunError::io(&target, "rename the recovered file"))?;
     sync_folder(&target)?;
 
     let damaged = copied.orphaned > 0 || copied.damage.iter().any(|damage| !damage.torn_end);
@@ -113,7 +114,7 @@ pub fn recover(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Recove
 fn target_of(path: &Path) -> Result<PathBuf, RunError> {
     let stem = path.file_name().and_then(stem);
     let Some(stem) = stem else {
-        return Err(RunError::not_a_run(path, NoRun::Name));
+        return Err(RunError::not_a_run(path, NotARunReason::Name));
     };
     let plain = path.with_file_name(format!("{stem}{FILE_ENDING}"));
     if !plain.exists() {
@@ -121,7 +122,7 @@ fn target_of(path: &Path) -> Result<PathBuf, RunError> {
     }
     let beside = path.with_file_name(format!("{stem}{RECOVERED_ENDING}{FILE_ENDING}"));
     if beside.exists() {
-        return Err(RunError::not_a_run(path, NoRun::RecoveredBefore { beside }));
+        return Err(RunError::not_a_run(path, NotARunReason::RecoveredBefore { beside }));
     }
     Ok(beside)
 }
@@ -132,12 +133,12 @@ struct Copied {
     orphaned: u64,
     orphans: BTreeSet<u16>,
     damage: Vec<Damage>,
-    definitions: Vec<Repeated>,
+    definitions: Vec<ChannelDefinition>,
     source_bytes: u64,
 }
 
 struct Copy<'a> {
-    writer: Writer<Counted>,
+    writer: Writer<CountingWriter>,
     temporary: &'a Path,
     known: BTreeSet<u16>,
     schemas: BTreeMap<u16, (String, Vec<u8>)>,
@@ -147,12 +148,12 @@ struct Copy<'a> {
 fn copy(
     source: &Path,
     temporary: &Path,
-    definitions: &[Repeated],
+    definitions: &[ChannelDefinition],
     progress: &mut dyn FnMut(u64, u64),
 ) -> Result<Copied, RunError> {
     let mut scanner = Scanner::open(source)?;
     let file = File::create(temporary).map_err(RunError::io(temporary, "create the recovered file"))?;
-    let counted = Counted { inner: BufWriter::new(file), written: Arc::default() };
+    let counted = CountingWriter { inner: BufWriter::new(file), written: Arc::default() };
     let writer = options().create(counted).map_err(RunError::write(temporary))?;
     let done = Copied { source_bytes: scanner.length(), ..Copied::default() };
     let mut copy = Copy { writer, temporary, known: BTreeSet::new(), schemas: BTreeMap::new(), done };
@@ -201,7 +202,7 @@ impl Copy<'_> {
                     Some((name, text)) => (name.clone(), String::from_utf8_lossy(text).into_owned()),
                     None => return Ok(()),
                 };
-                self.define(&Repeated {
+                self.define(&ChannelDefinition {
                     id: channel.id,
                     schema_id: channel.schema_id,
                     topic: channel.topic,
@@ -212,7 +213,7 @@ impl Copy<'_> {
             }
             Record::Attachment { header, data, .. } => {
                 if header.name.starts_with(CHANNELS_BEGINNING) {
-                    for definition in serde_json::from_slice::<Vec<Repeated>>(&data).unwrap_or_default() {
+                    for definition in serde_json::from_slice::<Vec<ChannelDefinition>>(&data).unwrap_or_default() {
                         self.define(&definition)?;
                     }
                 }
@@ -227,8 +228,8 @@ impl Copy<'_> {
         }
     }
 
-    /// Defines a channel as it was; a second definition of the same number is ignored.
-    fn define(&mut self, one: &Repeated) -> Result<(), RunError> {
+    /// Defines a channel with its original number; a second definition of the same number is ignored.
+    fn define(&mut self, one: &ChannelDefinition) -> Result<(), RunError> {
         if !self.known.insert(one.id) {
             return Ok(());
         }

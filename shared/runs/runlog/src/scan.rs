@@ -1,7 +1,7 @@
-//! Walks through a run file record by record, finished or not, and past what is damaged.
+//! Scans a run file, finished or not, record by record, and continues after damage.
 //!
-//! A chunk counts as a whole: its checksum is verified before anything of it is handed on. Where a record makes no sense, the walk goes on
-//! at the next place that looks like a chunk in every field of its head.
+//! A chunk is handed on only as a whole, after its checksum was verified. After an invalid record, the scan continues
+//! at the next offset where every field of a chunk header is plausible.
 
 use std::fs::File;
 use std::io;
@@ -13,35 +13,36 @@ use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use serde::Serialize;
 
-use crate::error::words;
+use crate::error::cause_text;
 use crate::folder::open_file;
-use crate::{NoRun, RunError};
+use crate::{NotARunReason, RunError};
 
-/// Bytes of one chunk or record at most. Chunks have about one MiB; this bounds what a damaged length can make the reader allocate.
+/// Largest accepted chunk or record, bytes. Chunks have about 1 MiB; this bounds the allocation that a damaged length
+/// causes.
 const RECORD_BYTES: u64 = 256 << 20;
-/// Opcode and length in front of each record.
+/// Opcode and length in front of each record, bytes.
 const HEAD: u64 = 9;
-/// A chunk's fixed fields before the name of its compression, and after it.
+/// Fixed fields of a chunk before the name of its compression, bytes.
 const CHUNK_BEFORE: u64 = 32;
-/// Bytes looked at in one go while searching for the next chunk.
+/// Bytes read at once while searching for the next chunk.
 const WINDOW: usize = 256 * 1024;
-/// A message record's fields before its data.
+/// Fields of a message record before its data, bytes.
 const MESSAGE_HEAD: usize = 22;
 
-/// A stretch of the file that could not be read.
+/// An unreadable section of the file.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Damage {
-    /// Where it begins.
+    /// Start of the section.
     pub offset: u64,
-    /// How long it is.
+    /// Length of the section.
     pub bytes: u64,
-    /// What is wrong there.
+    /// What is wrong.
     pub why: String,
-    /// The file ends in the middle of a record: a kill or a power cut, not a flaw of the disk.
+    /// The file ends inside a record, as after a kill or a power cut; the disk is not at fault.
     pub torn_end: bool,
 }
 
-/// What the walk meets.
+/// One scanned item.
 pub(crate) enum Item<'a> {
     /// A definition, metadata or an attachment.
     Record(Record<'a>),
@@ -69,9 +70,9 @@ pub(crate) struct Scanner {
     file: File,
     length: u64,
     at: u64,
-    /// Behind the last record that a checksum vouches for; the length of any later one may be wrong.
+    /// End of the last record verified by a checksum. The length of any later record may be wrong.
     vouched: u64,
-    /// The end mark was reached: the file was finished.
+    /// The footer was reached: the file was finished.
     complete: bool,
     chunks: LinearReader,
     raw: Vec<u8>,
@@ -119,13 +120,13 @@ impl Scanner {
         if !wrong {
             scanner.at = MAGIC.len() as u64;
         } else if scanner.find_chunk(0)?.is_none() {
-            let what = if scanner.length == 0 { NoRun::Empty } else { NoRun::NotMcap };
+            let what = if scanner.length == 0 { NotARunReason::Empty } else { NotARunReason::NotMcap };
             return Err(RunError::not_a_run(path, what));
         }
         Ok(scanner)
     }
 
-    /// Whether the file was finished properly; known after the walk.
+    /// True if the file was finished properly; valid after the scan.
     pub(crate) fn complete(&self) -> bool {
         self.complete
     }
@@ -134,7 +135,7 @@ impl Scanner {
         self.length
     }
 
-    /// How far the walk is, in bytes of the file.
+    /// Bytes scanned.
     pub(crate) fn position(&self) -> u64 {
         self.at
     }
@@ -159,7 +160,7 @@ impl Scanner {
                         Err(error) => Item::Damage(Damage {
                             offset: self.at,
                             bytes: (end - begin) as u64,
-                            why: words(&error),
+                            why: cause_text(&error),
                             torn_end: false,
                         }),
                     },
@@ -168,7 +169,7 @@ impl Scanner {
         }))
     }
 
-    /// The data of the message that [`Scanner::next`] gave last.
+    /// The data of the message that [`Scanner::next`] returned last.
     pub(crate) fn last_data(&self) -> Option<&[u8]> {
         match *self.entries.get(self.next.checked_sub(1)?)? {
             Entry::Record { begin, end, .. } => self.bytes.get(begin + MESSAGE_HEAD..end),
@@ -176,7 +177,7 @@ impl Scanner {
         }
     }
 
-    /// Reads the next record of the file, or all of the next chunk; false at the end.
+    /// Reads the next record of the file, or the whole next chunk; false at the end.
     fn advance(&mut self) -> Result<bool, RunError> {
         self.entries.clear();
         self.bytes.clear();
@@ -188,12 +189,12 @@ impl Scanner {
         let mut head = [0_u8; HEAD as usize];
         if begin + HEAD > self.length {
             return match self.find_chunk(self.doubtful(begin))? {
-                Some(_) => self.skip(begin, "less than a record's head".into()),
+                Some(_) => self.skip(begin, "less than a record header".into()),
                 None => self.torn(begin),
             };
         }
         self.read_at(begin, &mut head)?;
-        // a chunk is told by the fields of its head, in case that its opcode is what is damaged
+        // a chunk is recognised by its header fields, in case its opcode is the damaged byte
         let opcode = if self.is_chunk(begin)? { op::CHUNK } else { head[0] };
         let mut wide = [0_u8; 8];
         wide.copy_from_slice(&head[1..]);
@@ -204,7 +205,7 @@ impl Scanner {
         let end = begin + HEAD + length;
         if end > self.length {
             return match self.find_chunk(self.doubtful(begin))? {
-                Some(_) => self.skip(begin, "a record that is longer than the file".into()),
+                Some(_) => self.skip(begin, "a record longer than the file".into()),
                 None => self.torn(begin),
             };
         }
@@ -238,26 +239,26 @@ impl Scanner {
                 self.bytes = body;
                 read?;
                 if let Err(error) = mcap::parse_record(opcode, &self.bytes) {
-                    return self.skip(begin, words(&error));
+                    return self.skip(begin, cause_text(&error));
                 }
                 if opcode == op::ATTACHMENT {
                     self.vouched = end;
                 }
                 self.entries.push(Entry::Record { opcode, begin: 0, end: length as usize });
             }
-            // indexes, statistics, private records: of no use to a walk
+            // indexes, statistics and private records are not needed
             _ => {}
         }
         self.at = end;
         Ok(true)
     }
 
-    /// Decompresses a chunk, verifies it, and lines up its records.
+    /// Decompresses and verifies a chunk, and queues its records.
     fn unpack(&mut self, raw: &[u8]) -> Result<(), String> {
         check_chunk_head(&raw[HEAD as usize..], raw.len() as u64 - HEAD)?;
         let mut rest = raw;
         while let Some(event) = self.chunks.next_event() {
-            match event.map_err(|error| words(&error))? {
+            match event.map_err(|error| cause_text(&error))? {
                 LinearReadEvent::ReadRequest(_) if rest.is_empty() => return Ok(()),
                 LinearReadEvent::ReadRequest(need) => {
                     let count = need.min(rest.len());
@@ -275,39 +276,34 @@ impl Scanner {
         Ok(())
     }
 
-    /// Goes on behind damage that begins at `begin`.
+    /// Records damage at `begin` and continues after it.
     fn skip(&mut self, begin: u64, why: String) -> Result<bool, RunError> {
-        // where the walk stumbles is not always where it went wrong: a record before may have led it astray
+        // the error may lie before the record at which it shows: a wrong length of an earlier record may have led here
         let end = self.find_chunk(self.doubtful(begin))?.unwrap_or(self.length);
         let begin = if end < begin { self.vouched } else { begin };
-        self.note(Damage { offset: begin, bytes: end - begin, why, torn_end: false });
+        self.push_damage(Damage { offset: begin, bytes: end - begin, why, torn_end: false });
         self.at = end;
         Ok(true)
     }
 
-    /// From where to look for the next chunk when the record at `begin` makes no sense.
+    /// Where the search for the next chunk starts if the record at `begin` is invalid.
     fn doubtful(&self, begin: u64) -> u64 {
         if self.vouched < begin { self.vouched.max(MAGIC.len() as u64) } else { begin + 1 }
     }
 
     fn torn(&mut self, begin: u64) -> Result<bool, RunError> {
         let bytes = self.length - begin;
-        self.note(Damage {
-            offset: begin,
-            bytes,
-            why: "the file ends in the middle of a record".into(),
-            torn_end: true,
-        });
+        self.push_damage(Damage { offset: begin, bytes, why: "the file ends inside a record".into(), torn_end: true });
         self.at = self.length;
         Ok(true)
     }
 
-    fn note(&mut self, damage: Damage) {
+    fn push_damage(&mut self, damage: Damage) {
         self.damage.push(damage);
         self.entries.push(Entry::Damage(self.damage.len() - 1));
     }
 
-    /// The next offset from `from` where every field of a chunk's head fits.
+    /// The next offset from `from` where every field of a chunk header is plausible.
     fn find_chunk(&mut self, from: u64) -> Result<Option<u64>, RunError> {
         let mut window = std::mem::take(&mut self.window);
         let mut at = from;
@@ -365,24 +361,24 @@ fn u64_at(bytes: &[u8], at: usize) -> Option<u64> {
     Some(u64::from_le_bytes(bytes.get(at..at + 8)?.try_into().ok()?))
 }
 
-/// Whether a record's opcode and length can be.
+/// Checks that a record's opcode and length are plausible.
 fn plausible(opcode: u8, length: u64) -> Result<(), String> {
     let fits = match opcode {
         op::FOOTER => length == 20,
         op::DATA_END => length == 4,
         op::MESSAGE_INDEX => length >= 6 && (length - 6).is_multiple_of(16),
-        0 => return Err("zeros where a record should be".into()),
+        0 => return Err("zeros in place of a record".into()),
         op::HEADER..=op::DATA_END | 0x80.. => true,
-        _ => return Err(format!("no record has the opcode {opcode:#04x}")),
+        _ => return Err(format!("unknown record opcode {opcode:#04x}")),
     };
-    // attachments can be larger than a chunk; the length of the file bounds them
+    // attachments may be larger than a chunk; the length of the file bounds them
     match fits && (length <= RECORD_BYTES || opcode == op::ATTACHMENT) && length < i64::MAX as u64 {
         true => Ok(()),
         false => Err(format!("a record (opcode {opcode:#04x}) with the impossible length {length}")),
     }
 }
 
-/// Whether the fields in front of a chunk's data fit each other and the record's length.
+/// Checks that the header fields of a chunk are consistent with each other and with the record's length.
 fn check_chunk_head(body: &[u8], length: u64) -> Result<(), String> {
     let fields = || {
         let (start, end) = (u64_at(body, 0)?, u64_at(body, 8)?);
@@ -393,5 +389,5 @@ fn check_chunk_head(body: &[u8], length: u64) -> Result<(), String> {
         let whole = compressed.checked_add(CHUNK_BEFORE + 8 + name_length as u64)?;
         (known && start <= end && whole == length && length <= RECORD_BYTES).then_some(())
     };
-    fields().ok_or_else(|| "a chunk whose head does not fit itself".into())
+    fields().ok_or_else(|| "a chunk with an inconsistent header".into())
 }

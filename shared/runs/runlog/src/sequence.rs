@@ -1,29 +1,29 @@
-//! Losses by sequence number, where the samples do not say which publisher they come from.
+//! Counts losses by sequence number where samples do not identify their publisher.
 
-/// Publishers that may take turns on one channel at most; the channel table allows no more.
+/// Publishers that may alternate on one channel; the channel table allows no more.
 const STREAMS: usize = 8;
 
-/// Counts what is missing on one channel.
+/// Counts the missing samples of one channel.
 ///
-/// Every publisher numbers its samples from its own beginning. A sample continues the publisher whose last number is nearest below its own;
-/// a number that is below all of them is a new publisher. With one publisher this is exact; with several that restart and lose at the
-/// same time, a loss can be booked on the wrong one.
+/// Every publisher numbers its samples independently. A sample continues the publisher whose last number is nearest
+/// below its own; a number below all of them is a new publisher. With one publisher the count is exact. With several
+/// that restart and lose samples at the same time, a loss can be attributed to the wrong publisher.
 #[derive(Debug, Clone, Default)]
 pub struct Sequence {
     last: [u64; STREAMS],
-    /// When each was last heard, in samples of the channel.
+    /// When each publisher was last received, in samples of the channel.
     heard: [u64; STREAMS],
     known: usize,
     samples: u64,
-    /// Samples missing.
+    /// Missing samples.
     pub lost: u64,
-    /// Times that samples were missing.
+    /// Number of gaps.
     pub gaps: u64,
 }
 
 impl Sequence {
-    /// Takes the next number and returns how many are missing before it.
-    pub fn note(&mut self, seq: u64) -> u64 {
+    /// Processes the next number and returns how many are missing before it.
+    pub fn observe(&mut self, seq: u64) -> u64 {
         self.samples += 1;
         let continued = (0..self.known).filter(|slot| self.last[*slot] < seq).max_by_key(|slot| self.last[*slot]);
         let slot = continued.unwrap_or_else(|| self.room());
@@ -36,7 +36,8 @@ impl Sequence {
         missing
     }
 
-    /// The place of a new publisher: a free one, or that of the one longest unheard, which has most likely ended.
+    /// The slot of a new publisher: a free one, or that of the publisher silent for longest, which has most likely
+    /// ended.
     fn room(&mut self) -> usize {
         if self.known < STREAMS {
             self.known += 1;
@@ -53,7 +54,7 @@ mod tests {
     fn count(numbers: &[u64]) -> (u64, u64) {
         let mut sequence = Sequence::default();
         for number in numbers {
-            sequence.note(*number);
+            sequence.observe(*number);
         }
         (sequence.lost, sequence.gaps)
     }
@@ -62,13 +63,13 @@ mod tests {
     fn losses_are_counted_and_new_publishers_are_not_losses() {
         assert_eq!(count(&[1, 2, 3]), (0, 0));
         assert_eq!(count(&[7, 8, 11, 12, 14]), (3, 2));
-        assert_eq!(count(&[1, 2, 3, 1, 2, 3]), (0, 0), "the publisher was started again");
-        assert_eq!(count(&[5, 6, 1, 7, 2, 8, 3]), (0, 0), "two publishers take turns");
+        assert_eq!(count(&[1, 2, 3, 1, 2, 3]), (0, 0), "the publisher restarted");
+        assert_eq!(count(&[5, 6, 1, 7, 2, 8, 3]), (0, 0), "two publishers alternate");
         assert_eq!(count(&[100, 101, 1, 102, 2, 105]), (2, 1));
         assert!(count(&[9, 8, 7, 6, 5, 4, 3, 2, 1, 10]).0 <= 1, "more publishers than slots: the oldest is forgotten");
     }
 
-    /// `operator/request`: each process that answers numbers what it publishes, and one that was started again begins at 1.
+    /// `operator/request`: each answering process numbers its own samples, and a restarted one begins at 1.
     #[test]
     fn a_process_that_answers_is_not_forgotten_for_others_that_are_started_again() {
         let lives = (0..50).flat_map(|life| [1, 2, 2 * life + 101, 2 * life + 102]);

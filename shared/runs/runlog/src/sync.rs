@@ -1,39 +1,39 @@
-//! Brings what was flushed onto the disk, in a thread of its own: fdatasync takes milliseconds, and now and then far more.
+//! Synchronises flushed data to the disk in a separate thread: fdatasync takes milliseconds, and sometimes far longer.
 
 use std::fs::File;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Instant;
 
-/// Stack of the thread: it calls one system call.
+/// Stack size of the thread, which only makes one system call.
 const STACK_BYTES: usize = 64 * 1024;
 
-/// What synchronising has cost so far.
+/// Statistics of the synchronisation.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
 pub struct SyncReport {
-    /// Times that the disk confirmed.
+    /// Successful synchronisations.
     pub done: u64,
-    /// Longest, ns.
+    /// Longest synchronisation, ns.
     pub worst_ns: u64,
-    /// The last one, ns.
+    /// Last synchronisation, ns.
     pub last_ns: u64,
-    /// Times that the disk refused.
+    /// Failed synchronisations.
     pub failed: u64,
-    /// It refused the last time. What it refused once may be lost although it accepts what comes later.
+    /// The last synchronisation failed. Data of a failed one may be lost even if later ones succeed.
     pub failing: bool,
-    /// Bytes at the beginning of the file that a power cut would leave there.
+    /// Bytes at the start of the file that would survive a power cut.
     pub safe_bytes: u64,
 }
 
 #[derive(Default)]
 struct State {
-    /// Bytes to be made safe.
+    /// File size to synchronise.
     wanted: Option<u64>,
     stop: bool,
     report: SyncReport,
 }
 
-/// The thread; asks in between coalesce.
+/// The synchronising thread; requests made during a synchronisation are merged.
 pub(crate) struct Syncer {
     shared: Arc<(Mutex<State>, Condvar)>,
     thread: Option<JoinHandle<()>>,
@@ -77,7 +77,7 @@ impl Syncer {
         Ok(Self { shared, thread: Some(thread) })
     }
 
-    /// The file has so many bytes now.
+    /// Requests synchronisation of a file of `bytes` bytes.
     pub(crate) fn ask(&self, bytes: u64) {
         lock(&self.shared.0).wanted = Some(bytes);
         self.shared.1.notify_one();
@@ -116,12 +116,12 @@ mod tests {
             }
             thread::sleep(std::time::Duration::from_millis(1));
         }
-        panic!("the disk does not answer");
+        panic!("the disk does not respond");
     }
 
     #[test]
     fn a_file_that_cannot_be_kept_is_told_from_one_that_is() {
-        // nothing to synchronise: the system refuses
+        // /dev/null has no storage: the system returns an error
         let report = after_one(File::open("/dev/null").unwrap());
         assert_eq!((report.done, report.failed, report.failing, report.safe_bytes), (0, 1, true, 0));
         let report = after_one(tempfile::tempfile().unwrap());

@@ -1,4 +1,4 @@
-//! A run file that grows.
+//! Writes run files.
 
 use std::collections::BTreeMap;
 use std::fs::{self, File, OpenOptions};
@@ -19,31 +19,31 @@ use crate::folder::{part_of, sync_folder};
 use crate::sync::{SyncReport, Syncer};
 use crate::{RunClock, RunError};
 
-/// What stands before a sample wherever it is read as CDR: plain, little endian, no options.
+/// Encapsulation header of CDR: plain, little endian, no options.
 pub const CDR_HEADER: [u8; 4] = [0, 1, 0, 0];
 /// Name of the metadata record with the clock of the run.
 pub(crate) const RUN: &str = "run";
-/// Name of the metadata record that a finished file ends with.
+/// Name of the metadata record at the end of a finished file.
 pub(crate) const RUN_END: &str = "run_end";
-/// The attachments that repeat the definitions of channels are named `channels-1.json`, ...
+/// Name prefix of the attachments that repeat the channel definitions: `channels-1.json`, ...
 pub(crate) const CHANNELS_BEGINNING: &str = "channels-";
-/// Smaller chunks cost a quarter more processor time on small samples, larger ones gain nothing.
+/// Smaller chunks cost a quarter more processor time on small samples; larger ones gain nothing.
 const CHUNK_BYTES: u64 = 1 << 20;
-/// Of a message beside its data: opcode, length, channel, number, two times.
+/// Overhead of a message record: opcode, length, channel, sequence number, two times.
 const MESSAGE_BYTES: usize = 1 + 8 + 2 + 4 + 8 + 8;
-/// What a chunk begins with.
+/// Opcode at the start of a chunk.
 const CHUNK: u8 = mcap::records::op::CHUNK;
-/// The records between chunks are small and many.
+/// Buffered because the records between chunks are small and many.
 const BUFFER_BYTES: usize = 64 * 1024;
 
-/// A file that belongs to the run and is kept inside it: its configuration, a calibration.
+/// A file attached to the run file: a configuration, a calibration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Attachment {
     /// e.g. `box.toml`.
     pub name: String,
     /// e.g. `application/toml`.
     pub media_type: String,
-    /// Its bytes.
+    /// Content of the file.
     pub data: Vec<u8>,
 }
 
@@ -51,9 +51,9 @@ pub struct Attachment {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ChannelId(usize);
 
-/// What is needed to read a channel's samples if the chunk that defines it is damaged.
+/// A channel's definition, repeated in an attachment in case the chunk with the original is damaged.
 #[derive(Debug, Clone, Serialize, Deserialize)]
-pub(crate) struct Repeated {
+pub(crate) struct ChannelDefinition {
     pub id: u16,
     pub schema_id: u16,
     pub topic: String,
@@ -62,41 +62,42 @@ pub(crate) struct Repeated {
     pub metadata: BTreeMap<String, String>,
 }
 
-struct Row {
+struct ChannelState {
     name: String,
     size: usize,
-    repeated: Repeated,
+    repeated: ChannelDefinition,
 }
 
-/// Writes one run file; see the crate's documentation for what it guarantees.
+/// Writes one run file; see the crate's documentation for its guarantees.
 ///
 /// Not for the control path: a call can wait for the disk.
 pub struct RunWriter {
-    writer: Writer<Counted>,
+    writer: Writer<CountingWriter>,
     written: Arc<AtomicU64>,
     syncer: Syncer,
     part: PathBuf,
     path: PathBuf,
-    /// Device and number of the file, by which it is known.
+    /// Device and inode number, which identify the file.
     identity: (u64, u64),
     clock: RunClock,
     definitions: Definitions,
-    channels: Vec<Row>,
+    channels: Vec<ChannelState>,
     repeated: usize,
     repeats: usize,
     scratch: Vec<u8>,
     /// Bytes of the samples in the open chunk.
     open: u64,
     settled: u64,
-    /// Where the open chunk will begin in the file.
+    /// File offset at which the open chunk will begin.
     settled_bytes: u64,
 }
 
 impl RunWriter {
-    /// Opens `path` with `.part` behind it, locks it and writes the clock, `about` (who, what, with which versions) and the attachments.
+    /// Creates `path` with `.part` appended, locks it and writes the clock, `about` (origin, content, versions) and the
+    /// attachments.
     ///
     /// # Errors
-    /// The file exists already, or cannot be written.
+    /// The file already exists, or cannot be written.
     pub fn create(
         path: &Path,
         clock: RunClock,
@@ -111,7 +112,7 @@ impl RunWriter {
             .map_err(RunError::io(&part, "create the run file"))?;
         let made = Self::begin(path, file, clock, about, attachments);
         if made.is_err() {
-            // a full disk: no use for a file that has not even a beginning
+            // a full disk: a file without a complete beginning is useless
             let _ = fs::remove_file(&part);
         }
         made
@@ -127,15 +128,18 @@ impl RunWriter {
         let part = part_of(path);
         flock(&file, FlockOperation::NonBlockingLockExclusive)
             .map_err(|error| RunError::io(&part, "lock the run file")(error.into()))?;
-        let theirs = file.try_clone().map_err(RunError::io(&part, "open the run file twice"))?;
-        let meta = file.metadata().map_err(RunError::io(&part, "look at the run file"))?;
+        let sync_file = file.try_clone().map_err(RunError::io(&part, "duplicate the run file's descriptor"))?;
+        let meta = file.metadata().map_err(RunError::io(&part, "read the metadata of the run file"))?;
         let identity = (meta.dev(), meta.ino());
-        let syncer = Syncer::start(theirs).map_err(RunError::io(&part, "start the thread that synchronises"))?;
+        let syncer = Syncer::start(sync_file).map_err(RunError::io(&part, "start the synchronising thread"))?;
         let written = Arc::new(AtomicU64::new(0));
-        // chunks are closed here, so that it is known what is in a closed one
+        // chunks are closed explicitly, so that the content of each closed chunk is known
         let mut writer = options()
             .chunk_size(None)
-            .create(Counted { inner: BufWriter::with_capacity(BUFFER_BYTES, file), written: Arc::clone(&written) })
+            .create(CountingWriter {
+                inner: BufWriter::with_capacity(BUFFER_BYTES, file),
+                written: Arc::clone(&written),
+            })
             .map_err(RunError::write(&part))?;
 
         let mut fields = about.clone();
@@ -144,7 +148,7 @@ impl RunWriter {
         fields.insert(BOOT_ID.into(), boot_id());
         writer.write_metadata(&Metadata { name: RUN.into(), metadata: fields }).map_err(RunError::write(&part))?;
         if let Some(name) = about.get("box") {
-            // by this, Foxglove's own tools tell whose file it is
+            // Foxglove's own tools show this as the name of the device
             let metadata = BTreeMap::from([("deviceName".to_owned(), name.clone())]);
             let device = Metadata { name: "foxglove".into(), metadata };
             writer.write_metadata(&device).map_err(RunError::write(&part))?;
@@ -174,7 +178,8 @@ impl RunWriter {
         Ok(this)
     }
 
-    /// Adds a channel. A definition that some reader could not read is replaced by plain bytes; [`RunWriter::refusal`] says why.
+    /// Adds a channel. A definition that some reader could not decode is replaced by plain bytes;
+    /// [`RunWriter::refusal`] gives the reason.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -186,7 +191,7 @@ impl RunWriter {
         let ids = schema_id
             .and_then(|schema| Ok((schema, self.writer.add_channel(schema, &topic, "cdr", &definition.metadata)?)));
         let (schema_id, id) = ids.map_err(failed)?;
-        let repeated = Repeated {
+        let repeated = ChannelDefinition {
             id,
             schema_id,
             topic,
@@ -194,20 +199,22 @@ impl RunWriter {
             schema: definition.text,
             metadata: definition.metadata,
         };
-        self.channels.push(Row { name: spec.name.clone(), size: spec.size, repeated });
+        self.channels.push(ChannelState { name: spec.name.clone(), size: spec.size, repeated });
         Ok(ChannelId(self.channels.len() - 1))
     }
 
-    /// Why a channel is recorded as plain bytes, if it is.
+    /// Why a channel is recorded as plain bytes; `None` if it is not.
     #[must_use]
     pub fn refusal(&self, channel: ChannelId) -> Option<&str> {
         self.channels.get(channel.0)?.repeated.metadata.get("refused").map(String::as_str)
     }
 
-    /// Writes a sample. `logged_ns` is when it was published, `stamp_ns` when its content was true, both CLOCK_MONOTONIC.
+    /// Writes a sample. `logged_ns` is its publication time, `stamp_ns` the time at which its content was valid, both
+    /// CLOCK_MONOTONIC.
     ///
     /// # Errors
-    /// The sample has not the channel's size (nothing is written then), or the file cannot be written: see [`RunWriter::give_up`].
+    /// The sample does not have the channel's size (nothing is written then), or the file cannot be written: see
+    /// [`RunWriter::give_up`].
     pub fn write(
         &mut self,
         channel: ChannelId,
@@ -246,22 +253,25 @@ impl RunWriter {
         Ok(())
     }
 
-    /// Grows whenever all that has been written so far stands in the file as a whole chunk, so that no later error can take it away.
+    /// Increases when all samples written so far are in the file as complete chunks, so that no later error can lose
+    /// them.
     #[must_use]
     pub fn settled(&self) -> u64 {
         self.settled
     }
 
-    /// Leaves the file as it is after an error; it can be recovered. True if all that was written since it last [settled](RunWriter::settled),
-    /// up to and with the sample whose writing failed, is in it nevertheless: a disk can fill up just behind the chunk.
+    /// Leaves the file as it is after an error; it can be recovered. Returns true if the file nevertheless contains
+    /// everything written since it last [settled](RunWriter::settled), including the sample whose write failed: a disk
+    /// can fill up just after the chunk.
     pub fn give_up(self) -> bool {
         let Self { writer, part, settled_bytes, .. } = self;
-        // what still waits in memory must not come into the file once that has been looked at
+        // buffered data must not reach the file after the check below
         drop(writer.into_inner().inner.into_parts());
         has_chunk(&part, settled_bytes).is_ok_and(|whole| whole)
     }
 
-    /// Closes the open chunk, so that all written so far survives the death of this process, and asks the disk to keep it.
+    /// Closes the open chunk, so that everything written so far survives the death of this process, and requests
+    /// synchronisation to the disk.
     ///
     /// Call it twice a second. It does not wait for the disk.
     ///
@@ -270,7 +280,7 @@ impl RunWriter {
     pub fn flush(&mut self) -> Result<(), RunError> {
         if self.repeated < self.channels.len() {
             self.repeats += 1;
-            let all: Vec<&Repeated> = self.channels.iter().map(|row| &row.repeated).collect();
+            let all: Vec<&ChannelDefinition> = self.channels.iter().map(|row| &row.repeated).collect();
             let attachment = Attachment {
                 name: format!("{CHANNELS_BEGINNING}{}.json", self.repeats),
                 media_type: "application/json".into(),
@@ -284,7 +294,7 @@ impl RunWriter {
         Ok(())
     }
 
-    /// Keeps a file inside this one. It closes the open chunk: not for every second.
+    /// Attaches a file. This closes the open chunk, so call it rarely, not every second.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -293,7 +303,7 @@ impl RunWriter {
         attach(&mut self.writer, attachment, self.clock.t0_unix_ns).map_err(RunError::write(&self.part))
     }
 
-    /// Gives the file up and removes it.
+    /// Discards and removes the file.
     pub fn abandon(self) {
         let _ = fs::remove_file(&self.part);
     }
@@ -304,14 +314,14 @@ impl RunWriter {
         self.written.load(Ordering::Relaxed)
     }
 
-    /// Whether the file still stands where it was made. One that was removed takes everything that is written to it, and keeps nothing.
+    /// True if the file still exists under its name. A removed file accepts writes, but its content is lost.
     ///
     /// # Errors
-    /// It cannot be seen, which says nothing about the file.
+    /// The metadata cannot be read, so it is unknown whether the file exists.
     pub fn is_there(&self) -> io::Result<bool> {
         match fs::metadata(&self.part) {
             Ok(meta) => Ok((meta.dev(), meta.ino()) == self.identity),
-            // The second: something that is no folder stands on the way.
+            // NotADirectory: a component of the path is not a folder.
             Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => Ok(false),
             Err(error) => Err(error),
         }
@@ -323,16 +333,17 @@ impl RunWriter {
         &self.path
     }
 
-    /// What synchronising has cost so far.
+    /// Statistics of the synchronisation.
     #[must_use]
     pub fn sync_report(&self) -> SyncReport {
         self.syncer.report()
     }
 
-    /// Writes `summary` (why it ended, what was lost) and the index, brings everything onto the disk and gives the file its final name.
+    /// Writes `summary` (reason of the end, losses) and the index, synchronises the file to the disk and gives it its
+    /// final name.
     ///
     /// # Errors
-    /// The file cannot be written; then it keeps `.part` in its name and can be recovered.
+    /// The file cannot be written; it then keeps `.part` in its name and can be recovered.
     pub fn finish(mut self, summary: &BTreeMap<String, String>) -> Result<PathBuf, RunError> {
         self.flush()?;
         let mut metadata = summary.clone();
@@ -346,13 +357,13 @@ impl RunWriter {
         let mut inner = writer.into_inner().inner;
         inner.flush().map_err(RunError::io(&part, "write the end of the run file"))?;
         inner.get_ref().sync_all().map_err(RunError::io(&part, "synchronise the run file"))?;
-        fs::rename(&part, &path).map_err(RunError::io(&path, "give the run file its final name"))?;
+        fs::rename(&part, &path).map_err(RunError::io(&path, "rename the finished run file"))?;
         sync_folder(&path)?;
         Ok(path)
     }
 }
 
-/// Whether the file has the whole of the chunk that begins there.
+/// True if the file contains the complete chunk that begins at `begin`.
 fn has_chunk(part: &Path, begin: u64) -> io::Result<bool> {
     let mut file = File::open(part)?;
     file.seek(SeekFrom::Start(begin))?;
@@ -363,7 +374,7 @@ fn has_chunk(part: &Path, begin: u64) -> io::Result<bool> {
     Ok(opcode == CHUNK && file.metadata()?.len() >= end)
 }
 
-/// How every run file is written.
+/// Options with which every run file is written.
 pub(crate) fn options() -> WriteOptions {
     WriteOptions::new()
         .profile("ros2")
@@ -372,7 +383,7 @@ pub(crate) fn options() -> WriteOptions {
         .compression_level(1)
         .compression_threads(0)
         .chunk_size(Some(CHUNK_BYTES))
-        // a chunk goes to the file whole: a kill leaves the file at a chunk boundary
+        // each chunk is written as a whole: a kill leaves the file at a chunk boundary
         .disable_seeking(true)
         .calculate_data_section_crc(false)
 }
@@ -391,13 +402,13 @@ pub(crate) fn attach<W: Write + Seek>(
     })
 }
 
-/// A file that knows how much has been written to it.
-pub(crate) struct Counted {
+/// A file writer that counts the bytes written.
+pub(crate) struct CountingWriter {
     pub inner: BufWriter<File>,
     pub written: Arc<AtomicU64>,
 }
 
-impl Write for Counted {
+impl Write for CountingWriter {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let count = self.inner.write(bytes)?;
         self.written.fetch_add(count as u64, Ordering::Relaxed);
@@ -409,7 +420,7 @@ impl Write for Counted {
     }
 }
 
-impl Seek for Counted {
+impl Seek for CountingWriter {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
         self.inner.seek(to)
     }

@@ -1,4 +1,4 @@
-//! A run file gives back what was written; damage costs what it hits and nothing else.
+//! A run file returns what was written; damage loses only the samples it hits.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use messages::{Message, MotorState, NodeEstimate, TruthNode};
 use runlog::*;
 
-/// A generator of test data that needs no crate (xorshift64).
+/// A generator of test data without a dependency (xorshift64).
 struct Random(u64);
 
 impl Random {
@@ -39,7 +39,7 @@ fn write<T: Message>(writer: &mut RunWriter, channel: ChannelId, sample: &T) {
 const START: u64 = 1_000_000_000_000;
 const PERIOD: u64 = 10_000_000;
 
-/// `cycles` samples of two channels at 100 Hz, flushed twice a second; ends as `end` says.
+/// Writes `cycles` samples of two channels at 100 Hz, flushed twice a second, and leaves the file open.
 fn run(folder: &Path, cycles: u64) -> (RunWriter, PathBuf) {
     let clock = RunClock { t0_unix_ns: 1_700_000_000_000_000_000, t0_mono_ns: START };
     let path = next_file(folder);
@@ -73,7 +73,7 @@ fn samples_come_back_bit_for_bit_with_their_times() {
     assert_eq!(writer.path(), path);
     let end = BTreeMap::from([("reason".to_owned(), "stopped".to_owned())]);
     assert_eq!(writer.finish(&end).unwrap(), path);
-    assert_eq!(segments(folder.path()).unwrap(), std::slice::from_ref(&path), "no .part is left");
+    assert_eq!(segments(folder.path()).unwrap(), std::slice::from_ref(&path), "no .part remains");
 
     let mut random = Random(42);
     let mut reader = RunReader::open(&path).unwrap();
@@ -129,7 +129,7 @@ fn losses_are_seen_by_number() {
     assert_eq!((report.channels[0].lost, report.channels[0].gaps, report.messages), (4, 2, 5));
     let lost = Finding::Lost { channel: "motor/state".into(), samples: 4, gaps: 2 };
     assert!(!report.healthy && report.findings.contains(&lost), "{:?}", report.findings);
-    // 6 and 7 are missing between 5 and 8, 9 and 10 ... each a nanosecond behind the last.
+    // 6 and 7 are missing between 5 and 8, 9 and 10 ... each sample is stamped one nanosecond after the previous one.
     assert!(report.channels[0].unrecorded_s > 0.0);
     let wrong = read_channel::<NodeEstimate>(&path, "motor/state").unwrap_err();
     let RunError::Type { channel, found, wanted } = &wrong else { panic!("{wrong}") };
@@ -144,21 +144,21 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     let part = folder.path().join("run.mcap.part");
     let busy = recover(&part, &mut quiet).unwrap_err();
     assert!(matches!(&busy, RunError::Busy { path } if *path == part), "{busy}");
-    // as after a kill: nothing is closed, but the lock is gone
+    // as after a kill: the file is not closed, but the lock is released
     let abandoned = folder.path().join("run-0002.mcap.part");
     fs::copy(&part, &abandoned).unwrap();
     assert_eq!(states(&abandoned), (1..=100).collect::<Vec<_>>());
     let report = info(&part).unwrap();
     assert!(report.recording && !report.healthy && report.files[0].recording, "{:?}", report.verdict);
     assert_eq!((report.silent_s, &report.findings[0]), (0, &Finding::Recording { path: part.clone() }));
-    // A recorder that is stopped holds its file, and writes nothing.
+    // A suspended recorder holds its file and does not write.
     let written = std::time::SystemTime::now() - std::time::Duration::from_secs(60);
     fs::File::open(&part).unwrap().set_modified(written).unwrap();
     let report = info(&part).unwrap();
     assert!(report.recording && (60..600).contains(&report.silent_s), "{} s", report.silent_s);
     assert_eq!(report.findings[0], Finding::Silent { path: part.clone(), silent_s: report.silent_s });
     let silent = format!(" {} s", report.silent_s);
-    assert_eq!(report.to_string().matches(&silent).count(), 2, "of the file and of the run: {report}");
+    assert_eq!(report.to_string().matches(&silent).count(), 2, "once for the file, once for the run: {report}");
     let report = info(&abandoned).unwrap();
     assert!(!report.recording && !report.files[0].recording);
     assert!(!report.healthy && report.findings[0] == Finding::NotClosed { path: abandoned.clone() });
@@ -170,25 +170,25 @@ fn a_file_that_was_left_alone_is_readable_to_its_last_flush_and_recovered() {
     assert_eq!((recovery.messages, recovery.orphaned, recovery.damage.len()), (200, 0, 0));
     assert!(recovery.kept.is_none() && !abandoned.exists());
     let report = info(&recovery.file).unwrap();
-    assert!(report.files[0].recovered && report.files[0].finished && !report.healthy, "what was lost is not known");
-    assert_eq!(report.findings, [Finding::Recovered { path: recovery.file, lack: Lack::Unknown }]);
+    assert!(report.files[0].recovered && report.files[0].finished && !report.healthy, "the loss is unknown");
+    assert_eq!(report.findings, [Finding::Recovered { path: recovery.file, lack: MissingData::Unknown }]);
     assert_eq!(report.attachments, ["box.toml"]);
     assert_eq!(report.about["robot"], "lab3");
     writer.finish(&BTreeMap::new()).unwrap();
     assert_eq!(states(&path).len(), 130);
-    // of a finished file a copy is made; the file itself is left alone
+    // a finished file is copied and stays unchanged
     let recovery = recover(&path, &mut quiet).unwrap();
     assert_eq!(recovery.file, folder.path().join("run-recovered.mcap"));
     assert_eq!(recovery.kept.as_deref(), Some(path.as_path()));
     let again = recover(&path, &mut quiet).unwrap_err();
-    let RunError::NotARun { what: NoRun::RecoveredBefore { beside }, .. } = &again else { panic!("{again}") };
+    let RunError::NotARun { what: NotARunReason::RecoveredBefore { beside }, .. } = &again else { panic!("{again}") };
     assert_eq!(*beside, recovery.file);
 }
 
 #[test]
 fn a_recovered_file_lacks_what_the_numbers_of_the_next_one_show() {
-    // Each file but the last is as a killed recorder leaves it: flushed to sample 100 and recovered.
-    for (next, lack) in [(101_u64, Lack::Nothing), (131, Lack::NotOnDisk)] {
+    // Each file but the last is as a killed recorder leaves it: flushed up to sample 100, then recovered.
+    for (next, lack) in [(101_u64, MissingData::Nothing), (131, MissingData::NotOnDisk)] {
         let folder = tempfile::tempdir().unwrap();
         let (writer, _) = run(folder.path(), 130);
         let part = folder.path().join("run.mcap.part");
@@ -236,7 +236,7 @@ fn a_cut_at_any_place_loses_only_what_is_behind_it() {
         fs::remove_file(recovery.file).unwrap();
     }
     assert!(best >= 100);
-    // power loss on some file systems leaves zeros behind the last block
+    // on some file systems a power cut leaves zeros after the last block
     let part = folder.path().join("zeros.mcap.part");
     fs::write(&part, [whole.as_slice(), &[0; 10_000]].concat()).unwrap();
     assert_eq!(states(&recover(&part, &mut quiet).unwrap().file).len(), 200);
@@ -251,7 +251,7 @@ fn a_flipped_byte_anywhere_costs_one_chunk_at_most() {
     let mut random = Random(99);
     let (mut hit, mut spared) = (0, 0);
     for round in 0..120_u64 {
-        // the ends, where everything hangs on few bytes, and anywhere
+        // both ends of the file, where single bytes matter most, and random places
         let at = if round < 40 { round as usize } else { (random.next() as usize) % whole.len() };
         let mut flipped = whole.clone();
         flipped[at] ^= 1 << (random.next() % 8);
@@ -260,18 +260,18 @@ fn a_flipped_byte_anywhere_costs_one_chunk_at_most() {
         let recovery = recover(&damaged, &mut quiet).unwrap();
         let numbers = states(&recovery.file);
         let missing = 400 - numbers.len();
-        assert!(missing <= 50, "byte {at}: {missing} samples of one channel lost; {:?}", recovery.damage);
+        assert!(missing <= 50, "byte {at}: {missing} samples of one channel are missing; {:?}", recovery.damage);
         assert!(numbers.windows(2).all(|pair| pair[0] < pair[1]));
         assert!(info(&recovery.file).unwrap().files[0].damage.is_empty());
         hit += usize::from(missing > 0);
         spared += usize::from(missing == 0);
         fs::remove_file(recovery.file).unwrap();
     }
-    assert!(hit > 20 && spared > 5, "{hit} hits, {spared} elsewhere");
+    assert!(hit > 20 && spared > 5, "{hit} hits, {spared} missed");
 }
 
 #[test]
-fn a_type_nobody_can_read_spoils_nothing() {
+fn an_undecodable_type_is_recorded_as_plain_bytes() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("run.mcap");
     let mut writer = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]).unwrap();
@@ -283,7 +283,7 @@ fn a_type_nobody_can_read_spoils_nothing() {
     };
     let bad = writer.add_channel(&spec("sensor/bad", "x/Bad/1", "float64 a\nuint8 b\n", 16)).unwrap();
     let good = writer.add_channel(&spec("sensor/good", "x/Good/1", "float64 a\nuint8[8] b\n", 16)).unwrap();
-    assert_eq!(writer.refusal(bad), Some(Refusal::Size { described: 9, sample: 16 }.to_string().as_str()));
+    assert_eq!(writer.refusal(bad), Some(SchemaRefusal::Size { described: 9, sample: 16 }.to_string().as_str()));
     assert!(writer.refusal(good).is_none());
     for channel in [bad, good] {
         writer.write(channel, 1, 5, 5, &[7; 16]).unwrap();
@@ -298,7 +298,11 @@ fn a_type_nobody_can_read_spoils_nothing() {
 fn what_is_not_a_run_file_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("note.mcap");
-    for (content, why) in [(&b""[..], NoRun::Empty), (b"hello", NoRun::NotMcap), (&[0x89; 100_000], NoRun::NotMcap)] {
+    for (content, why) in [
+        (&b""[..], NotARunReason::Empty),
+        (b"hello", NotARunReason::NotMcap),
+        (&[0x89; 100_000], NotARunReason::NotMcap),
+    ] {
         fs::write(&path, content).unwrap();
         let error = info(&path).unwrap_err();
         assert!(matches!(&error, RunError::NotARun { path: at, what } if *at == path && *what == why), "{error}");
@@ -313,7 +317,7 @@ fn what_is_not_a_run_file_is_refused() {
     let other = folder.path().join("note.txt");
     fs::write(&other, "x").unwrap();
     let error = recover(&other, &mut quiet).unwrap_err();
-    assert!(matches!(&error, RunError::NotARun { path, what: NoRun::Name } if *path == other), "{error}");
+    assert!(matches!(&error, RunError::NotARun { path, what: NotARunReason::Name } if *path == other), "{error}");
     let writer = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]).unwrap();
     let twice = RunWriter::create(&path, RunClock::now(), &BTreeMap::new(), &[]);
     let error = twice.err().unwrap();
@@ -332,7 +336,8 @@ fn a_power_cut_leaves_all_but_the_last_moments() {
     let mut writer = RunWriter::create(&path, clock, &BTreeMap::new(), &[]).unwrap();
     let channel = writer.add_channel(&ChannelSpec::of::<MotorState>("motor/state")).unwrap();
     let mut random = Random(5);
-    // flushed fifty times as often as the recorder does: what counts is that it is never more than two flushes, and the disk's own time
+    // flushed fifty times as often as the recorder does: the count of unsafe flushes must never exceed two, whatever
+    // the speed of the disk
     let (mut flushed, mut cuts) = (Vec::new(), Vec::new());
     for seq in 1..=400_u64 {
         write(&mut writer, channel, &random.sample::<MotorState>(seq, now()));

@@ -6,7 +6,7 @@ use command::{Answer, Failure};
 use config::{RobotFile, SensorLoggerSection};
 use georeference::{Decoder, Logger, LoggerConfig};
 use messages::{MotorAuthority, NodeEstimate, Sample};
-use runlog::{Attachment, Recorded, RunReader};
+use runlog::{Attachment, RecordedSample, RunReader};
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -116,7 +116,12 @@ struct Desk<'a> {
 }
 
 impl Desk<'_> {
-    fn note(&mut self, recorded: &Recorded<'_>, heard: &mut Vec<String>, take: &mut dyn FnMut(&str, Origin, &Sample)) {
+    fn note(
+        &mut self,
+        recorded: &RecordedSample<'_>,
+        heard: &mut Vec<String>,
+        take: &mut dyn FnMut(&str, Origin, &Sample),
+    ) {
         let channel = recorded.channel.name.as_str();
         if let Some(slot) = ["node/estimate/a", "node/estimate/b"].iter().position(|name| *name == channel) {
             if let Some(estimate) = recorded.to::<NodeEstimate>() {
@@ -148,7 +153,7 @@ impl Desk<'_> {
         }
     }
 
-    fn sensor(&mut self, name: &str, recorded: &Recorded<'_>) -> Option<usize> {
+    fn sensor(&mut self, name: &str, recorded: &RecordedSample<'_>) -> Option<usize> {
         let config = self.config.sensor(name)?;
         let channel = recorded.channel;
         let decoder = Decoder::of(&config, &channel.type_name, &channel.schema, recorded.sample.len()).ok()?;

@@ -16,7 +16,7 @@ use messages::{
     text_of,
 };
 use robot_state::Periods;
-use runlog::{Inspection, Recorded, RunReader, RunReport};
+use runlog::{RecordedSample, RunInspection, RunReader, RunReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
@@ -179,7 +179,7 @@ impl Gathered {
 /// There is no run, or it cannot be read.
 pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
     let mut reader = RunReader::open(run)?;
-    let mut inspection = Inspection::default();
+    let mut inspection = RunInspection::default();
     let mut tracker = Tracker::default();
     let mut book = Book::new()?;
     let mut other_version = BTreeSet::new();
@@ -190,7 +190,7 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
         }
         number += 1;
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
-        inspection.note(&recorded);
+        inspection.observe(&recorded);
         book.clock(&recorded);
         book.count.note(&recorded);
         let known = tracker.note(&recorded, &mut |cycle: &Cycle<'_>| book.cycle(cycle)) && book.other(&recorded);
@@ -270,7 +270,7 @@ impl Book {
         })
     }
 
-    fn clock(&mut self, recorded: &Recorded<'_>) {
+    fn clock(&mut self, recorded: &RecordedSample<'_>) {
         let begin_ns = *self.begin_ns.get_or_insert(recorded.log_time_ns);
         if self.mono_ns.is_none()
             && let Some(authority) = recorded.to::<MotorAuthority>()
@@ -282,7 +282,7 @@ impl Book {
     }
 
     /// Time of a recorded sample since the beginning, s.
-    fn logged_s(&self, recorded: &Recorded<'_>) -> f64 {
+    fn logged_s(&self, recorded: &RecordedSample<'_>) -> f64 {
         let begin_ns = self.begin_ns.unwrap_or(recorded.log_time_ns);
         (i128::from(recorded.log_time_ns) - i128::from(begin_ns)) as f64 * 1e-9
     }
@@ -383,7 +383,7 @@ impl Book {
     }
 
     /// Samples that belong to no cycle. False if it knows the channel but not this version of its type.
-    fn other(&mut self, recorded: &Recorded<'_>) -> bool {
+    fn other(&mut self, recorded: &RecordedSample<'_>) -> bool {
         let time_s = self.logged_s(recorded);
         let found = &mut self.found;
         let name = recorded.channel.name.as_str();

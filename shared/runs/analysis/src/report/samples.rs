@@ -3,7 +3,7 @@
 use super::trace::{Thinned, Trace};
 use messages::schema::{Schema, SchemaField, Value};
 use messages::{NodeEstimate, Reading, Sample, text_of};
-use runlog::Recorded;
+use runlog::RecordedSample;
 use std::collections::{BTreeMap, VecDeque};
 
 /// A silence of a sensor that is seen as one, s.
@@ -56,7 +56,7 @@ impl Sensors {
     }
 
     /// Takes a sample of a sensor in.
-    pub fn note(&mut self, time_s: f64, recorded: &Recorded<'_>) {
+    pub fn note(&mut self, time_s: f64, recorded: &RecordedSample<'_>) {
         let reading = recorded.to::<Reading>();
         let sample = recorded.to::<Sample>();
         let place = match (&sample, &reading) {
@@ -109,7 +109,7 @@ impl Sensors {
 
 impl Sensor {
     /// The first numbers of a type of its own: floating-point fields, or any if it has none.
-    fn fields(&mut self, recorded: &Recorded<'_>) -> Vec<(String, f64)> {
+    fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(String, f64)> {
         if self.schema.is_none() {
             let Ok(schema) = Schema::parse(&recorded.channel.schema) else { return Vec::new() };
             let single = |field: &&SchemaField| {
@@ -129,7 +129,7 @@ impl Sensor {
 }
 
 /// The stamp of a sample with a header.
-fn stamp_of(recorded: &Recorded<'_>) -> Option<u64> {
+fn stamp_of(recorded: &RecordedSample<'_>) -> Option<u64> {
     let schema = Schema::parse(&recorded.channel.schema).ok()?;
     let at = schema.field("header.stamp_ns")?.offset;
     Some(u64::from_le_bytes(recorded.sample.get(at..at + 8)?.try_into().ok()?))

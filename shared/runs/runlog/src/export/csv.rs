@@ -1,4 +1,4 @@
-//! A table as text: a line of names, then a line per sample.
+//! CSV: one row of column names, then one row per sample.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -6,7 +6,7 @@ use std::io::{self, BufWriter, Write};
 use messages::schema::Number;
 
 use super::Sink;
-use super::table::{Kind, Table, Times, text};
+use super::table::{ColumnKind, Table, Times, text};
 
 pub(super) struct Csv {
     out: BufWriter<File>,
@@ -32,12 +32,12 @@ impl Sink for Csv {
         for column in &self.table.columns {
             line.push(',');
             match column.kind {
-                Kind::Number(primitive) => {
-                    // the shortest digits that are read back as the same number
+                ColumnKind::Number(primitive) => {
+                    // the shortest digits that parse back to the same number
                     let bytes = sample.get(column.offset..column.offset + primitive.size()).unwrap_or(&[0; 8]);
                     let _ = write!(line, "{}", Number::read(primitive, bytes));
                 }
-                Kind::Text(count) => {
+                ColumnKind::Text(count) => {
                     self.text.clear();
                     text(sample.get(column.offset..column.offset + count).unwrap_or_default(), &mut self.text);
                     quoted(&self.text, line);

@@ -1,15 +1,15 @@
-//! A run as tables for other tools: one file per channel, whatever type it has, all files of the run as one.
+//! Exports a run as tables for other tools: one file per channel of any type, with all files of the run as one.
 //!
-//! The columns of a table come from the channel's own definition, so a type that this build does not know is exported like any other:
-//! * `t_s`, seconds since the run began; `log_time_ns`, when the sample was published, and `publish_time_ns`, when its content was true,
-//!   both UNIX time;
-//! * one column per number, named by its path: `length_m_1` is the first of `length_m`, the fields of the header have their bare names,
-//!   padding is left out;
-//! * an array of 16 bytes or more is one column of text: what stands before the first zero, or hexadecimal digits behind `0x` where that is
-//!   no text.
+//! The columns come from the channel's own definition, so types that this build does not know are exported too:
+//! * `t_s`, seconds since the start of the run; `log_time_ns`, when the sample was published; `publish_time_ns`, when
+//!   its content was valid; both in UNIX time.
+//! * One column per number, named by its path: `length_m_1` is the first element of `length_m`. Header fields have
+//!   their bare names; padding is left out.
+//! * A byte array of 16 bytes or more is one text column: the text before the first zero, or hexadecimal digits after
+//!   `0x` if the bytes are not text.
 //!
-//! `.npy` holds the samples as they lay in memory instead: a structured array with the names of the definition, arrays as arrays, texts as
-//! bytes.
+//! `.npy` contains the samples as they are in memory: a structured array with the names of the definition; arrays stay
+//! arrays, texts stay bytes.
 
 mod csv;
 mod npy;
@@ -22,22 +22,22 @@ use std::path::{Path, PathBuf};
 
 use serde::Serialize;
 
-use crate::{NoRun, RecordedChannel, RunError, RunReader};
+use crate::{NotARunReason, RecordedChannel, RunError, RunReader};
 use table::{Table, Times};
 
-/// How a table is written.
+/// File format of the tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Format {
-    /// Text, a line per sample. Numbers are written so that they are read back exactly.
+    /// Text, one row per sample. Numbers are written so that they parse back exactly.
     Csv,
     /// One structured array, for `numpy.load(.., mmap_mode="r")`.
     Npy,
-    /// Columns, compressed; for pandas, polars, DuckDB and others.
+    /// Compressed columns for pandas, polars, DuckDB and others.
     Parquet,
 }
 
 impl Format {
-    /// Ending of the files.
+    /// File name extension.
     #[must_use]
     pub fn ending(self) -> &'static str {
         match self {
@@ -50,51 +50,51 @@ impl Format {
 
 /// What to export, and how.
 #[derive(Debug, Clone)]
-pub struct Wanted {
+pub struct ExportRequest {
     /// Format of the tables.
     pub format: Format,
-    /// Folder for the tables; made if it is not there.
+    /// Folder for the tables; created if missing.
     pub folder: PathBuf,
-    /// Names of channels; a trailing `*` stands for any ending. None: all.
+    /// Channel names; a trailing `*` matches any ending. Empty: all channels.
     pub channels: Vec<String>,
-    /// Only from this time on, s since the run began.
+    /// Start of the exported time, s since the start of the run.
     pub from_s: f64,
-    /// And before this time.
+    /// End of the exported time (exclusive), s since the start of the run.
     pub to_s: f64,
 }
 
-/// A table that was written.
+/// One written table.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Exported {
+pub struct ExportedTable {
     /// e.g. `motor/state`.
     pub channel: String,
     /// e.g. `nims_msgs/msg/MotorState`.
     #[serde(rename = "type")]
     pub type_name: String,
-    /// Its complete definition; it names the values of fields that stand for something.
+    /// Complete definition; it also names the values of enumerating fields.
     pub definition: String,
-    /// Where it is.
+    /// Path of the table.
     pub file: PathBuf,
-    /// Samples in it.
+    /// Number of rows.
     pub samples: u64,
-    /// Names of its columns.
+    /// Column names.
     pub columns: Vec<String>,
 }
 
-/// What became of an export.
+/// Result of an export.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Export {
-    /// The tables.
-    pub tables: Vec<Exported>,
-    /// Channels without a table, and why.
+pub struct ExportResult {
+    /// Written tables.
+    pub tables: Vec<ExportedTable>,
+    /// Channels without a table, each with the reason.
     pub left_out: Vec<(String, String)>,
-    /// Samples that stood in more than one file of the run.
+    /// Samples that occurred in more than one file of the run.
     pub repeated: u64,
-    /// Places of the run files that could not be read.
+    /// Unreadable places in the run files.
     pub damaged: usize,
 }
 
-/// Writes rows of one table.
+/// Writes the rows of one table.
 trait Sink {
     fn row(&mut self, times: Times, sample: &[u8]) -> std::io::Result<()>;
     fn finish(self: Box<Self>) -> std::io::Result<()>;
@@ -103,7 +103,7 @@ trait Sink {
 struct Open {
     sink: Box<dyn Sink>,
     size: usize,
-    exported: Exported,
+    exported: ExportedTable,
 }
 
 enum Channel {
@@ -111,23 +111,28 @@ enum Channel {
     LeftOut,
 }
 
-/// Samples between two tellings of how far it is.
-const TELL: u64 = 1 << 14;
+/// Samples between two progress reports.
+const PROGRESS_SAMPLES: u64 = 1 << 14;
 
-/// Exports a run file or a run folder. `progress` is told how many of how many bytes are read.
+/// Exports a run file or a run folder. `progress` receives the bytes read and the bytes in total.
 ///
 /// # Errors
-/// There is no run, it has none of the wanted channels, or a table cannot be written; a table that exists already is not overwritten.
-pub fn export(run: &Path, wanted: &Wanted, progress: &mut dyn FnMut(u64, u64)) -> Result<Export, RunError> {
+/// There is no run, it has none of the requested channels, or a table cannot be written. An existing table is not
+/// overwritten.
+pub fn export(
+    run: &Path,
+    wanted: &ExportRequest,
+    progress: &mut dyn FnMut(u64, u64),
+) -> Result<ExportResult, RunError> {
     let mut reader = RunReader::open(run)?;
-    fs::create_dir_all(&wanted.folder).map_err(RunError::io(&wanted.folder, "make the folder"))?;
+    fs::create_dir_all(&wanted.folder).map_err(RunError::io(&wanted.folder, "create the folder"))?;
     let mut channels: HashMap<usize, Channel> = HashMap::new();
     let mut names: Vec<String> = Vec::new();
-    let mut result = Export::default();
+    let mut result = ExportResult::default();
     let (mut begin_ns, mut read) = (None, 0_u64);
     loop {
         read += 1;
-        if read.is_multiple_of(TELL) {
+        if read.is_multiple_of(PROGRESS_SAMPLES) {
             progress(reader.position(), reader.bytes());
         }
         let clock = reader.clock();
@@ -175,11 +180,11 @@ pub fn export(run: &Path, wanted: &Wanted, progress: &mut dyn FnMut(u64, u64)) -
     Ok(result)
 }
 
-/// A table for a channel; or why there is none.
+/// Starts the table of a channel; the inner error is the reason for leaving the channel out.
 fn begin_table(
     channel: &RecordedChannel,
     size: usize,
-    wanted: &Wanted,
+    wanted: &ExportRequest,
     names: &mut Vec<String>,
 ) -> Result<Result<Channel, String>, RunError> {
     let table = match Table::of(&channel.schema, size) {
@@ -190,12 +195,12 @@ fn begin_table(
     let file = wanted.folder.join(format!("{name}.{}", wanted.format.ending()));
     names.push(name);
     let made = fs::OpenOptions::new().write(true).create_new(true).open(&file);
-    let made = made.map_err(RunError::io(&file, "make the table"))?;
+    let made = made.map_err(RunError::io(&file, "create the table"))?;
     let columns = match wanted.format {
         Format::Npy => npy::names(&table),
         Format::Csv | Format::Parquet => table.names(),
     };
-    let exported = Exported {
+    let exported = ExportedTable {
         channel: channel.name.clone(),
         type_name: channel.schema_name.clone(),
         definition: channel.schema.clone(),
@@ -208,11 +213,11 @@ fn begin_table(
         Format::Npy => npy::Npy::begin(made, &table).map(|sink| Box::new(sink) as _),
         Format::Parquet => parquet::Parquet::begin(made, table, channel).map(|sink| Box::new(sink) as _),
     };
-    let sink = sink.map_err(RunError::io(&file, "begin the table"))?;
+    let sink = sink.map_err(RunError::io(&file, "write the header of the table"))?;
     Ok(Ok(Channel::Open(Box::new(Open { sink, size, exported }))))
 }
 
-/// `motor.state` for `motor/state`; with the hash of its type behind it if the channel had another type before.
+/// `motor.state` for `motor/state`; followed by the type's hash if the channel had another type before.
 fn file_name(channel: &RecordedChannel, names: &[String]) -> String {
     let plain = channel.name.replace('/', ".");
     if !names.contains(&plain) {
@@ -231,23 +236,24 @@ fn is_wanted(patterns: &[String], name: &str) -> bool {
         })
 }
 
-fn nothing_found(reader: &RunReader, wanted: &Wanted) -> NoRun {
+fn nothing_found(reader: &RunReader, wanted: &ExportRequest) -> NotARunReason {
     let mut names: Vec<&str> = reader.channels().iter().map(|channel| channel.name.as_str()).collect();
     names.sort_unstable();
     if names.is_empty() {
-        return NoRun::NoSamples;
+        return NotARunReason::NoSamples;
     }
     let absent = !names.iter().any(|name| is_wanted(&wanted.channels, name));
     if absent {
         let there = names.into_iter().map(str::to_owned).collect();
-        NoRun::NoChannel { wanted: wanted.channels.clone(), there }
+        NotARunReason::NoChannel { wanted: wanted.channels.clone(), there }
     } else {
-        NoRun::NoSampleThen
+        NotARunReason::NoSampleThen
     }
 }
 
 fn seconds_since(unix_ns: u64, begin_ns: u64) -> f64 {
-    // divided, so that whole milliseconds are the nearest numbers to what people write
+    // divided, not multiplied by 1e-9, so that whole milliseconds are the nearest floating-point numbers to their
+    // decimals
     let span = |from: u64, to: u64| (to - from) as f64 / 1e9;
     if unix_ns >= begin_ns { span(begin_ns, unix_ns) } else { -span(unix_ns, begin_ns) }
 }

@@ -1,4 +1,4 @@
-//! A table as one structured NumPy array: the samples as they lay in memory, behind their times.
+//! NumPy: one structured array of the samples as they are in memory, preceded by their times.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Seek, SeekFrom, Write};
@@ -8,7 +8,7 @@ use messages::schema::Primitive;
 use super::Sink;
 use super::table::{Table, Times, flat};
 
-/// Room for the number of samples, which is known at the end.
+/// Digits reserved for the sample count, which is known only at the end.
 const COUNT_DIGITS: usize = 20;
 
 pub(super) struct Npy {
@@ -17,7 +17,7 @@ pub(super) struct Npy {
     samples: u64,
 }
 
-/// Names of the fields: the times, then those of the definition, padding and all, so that not a byte has to move.
+/// Field names: the times, then those of the definition including padding, so that each sample is copied unchanged.
 pub(super) fn names(table: &Table) -> Vec<String> {
     let mut names = vec!["log_time_ns".to_owned(), "publish_time_ns".to_owned()];
     for field in &table.fields {
@@ -45,7 +45,8 @@ impl Npy {
         Ok(npy)
     }
 
-    /// Magic, version 2 (whose header may be long), length and text of the header, so that the data begin at a multiple of 64.
+    /// Magic, version 2 (which allows long headers), header length and header text, padded so that the data begin at a
+    /// multiple of 64.
     fn head(&mut self) -> io::Result<()> {
         let mut text = format!("{}{:>COUNT_DIGITS$},), }}", self.header, self.samples);
         let before = 6 + 2 + 4;

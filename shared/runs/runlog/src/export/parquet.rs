@@ -1,8 +1,9 @@
-//! A table as a Parquet file: columns of plain values, one page per column and row group, compressed with zstd.
+//! Parquet: columns of plain values, one page per column and row group, compressed with zstd.
 //!
-//! Only what a table of numbers and texts without holes needs, from the format's own description (apache/parquet-format, `parquet.thrift`
-//! and `Encodings.md`): every column REQUIRED, so without definition and repetition levels; encoding PLAIN. The metadata are Thrift structs in
-//! the compact protocol; field numbers stand beside their names below.
+//! Implements the part of the format (apache/parquet-format, `parquet.thrift` and `Encodings.md`) that a table of
+//! numbers and texts without nulls needs: all columns are REQUIRED, so there are no definition and repetition levels;
+//! the encoding is PLAIN. The metadata are Thrift structs in the compact protocol, with the field numbers next to their
+//! names below.
 
 use std::fs::File;
 use std::io::{self, BufWriter, Write};
@@ -10,23 +11,23 @@ use std::io::{self, BufWriter, Write};
 use messages::schema::{Number, Primitive};
 
 use super::Sink;
-use super::table::{Column, Kind, TIMES, Table, Times, text};
+use super::table::{Column, ColumnKind, TIMES, Table, Times, text};
 use crate::RecordedChannel;
 
 const MAGIC: &[u8; 4] = b"PAR1";
-/// Rows of a group, and bytes of one: a group is what a reader takes at once.
+/// Rows per row group, and the byte limit of a group: a reader loads one group at a time.
 const GROUP_ROWS: usize = 1 << 16;
 const GROUP_BYTES: usize = 32 << 20;
-/// As in run files: faster and smaller than the default on this kind of data.
+/// As in run files: faster and smaller than the default level on this kind of data.
 const ZSTD_LEVEL: i32 = 1;
 
-/// `Type` of the format.
+/// Values of the format's `Type`.
 const INT32: i32 = 1;
 const INT64: i32 = 2;
 const FLOAT: i32 = 4;
 const DOUBLE: i32 = 5;
 const BYTE_ARRAY: i32 = 6;
-/// `CompressionCodec`, `Encoding`, `FieldRepetitionType`.
+/// Values of `CompressionCodec`, `Encoding`, `FieldRepetitionType`.
 const ZSTD: i32 = 6;
 const PLAIN: i32 = 0;
 const RLE: i32 = 3;
@@ -43,7 +44,7 @@ pub(super) struct Parquet {
     out: BufWriter<File>,
     at: i64,
     columns: Vec<Column>,
-    /// Plain values of the row group, column by column: first the three times.
+    /// Plain values of the row group by column; the three times come first.
     values: Vec<Vec<u8>>,
     rows: usize,
     groups: Vec<(i64, Vec<Chunk>)>,
@@ -91,16 +92,16 @@ impl Parquet {
         let times = [(TIMES[0], DOUBLE, None), (TIMES[1], INT64, None), (TIMES[2], INT64, None)];
         let own = self.columns.iter().map(|column| {
             let (kind, converted) = match column.kind {
-                Kind::Number(primitive) => kind_of(primitive),
+                ColumnKind::Number(primitive) => kind_of(primitive),
                 // UTF8
-                Kind::Text(_) => (BYTE_ARRAY, Some(0)),
+                ColumnKind::Text(_) => (BYTE_ARRAY, Some(0)),
             };
             (column.name.as_str(), kind, converted)
         });
         times.into_iter().chain(own).collect()
     }
 
-    /// `FileMetaData`.
+    /// Serialises `FileMetaData`.
     fn footer(&self) -> Vec<u8> {
         let kinds = self.kinds();
         let rows: i64 = self.groups.iter().map(|(rows, _)| rows).sum();
@@ -170,10 +171,10 @@ impl Sink for Parquet {
         let mut bytes = 0;
         for (column, values) in self.columns.iter().zip(values) {
             match column.kind {
-                Kind::Number(primitive) => {
+                ColumnKind::Number(primitive) => {
                     let raw = sample.get(column.offset..column.offset + primitive.size()).unwrap_or(&[0; 8]);
                     match Number::read(primitive, raw) {
-                        // smaller integers are four bytes wide here
+                        // integers below eight bytes are stored as four bytes
                         Number::Unsigned(value) if primitive.size() < 8 => {
                             values.extend_from_slice(&(value as u32).to_le_bytes());
                         }
@@ -183,7 +184,7 @@ impl Sink for Parquet {
                         _ => values.extend_from_slice(raw),
                     }
                 }
-                Kind::Text(count) => {
+                ColumnKind::Text(count) => {
                     self.text.clear();
                     text(sample.get(column.offset..column.offset + count).unwrap_or_default(), &mut self.text);
                     values.extend_from_slice(&(self.text.len() as u32).to_le_bytes());
@@ -246,11 +247,11 @@ const BINARY: u8 = 8;
 const LIST: u8 = 9;
 const STRUCT: u8 = 12;
 
-/// Thrift's compact protocol, as far as it is needed here.
+/// The part of Thrift's compact protocol that is needed here.
 #[derive(Default)]
 struct Thrift {
     out: Vec<u8>,
-    /// Number of the last field in each open struct.
+    /// Last field number of each open struct.
     open: Vec<i16>,
 }
 
@@ -267,7 +268,7 @@ impl Thrift {
     fn field(&mut self, id: i16, kind: u8) {
         let Some(last) = self.open.last_mut() else { return };
         let step = id - std::mem::replace(last, id);
-        // fields come in rising order and never sixteen apart here
+        // fields come in ascending order and never sixteen apart here
         self.out.push((step as u8) << 4 | kind);
     }
 

@@ -1,11 +1,11 @@
-//! The columns of a channel, from its definition.
+//! Derives the columns of a table from the channel's definition.
 
 use messages::schema::{Primitive, Schema, SchemaField};
 
-/// A byte array of this length or more is a text.
+/// A byte array of at least this length is a text column.
 const TEXT_BYTES: usize = 16;
 
-/// When a sample was recorded.
+/// Times of a recorded sample.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Times {
     pub t_s: f64,
@@ -14,7 +14,7 @@ pub(super) struct Times {
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Kind {
+pub(super) enum ColumnKind {
     Number(Primitive),
     Text(usize),
 }
@@ -22,24 +22,25 @@ pub(super) enum Kind {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(super) struct Column {
     pub name: String,
-    pub kind: Kind,
-    /// Bytes from the beginning of the sample.
+    pub kind: ColumnKind,
+    /// Offset from the start of the sample, bytes.
     pub offset: usize,
 }
 
 #[derive(Debug)]
 pub(super) struct Table {
-    /// Without the three times.
+    /// All columns except the three times.
     pub columns: Vec<Column>,
-    /// As the definition has them, padding and all.
+    /// Fields of the definition, padding included.
     pub fields: Vec<SchemaField>,
 }
 
-/// The columns before those of the definition.
+/// The columns in front of those of the definition.
 pub(super) const TIMES: [&str; 3] = ["t_s", "log_time_ns", "publish_time_ns"];
 
 impl Table {
-    /// Of a definition; of plain bytes if there is none, or one that does not say where each number stands.
+    /// Columns of a definition; one column of plain bytes if there is none, or if it does not give the offset of each
+    /// number.
     pub fn of(definition: &str, size: usize) -> Result<Self, String> {
         let schema = Schema::parse(definition)
             .ok()
@@ -61,15 +62,15 @@ impl Table {
             };
             match field.count {
                 Some(count) if field.primitive == Primitive::Uint8 && (count >= TEXT_BYTES || plain) => {
-                    add(name, Kind::Text(count), field.offset);
+                    add(name, ColumnKind::Text(count), field.offset);
                 }
                 Some(count) => {
                     for at in 0..count {
                         let offset = field.offset + at * field.primitive.size();
-                        add(format!("{name}_{}", at + 1), Kind::Number(field.primitive), offset);
+                        add(format!("{name}_{}", at + 1), ColumnKind::Number(field.primitive), offset);
                     }
                 }
-                None => add(name, Kind::Number(field.primitive), field.offset),
+                None => add(name, ColumnKind::Number(field.primitive), field.offset),
             }
         }
         Ok(Self { columns, fields: schema.fields().to_vec() })
@@ -81,7 +82,8 @@ impl Table {
     }
 }
 
-/// `command[1].epoch` becomes `command_2_epoch`; the fields of the sample's own header have their bare names.
+/// Column name of a path: `command_2_epoch` for `command[1].epoch`. Fields of the sample's own header have their bare
+/// names.
 pub(super) fn flat(path: &str) -> String {
     let mut name = String::new();
     for part in path.strip_prefix("header.").unwrap_or(path).split('.') {
@@ -105,7 +107,7 @@ fn is_padding(path: &str) -> bool {
         .is_some_and(|digits| !digits.is_empty() && digits.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
-/// What stands before the first zero if it is a text, else hexadecimal digits behind `0x`; added to `into`.
+/// Appends the text before the first zero to `into`, or hexadecimal digits after `0x` if the bytes are not text.
 pub(super) fn text(bytes: &[u8], into: &mut String) {
     let end = bytes.iter().position(|byte| *byte == 0).unwrap_or(bytes.len());
     let rest_is_zero = bytes[end..].iter().all(|byte| *byte == 0);
@@ -149,7 +151,7 @@ mod tests {
     fn what_has_no_definition_is_bytes() {
         for definition in ["", "string name\n", "float64 x\n"] {
             let table = Table::of(definition, 5).unwrap();
-            assert_eq!(table.columns, [Column { name: "data".into(), kind: Kind::Text(5), offset: 0 }]);
+            assert_eq!(table.columns, [Column { name: "data".into(), kind: ColumnKind::Text(5), offset: 0 }]);
         }
         assert!(Table::of("", 0).is_err());
         let mut said = String::new();
