@@ -16,18 +16,18 @@ impl Announcer {
     }
 
     pub(super) fn info(&mut self, text: &str) {
-        self.say(LogEvent::LEVEL_INFO, "", text);
+        self.publish(LogEvent::LEVEL_INFO, "", text);
     }
 
     pub(super) fn warn(&mut self, text: &str) {
-        self.say(LogEvent::LEVEL_WARN, "warning: ", text);
+        self.publish(LogEvent::LEVEL_WARN, "warning: ", text);
     }
 
     pub(super) fn error(&mut self, text: &str) {
-        self.say(LogEvent::LEVEL_ERROR, "ERROR: ", text);
+        self.publish(LogEvent::LEVEL_ERROR, "ERROR: ", text);
     }
 
-    fn say(&mut self, level: u8, mark: &str, text: &str) {
+    fn publish(&mut self, level: u8, mark: &str, text: &str) {
         // A terminal that is gone is no reason to let go of a robot.
         let _ = writeln!(std::io::stderr(), "nims: {mark}{text}");
         let now = clock::now_ns();

@@ -41,7 +41,7 @@ impl Archive {
     /// The system has no thread for it.
     pub fn open(run: &Path) -> io::Result<Self> {
         let ((jobs, wanted), (say, troubles)) = (channel(), channel());
-        let mut shelf = Shelf { run: run.to_owned(), ..Shelf::default() };
+        let mut shelf = ArchiveWorker { run: run.to_owned(), ..ArchiveWorker::default() };
         let work = move || {
             for job in wanted {
                 if let Err(trouble) = shelf.carry_out(&job) {
@@ -55,36 +55,36 @@ impl Archive {
     }
 
     /// Keeps a copy of a mission that is flown; each flight has its own.
-    pub fn keep_mission(&self, original: PathBuf) {
+    pub fn copy_mission(&self, original: PathBuf) {
         let name = name_of(&original);
-        self.give(Job::Keep { original, place: MISSIONS, name, always: true });
+        self.send(Job::Keep { original, place: MISSIONS, name, always: true });
     }
 
     /// Keeps a copy of a file that a process is started with; once for as long as it stays the same.
-    pub fn keep_of_process(&self, process: &str, original: PathBuf) {
+    pub fn copy_process_file(&self, process: &str, original: PathBuf) {
         let name = format!("{process}-{}", name_of(&original));
-        self.give(Job::Keep { original, place: PROCESSES, name, always: false });
+        self.send(Job::Keep { original, place: PROCESSES, name, always: false });
     }
 
     /// The copy of a file that a process is to be started with, which it reads in place of the original; `None` if it could not be made in time.
     pub fn copy_for(&self, process: &str, original: PathBuf) -> Option<PathBuf> {
         let name = format!("{process}-{}", name_of(&original));
         let (copy, made) = channel();
-        self.give(Job::KeepNow { original, name, copy });
+        self.send(Job::KeepNow { original, name, copy });
         made.recv_timeout(PATIENCE).ok()
     }
 
     /// Writes the copies again that are no longer there, after the run folder was removed.
     pub fn put_back(&self) {
-        self.give(Job::PutBack);
+        self.send(Job::PutBack);
     }
 
     /// Replaces a file.
     pub fn write(&self, path: PathBuf, text: String) {
-        self.give(Job::Write { path, text });
+        self.send(Job::Write { path, text });
     }
 
-    fn give(&self, job: Job) {
+    fn send(&self, job: Job) {
         if let Some(jobs) = &self.jobs {
             // It works until it is finished.
             let _ = jobs.send(job);
@@ -111,7 +111,7 @@ fn name_of(path: &Path) -> String {
 }
 
 #[derive(Default)]
-struct Shelf {
+struct ArchiveWorker {
     run: PathBuf,
     /// Files in each place so far.
     numbers: BTreeMap<&'static str, usize>,
@@ -121,7 +121,7 @@ struct Shelf {
     kept: BTreeMap<PathBuf, Vec<u8>>,
 }
 
-impl Shelf {
+impl ArchiveWorker {
     fn carry_out(&mut self, job: &Job) -> Result<(), String> {
         match job {
             Job::Keep { original, place, name, always } => self.keep(original, place, name, *always).map(|_| ()),
@@ -199,11 +199,11 @@ mod tests {
         let mut archive = Archive::open(run.path()).unwrap();
         for _ in 0..2 {
             fs::write(&file, "a = 1\n").unwrap();
-            archive.keep_mission(file.clone());
-            archive.keep_of_process("wind", file.clone());
+            archive.copy_mission(file.clone());
+            archive.copy_process_file("wind", file.clone());
         }
-        archive.keep_of_process("other", file.clone());
-        archive.keep_of_process("gone", given.path().join("gone.toml"));
+        archive.copy_process_file("other", file.clone());
+        archive.copy_process_file("gone", given.path().join("gone.toml"));
         archive.write(run.path().join("manifest.json"), "{}\n".to_owned());
         let troubles = archive.finish();
         assert!(troubles.len() == 1 && troubles[0].contains("gone.toml"), "{troubles:?}");
@@ -211,7 +211,7 @@ mod tests {
         assert_eq!(names(&run.path().join(PROCESSES)), ["1-wind-wind.toml", "2-other-wind.toml"]);
         assert_eq!(fs::read_to_string(run.path().join("manifest.json")).unwrap(), "{}\n");
 
-        let mut archive = Shelf { run: run.path().to_owned(), ..Shelf::default() };
+        let mut archive = ArchiveWorker { run: run.path().to_owned(), ..ArchiveWorker::default() };
         for (text, expected) in [("b = 1", "1"), ("b = 1", "1"), ("b = 2", "2")] {
             fs::write(&file, text).unwrap();
             archive.keep(&file, PROCESSES, "again.toml", false).unwrap();
@@ -229,7 +229,7 @@ mod tests {
         let copy = archive.copy_for("wind", file.clone()).unwrap();
         for text in ["a = 1\n", "a = 2\n"] {
             fs::write(&file, text).unwrap();
-            archive.keep_mission(file.clone());
+            archive.copy_mission(file.clone());
             // When this copy is made, the one before is made too.
             archive.copy_for(&text[4..5], file.clone()).unwrap();
         }

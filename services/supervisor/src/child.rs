@@ -16,7 +16,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
 /// Lines of a process's diagnostics that are kept to explain its death.
-const KEPT_LINES: usize = 20;
+const STORED_LINES: usize = 20;
 /// Time for a process to end in good order, ns; the recorder writes out what it holds.
 pub const END_NS: u64 = 8_000_000_000;
 
@@ -112,7 +112,7 @@ impl Child {
         }
         let (spawned, warning) = spawn(&mut command, member);
         let mut process = spawned.map_err(failed)?;
-        let lines = Arc::new(Mutex::new(VecDeque::with_capacity(KEPT_LINES)));
+        let lines = Arc::new(Mutex::new(VecDeque::with_capacity(STORED_LINES)));
         let reader = process.stderr.take().map(|stderr| {
             let lines = Arc::clone(&lines);
             std::thread::spawn(move || {
@@ -122,7 +122,7 @@ impl Child {
                     // A full disk takes the text of the diagnostics; they are also on system/log.
                     let _ = file.write_all(&bytes);
                     let mut kept = lines.lock().unwrap_or_else(PoisonError::into_inner);
-                    if kept.len() == KEPT_LINES {
+                    if kept.len() == STORED_LINES {
                         kept.pop_front();
                     }
                     kept.push_back(String::from_utf8_lossy(&bytes).trim().to_owned());
@@ -165,7 +165,7 @@ impl Child {
             if let Ok(Some(status)) = self.process.try_wait() {
                 self.exit = Some(status);
                 (self.silent, self.hangs, self.blocked) = (false, false, false);
-                self.said = self.hear_last_words();
+                self.said = self.collect_last_diagnostic();
             }
         }
         self.exit.is_none()
@@ -180,11 +180,11 @@ impl Child {
 
     /// The last thing it said before it ended that may be the cause.
     #[must_use]
-    pub fn last_words(&self) -> Option<&str> {
+    pub fn last_diagnostic(&self) -> Option<&str> {
         self.said.as_deref()
     }
 
-    fn hear_last_words(&mut self) -> Option<String> {
+    fn collect_last_diagnostic(&mut self) -> Option<String> {
         // The reader may still be at the last line; someone else's process may hold the pipe open for ever.
         let give_up = clock::now_ns() + 20_000_000;
         while self.reader.as_ref().is_some_and(|reader| !reader.is_finished()) && clock::now_ns() < give_up {
@@ -264,7 +264,7 @@ impl Child {
             None if self.asked.is_some() => ProcessState::STATE_STOPPING,
             None if self.silent => ProcessState::STATE_SILENT,
             None if self.ready_ns.is_some() => ProcessState::STATE_READY,
-            None if self.member.beats => ProcessState::STATE_STARTING,
+            None if self.member.sends_heartbeats => ProcessState::STATE_STARTING,
             None => ProcessState::STATE_RUNNING,
         }
     }

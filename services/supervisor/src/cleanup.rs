@@ -21,12 +21,12 @@ impl Cleanup {
     }
 
     /// Something has died.
-    pub fn wanted(&mut self, now_ns: u64) {
+    pub fn request(&mut self, now_ns: u64) {
         self.due_ns = Some(now_ns);
     }
 
     /// Begins and ends sweeps; why the last one failed.
-    pub fn look(&mut self, now_ns: u64) -> Option<String> {
+    pub fn poll(&mut self, now_ns: u64) -> Option<String> {
         let result = match self.running.as_ref().map(Receiver::try_recv) {
             Some(Err(TryRecvError::Empty)) => return None,
             Some(Ok(Ok(_))) | None => None,
@@ -39,7 +39,7 @@ impl Cleanup {
         } else if self.due_ns.is_some_and(|due| due <= now_ns) {
             self.due_ns = None;
             let (domain, (done, running)) = (self.domain.clone(), sync_channel(1));
-            let spawned = std::thread::Builder::new().name("sweeper".to_owned()).spawn(move || {
+            let spawned = std::thread::Builder::new().name("cleanup".to_owned()).spawn(move || {
                 let _ = done.send(domain.sweep());
             });
             match spawned {

@@ -3,7 +3,7 @@
 use super::child::{Child, ending};
 use super::process_spec::ProcessSpec;
 use super::unfinished_runs::parts;
-use super::{Ending, Supervisor, stale_processes};
+use super::{RunOutcome, Supervisor, stale_processes};
 use bus::BusError;
 use bus::clock::{self, WallClock};
 use client::RUNNING_FILE;
@@ -21,7 +21,7 @@ const SETTLE_NS: u64 = 500_000_000;
 /// How long motor-io may take to answer that it stops.
 const ANSWER: Duration = Duration::from_secs(1);
 /// How long the end of a run waits for what earlier ones left, once the robot is at rest and its processes have ended.
-const LEFTOVERS: Duration = Duration::from_secs(5);
+const UNFINISHED_RUNS: Duration = Duration::from_secs(5);
 
 /// Whether the robot moves, or is about to stand.
 pub(super) fn moves(authority: &MotorAuthority) -> bool {
@@ -34,9 +34,9 @@ pub(super) fn moves(authority: &MotorAuthority) -> bool {
 impl Supervisor {
     /// Brings the robot to rest, ends every process, the recorder last, and closes the run.
     #[must_use]
-    pub fn end(mut self, because: &str) -> Ending {
+    pub fn end(mut self, because: &str) -> RunOutcome {
         self.mission.end(because);
-        self.come_to_rest();
+        self.stop_robot();
         let mode = self.last_authority.map(|authority| authority.mode);
         let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
         let unfinished = self.mission.unfinished(self.last_authority.as_ref());
@@ -51,7 +51,7 @@ impl Supervisor {
             heartbeat,
             table,
             authority,
-            beats,
+            heartbeats,
             server,
             waiter,
             claim,
@@ -68,7 +68,7 @@ impl Supervisor {
             heartbeat,
             table,
             authority,
-            beats,
+            heartbeats,
             server,
             waiter,
             requests,
@@ -80,15 +80,15 @@ impl Supervisor {
         // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
         let _ = domain.sweep();
         let _ = domain.retire(claim);
-        Ending { run, died, unrecorded, unfinished, mode }
+        RunOutcome { run, died, unrecorded, unfinished, mode }
     }
 
     /// Asks motor-io to stop on the path and waits until the robot is at rest. Whatever fails here, the drives still hold.
-    fn come_to_rest(&mut self) {
+    fn stop_robot(&mut self) {
         if !self.process_set.iter_mut().any(|child| child.member.role == Role::MotorIo && child.is_alive()) {
             return;
         }
-        if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
+        if self.poll().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
             return;
         }
         let mut stop = client::plain(OperatorRequest::VERB_STOP);
@@ -100,7 +100,7 @@ impl Supervisor {
         let give_up = clock::now_ns() + REST_NS;
         while clock::now_ns() < give_up {
             clock::sleep_until(clock::now_ns() + 20_000_000);
-            if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
+            if self.poll().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
                 // The drives lag behind their commands; the run file shows them come to rest too.
                 clock::sleep_until(clock::now_ns() + SETTLE_NS);
                 return;
@@ -124,14 +124,14 @@ impl Supervisor {
     pub(super) fn close(&mut self, because: &str) {
         self.beat.state = Heartbeat::STATE_STOPPING;
         let now = self.run_unix_ns();
-        self.folder.note_stopping(now);
+        self.folder.record_stopping(now);
         let mut process_set = std::mem::take(&mut self.process_set);
         let mut killed = Vec::new();
         // The recorder still takes what the others say while they end, and motor-io still hears that someone is there.
         process_set.end(
             |_| {
-                let _ = self.beat_if_due();
-                let _ = self.look_at_recording();
+                let _ = self.heartbeat_if_due();
+                let _ = self.poll_recording();
             },
             |name| killed.push(name.to_owned()),
         );
@@ -140,8 +140,8 @@ impl Supervisor {
             self.announcer.warn(&format!("{name} did not end by itself and was killed"));
         }
         // The recorder says last of all what it has lost.
-        let _ = self.look_at_recording();
-        self.judge_recorder();
+        let _ = self.poll_recording();
+        self.check_recorder_exit();
         let _ = self.publish_table();
         // Also one that was removed in the last moment.
         self.restore_folder();
@@ -150,21 +150,21 @@ impl Supervisor {
         }
         let run = self.folder.path().to_path_buf();
         self.recover(&run);
-        let news = self.leftovers.finish(LEFTOVERS);
-        self.tell(news);
+        let news = self.unfinished_runs.finish(UNFINISHED_RUNS);
+        self.report_recovery(news);
         let processes = self.processes();
         if let Err(failure) = self.folder.close(because, processes) {
-            self.recording.fails(&failure.to_string());
+            self.recording.record_failure(&failure.to_string());
             self.announcer.error(&failure.to_string());
         }
         // Nobody is left but this process, whose names the next start wipes.
         let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
         let _ = self.domain.set_wall_clock(None);
-        let _ = stale_processes::note(&self.domain, &[]);
+        let _ = stale_processes::record(&self.domain, &[]);
     }
 
     /// A recorder that has not ended well has lost what it still held.
-    fn judge_recorder(&mut self) {
+    fn check_recorder_exit(&mut self) {
         let unclosed = |child: &Child| match child.exit {
             Some(exit) if exit.success() && !child.has_died() => None,
             Some(_) => Some(format!("the recorder {}, so the end of the run may be missing", child.ending())),
@@ -174,7 +174,7 @@ impl Supervisor {
         let recorders = |child: &&Child| child.member.role == Role::Recorder && child.ready_ns.is_some();
         let whys: Vec<String> = self.process_set.iter().filter(recorders).filter_map(unclosed).collect();
         for why in whys {
-            self.recording.fails(&why);
+            self.recording.record_failure(&why);
             self.announcer.error(&why);
         }
     }
@@ -203,15 +203,15 @@ impl Supervisor {
     }
 
     /// Writes into the manifest what runs: a run that is cut off then still says with which programs it flew.
-    pub(super) fn note_processes(&mut self) {
+    pub(super) fn record_processes(&mut self) {
         let processes = self.processes();
-        self.folder.note_processes(processes);
+        self.folder.record_processes(processes);
         let (path, text) = self.folder.manifest();
         self.archive.write(path, text);
     }
 
     /// Keeps a copy of each file that the command of a process names: a sensor's, a script.
-    pub(super) fn keep_files_of(&mut self, member: &ProcessSpec) {
+    pub(super) fn archive_files_of(&mut self, member: &ProcessSpec) {
         let Some(folder) = &member.folder else { return };
         let arguments = member.args.iter().map(Path::new).chain([member.program.as_path()]);
         let kept = |path: &Path| {
@@ -220,7 +220,7 @@ impl Supervisor {
         for path in arguments.filter(|path| kept(path)).map(|path| folder.join(path)) {
             // What is a copy of this run already needs no other.
             if path.is_file() && !path.starts_with(&self.site.run) {
-                self.archive.keep_of_process(&member.name, path);
+                self.archive.copy_process_file(&member.name, path);
             }
         }
     }
@@ -231,7 +231,7 @@ impl Supervisor {
             match runlog::recover(&part, &mut |_, _| {}) {
                 Ok(_) => {
                     let why = format!("{} was not closed by its recorder and has been recovered", part.display());
-                    self.recording.fails(&why);
+                    self.recording.record_failure(&why);
                     self.announcer.warn(&why);
                 }
                 Err(error) => {
@@ -240,7 +240,7 @@ impl Supervisor {
                         part.display(),
                         run.display()
                     );
-                    self.recording.fails(&why);
+                    self.recording.record_failure(&why);
                     self.announcer.error(&why);
                 }
             }

@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use std::{fs, io};
 
 /// Names that a run folder has for files of its own.
-const TAKEN: [&str; 5] = ["box.toml", "mission.toml", "manifest.json", "set.toml", RESOLVED];
+const RESERVED: [&str; 5] = ["box.toml", "mission.toml", "manifest.json", "set.toml", RESOLVED];
 /// A larger file is no configuration, bytes; a motor table has some thousand.
 const LARGEST: u64 = 16 << 20;
 
@@ -30,7 +30,7 @@ impl Copies {
             return Err(unreadable(format!("it has {size} bytes, and a configuration has at most {LARGEST}")));
         }
         let bytes = fs::read(original).map_err(|error| unreadable(error.to_string()))?;
-        let own = TAKEN.iter().any(|taken| name == Path::new(taken));
+        let own = RESERVED.iter().any(|taken| name == Path::new(taken));
         if own || self.0.get(name).is_some_and(|other| *other != bytes) {
             return Err(Failure::BadInput(format!(
                 "{} cannot be kept in the run folder, where another file is called {}: give it another name",

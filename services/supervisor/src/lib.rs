@@ -55,7 +55,7 @@ use unfinished_runs::UnfinishedRuns;
 
 /// What is to be started.
 #[derive(Debug, Clone, Copy)]
-pub struct Wanted<'a> {
+pub struct StartOptions<'a> {
     /// System file.
     pub system_path: &'a Path,
     /// Run folder, if not a new one.
@@ -68,7 +68,7 @@ pub struct Wanted<'a> {
 
 /// How a run ended.
 #[derive(Debug)]
-pub struct Ending {
+pub struct RunOutcome {
     /// The folder of the run.
     pub run: PathBuf,
     /// Names of the processes that died and were not expected to.
@@ -81,7 +81,7 @@ pub struct Ending {
     pub mode: Option<u8>,
 }
 
-impl Ending {
+impl RunOutcome {
     /// Where the run is, as a part of a sentence; a folder that was removed is not named as if it were there.
     #[must_use]
     pub fn place(&self) -> String {
@@ -113,10 +113,10 @@ pub struct Supervisor {
     site: Site,
     folder: RunFolder,
     archive: Archive,
-    leftovers: UnfinishedRuns,
+    unfinished_runs: UnfinishedRuns,
     stop: StopFlag,
-    beats: Heartbeats,
-    sweeper: Cleanup,
+    heartbeats: Heartbeats,
+    cleanup: Cleanup,
     died: Vec<String>,
     announcer: Announcer,
     busy: busy::Watch,
@@ -204,7 +204,7 @@ mod tests {
         let run = folder.path().join("run");
         std::fs::create_dir_all(run.join("log")).unwrap();
         let (died, unrecorded) = (vec!["planner".to_owned()], Vec::new());
-        let ending = Ending { run: run.clone(), died, unrecorded, unfinished: None, mode: None };
+        let ending = RunOutcome { run: run.clone(), died, unrecorded, unfinished: None, mode: None };
         assert!(ending.place().starts_with("the run is in "));
         assert!(ending.failed().is_some_and(|said| said.ends_with("run/log")));
         std::fs::remove_dir_all(&run).unwrap();

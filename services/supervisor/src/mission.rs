@@ -31,7 +31,7 @@ impl Missions {
     ///
     /// # Errors
     /// Shared memory fails.
-    pub fn look(&mut self, authority: Option<&MotorAuthority>) -> Answer<Option<String>> {
+    pub fn poll(&mut self, authority: Option<&MotorAuthority>) -> Answer<Option<String>> {
         let mut said = None;
         while let Some(now) = self.status.receive()? {
             let before = self.last.replace(now).map(|before| before.state);

@@ -22,7 +22,7 @@ const ORDER: [Role; 7] = [
 /// From the kill to the end, ns.
 const KILLED_NS: u64 = 1_000_000_000;
 /// How often the living are looked at while they end, ns.
-const LOOK_NS: u64 = 5_000_000;
+const POLL_NS: u64 = 5_000_000;
 
 /// Processes in the order in which they were started.
 #[derive(Debug, Default)]
@@ -34,7 +34,7 @@ pub struct ProcessSet {
 
 impl ProcessSet {
     /// Takes a process in; it takes the place of an earlier life.
-    pub fn enter(&mut self, child: Child) {
+    pub fn insert(&mut self, child: Child) {
         match self.children.iter_mut().find(|other| other.member.name == child.member.name) {
             Some(place) => *place = child,
             None => self.children.push(child),
@@ -71,7 +71,7 @@ impl ProcessSet {
 
     /// Another of its role that is ready to do its work.
     #[must_use]
-    pub fn stand_in(&self, member: &ProcessSpec) -> Option<&Child> {
+    pub fn standby_of(&self, member: &ProcessSpec) -> Option<&Child> {
         let stands_in = |child: &&Child| {
             child.member.role == member.role
                 && child.member.slot != member.slot
@@ -81,8 +81,8 @@ impl ProcessSet {
         self.children.iter().find(stands_in).filter(|_| member.role.has_slots())
     }
 
-    /// Ends all of them; `meanwhile` is called every few milliseconds, `killed` with the name of one that did not end by itself.
-    pub fn end(&mut self, mut meanwhile: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
+    /// Ends all of them; `while_waiting` is called every few milliseconds, `killed` with the name of one that did not end by itself.
+    pub fn end(&mut self, mut while_waiting: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
         self.children.extend(self.successors.drain(..).map(|successor| successor.child));
         for role in ORDER {
             let of_role = |child: &&mut Child| child.member.role == role;
@@ -99,8 +99,8 @@ impl ProcessSet {
                         give_up = now + KILLED_NS;
                     }
                 }
-                meanwhile(self);
-                clock::sleep_until(clock::now_ns() + LOOK_NS);
+                while_waiting(self);
+                clock::sleep_until(clock::now_ns() + POLL_NS);
             }
         }
     }
@@ -130,7 +130,7 @@ mod tests {
             args: vec!["-c".into(), script.into()],
             folder: None,
             restart: Policy { again: false, pause_ns: 1, limit: 1, forgiven_ns: 1 },
-            beats: false,
+            sends_heartbeats: false,
             priority: 0,
             cpu: None,
         }
@@ -174,7 +174,7 @@ mod tests {
             {
                 let mut member = member(name, role, &script(name));
                 member.folder = Some(folder.path().to_owned());
-                process_set.enter(started(folder.path(), &member));
+                process_set.insert(started(folder.path(), &member));
                 wait_for(|| folder.path().join(format!("{name}.up")).exists());
             }
             panic!("something goes wrong in the supervisor");
@@ -210,7 +210,7 @@ mod tests {
     fn a_process_that_stands_still_can_be_ended() {
         let folder = tempfile::tempdir().unwrap();
         let mut process_set = ProcessSet::default();
-        process_set.enter(start(folder.path(), "still", Role::Other, "kill -STOP $$; sleep 1000"));
+        process_set.insert(start(folder.path(), "still", Role::Other, "kill -STOP $$; sleep 1000"));
         let pid = process_set.iter().next().unwrap().pid;
         wait_for(|| std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap().contains(") T"));
         process_set.end(|_| (), |name| panic!("{name} had to be killed"));
@@ -227,7 +227,7 @@ mod tests {
             "echo first >&2; echo the port is gone >&2; echo >&2; exit 3",
         );
         while child.is_alive() {}
-        assert_eq!(child.last_words(), Some("the port is gone"));
+        assert_eq!(child.last_diagnostic(), Some("the port is gone"));
         assert_eq!(child.state(), messages::ProcessState::STATE_DIED);
         assert_eq!(super::super::child::ending(child.exit.unwrap()), "ended with exit code 3");
     }
@@ -238,7 +238,7 @@ mod tests {
         let words = |name: &str, script: &str| {
             let mut child = start(folder.path(), name, Role::Recorder, script);
             while child.is_alive() {}
-            child.last_words().map(str::to_owned)
+            child.last_diagnostic().map(str::to_owned)
         };
         assert_eq!(words("quiet", "echo 'INFO  recorder: recording to run.mcap' >&2; kill -9 $$"), None);
         let warned = "echo 'WARN  recorder: slow' >&2; echo 'INFO  recorder: ready' >&2; exit 1";
@@ -251,8 +251,8 @@ mod tests {
         let mut process_set = ProcessSet::default();
         let mut first = start(folder.path(), "controller-b", Role::Controller, "sleep 1000");
         first.member.alias = Some("mine".to_owned());
-        process_set.enter(first);
-        process_set.enter(start(folder.path(), "mine", Role::Other, "sleep 1000"));
+        process_set.insert(first);
+        process_set.insert(start(folder.path(), "mine", Role::Other, "sleep 1000"));
         assert_eq!(process_set.find("mine").unwrap().member.role, Role::Other);
         assert_eq!(process_set.find("controller-b").unwrap().member.role, Role::Controller);
         assert!(process_set.find("nobody").is_none());

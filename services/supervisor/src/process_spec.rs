@@ -34,7 +34,7 @@ pub struct ProcessSpec {
     /// Whether it is started again when it dies.
     pub restart: Policy,
     /// It sends heartbeats and says when it is ready. A program that is not ours may never do so.
-    pub beats: bool,
+    pub sends_heartbeats: bool,
     /// SCHED_FIFO priority; 0: ordinary, or as `[realtime]` says.
     pub priority: u8,
     /// Processor that it runs on.
@@ -175,7 +175,7 @@ impl Site {
             args,
             folder: Some(folder.to_owned()),
             restart: RESTART,
-            beats: false,
+            sends_heartbeats: false,
             priority: 0,
             cpu: None,
         })
@@ -197,7 +197,7 @@ impl Site {
         let folder = own.map(|_| self.system_path.parent().unwrap_or(Path::new("/")).to_path_buf());
         let (program, mut args) = match own {
             Some(section) => self.command(&name, &section.command, folder.as_deref().unwrap_or(Path::new("/")))?,
-            None => (beside_us(role.name())?, Vec::new()),
+            None => (sibling_program(role.name())?, Vec::new()),
         };
         if role != Role::Other {
             args.extend(["--system".into(), self.config.clone().into()]);
@@ -233,7 +233,7 @@ impl Site {
             args,
             folder,
             restart: Policy { again, limit, ..restart },
-            beats: role != Role::Other,
+            sends_heartbeats: role != Role::Other,
             priority: section.map_or(0, |section| section.priority),
             cpu: section.and_then(|section| section.cpu),
         })
@@ -249,7 +249,7 @@ impl Site {
         let program = if first.contains('/') {
             Some(folder.join(first)).filter(|path| path.is_file())
         } else {
-            beside_us(first).ok().or_else(|| in_path(first))
+            sibling_program(first).ok().or_else(|| in_path(first))
         };
         let Some(program) = program else {
             if folder.join(first).is_dir() {
@@ -293,7 +293,7 @@ pub(super) fn is_configuration(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "toml")
 }
 
-fn beside_us(name: &str) -> Answer<PathBuf> {
+fn sibling_program(name: &str) -> Answer<PathBuf> {
     let own = std::env::current_exe().map_err(Failure::not_now)?;
     let path = own.with_file_name(name);
     if path.is_file() {

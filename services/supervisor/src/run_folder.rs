@@ -104,7 +104,7 @@ impl RunFolder {
     }
 
     /// Takes note of the instant at which the recorder was first ready, by the clock of the run.
-    pub fn note_recording(&mut self, unix_ns: u64) {
+    pub fn record_first_recording(&mut self, unix_ns: u64) {
         if self.manifest["recording_unix_ns"].is_null() {
             self.manifest["recording_unix_ns"] = json!(unix_ns);
         }
@@ -112,7 +112,7 @@ impl RunFolder {
 
     /// Takes note of the instant at which its processes are asked to end, by the clock of the run: until then the recorder is to be
     /// there.
-    pub fn note_stopping(&mut self, unix_ns: u64) {
+    pub fn record_stopping(&mut self, unix_ns: u64) {
         self.manifest["stopping_unix_ns"] = json!(unix_ns);
     }
 
@@ -123,7 +123,7 @@ impl RunFolder {
     pub fn close(&mut self, because: &str, processes: Value) -> Answer {
         self.manifest["ended_utc"] = json!(runlog::utc(bus::clock::unix_ns()));
         self.manifest["ended_because"] = json!(because);
-        self.note_processes(processes);
+        self.record_processes(processes);
         let files = runlog::segments(&self.path).unwrap_or_default();
         let names = files.iter().filter_map(|file| Some(file.file_name()?.to_string_lossy()));
         self.manifest["files"] = names.collect();
@@ -131,7 +131,7 @@ impl RunFolder {
     }
 
     /// Takes note of what runs.
-    pub fn note_processes(&mut self, processes: Value) {
+    pub fn record_processes(&mut self, processes: Value) {
         self.manifest["processes"] = processes;
     }
 

@@ -49,18 +49,18 @@ impl Settings {
         let (file, path) = (site.file.clone(), site.config.clone());
         let port = bus.publisher(TUNED_CHANNEL)?;
         let mut settings = Self { port, sample, program_hash, robot, tuned: Tuned::default(), file, path, life: 0 };
-        settings.say()?;
+        settings.publish()?;
         Ok(settings)
     }
 
     /// A process as it is started now: it reads the box with all changes.
-    pub(super) fn configured(&self, member: &ProcessSpec, begun: &Path) -> ProcessSpec {
+    pub(super) fn configured(&self, member: &ProcessSpec, initial: &Path) -> ProcessSpec {
         let mut member = member.clone();
-        let (begun, present) = (begun.to_string_lossy(), self.path.to_string_lossy());
-        if begun != present {
+        let (initial, present) = (initial.to_string_lossy(), self.path.to_string_lossy());
+        if initial != present {
             for argument in &mut member.args {
-                if let Some(text) = argument.to_str().filter(|text| text.contains(&*begun)) {
-                    *argument = OsString::from(text.replace(&*begun, &present));
+                if let Some(text) = argument.to_str().filter(|text| text.contains(&*initial)) {
+                    *argument = OsString::from(text.replace(&*initial, &present));
                 }
             }
         }
@@ -73,16 +73,16 @@ impl Settings {
     }
 
     /// The program's hash, once it is there; a listener that came since the last change gets that too.
-    pub(super) fn keep_up(&mut self) -> Answer {
+    pub(super) fn update(&mut self) -> Answer {
         if let Some(hash) = self.program_hash.take() {
             put_text(&mut self.sample.program_sha256, &hash);
-            self.say()?;
+            self.publish()?;
         }
         self.port.update_connections();
         Ok(())
     }
 
-    fn say(&mut self) -> Answer {
+    fn publish(&mut self) -> Answer {
         self.sample.header = Header { life: self.life, ..Header::at(clock::now_ns()) };
         put_text(&mut self.sample.parameters, self.tuned.text().trim_end());
         put_text(&mut self.sample.file, &self.path.to_string_lossy());
@@ -125,7 +125,7 @@ impl Supervisor {
         }
         (self.settings.tuned, self.settings.file, self.settings.path) = (tuned, file, run.join(name));
         (self.settings.sample.changes, self.settings.sample.from_cycle, self.settings.life) = (number, cycle, life);
-        self.settings.say()?;
+        self.settings.publish()?;
         let (role, _) = key.split_once('.').unwrap_or((key, ""));
         let was = if was.is_empty() { "not given".to_owned() } else { was };
         Ok(format!("{key} is {is} from cycle {cycle} on, and was {was}: in every {role}, until this run ends"))

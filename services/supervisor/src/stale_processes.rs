@@ -16,7 +16,7 @@ const COMM_BYTES: usize = 15;
 
 /// A started process, told apart from a later one with the same id by its start time.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Started {
+pub struct ProcessIdentity {
     /// Name.
     pub name: String,
     /// Process id.
@@ -25,7 +25,7 @@ pub struct Started {
     pub start_ticks: u64,
 }
 
-impl Started {
+impl ProcessIdentity {
     /// The process of this id, if it lives.
     #[must_use]
     pub fn now(name: &str, pid: u32) -> Option<Self> {
@@ -82,7 +82,7 @@ pub fn write(domain: &Domain, name: &str, text: &str) -> Answer {
 ///
 /// # Errors
 /// The folder of the domain cannot be written.
-pub fn note(domain: &Domain, started: &[Started]) -> Answer {
+pub fn record(domain: &Domain, started: &[ProcessIdentity]) -> Answer {
     let text = serde_json::to_string(started).map_err(Failure::not_now)?;
     write(domain, FILE, &text)
 }
@@ -95,21 +95,21 @@ pub fn note(domain: &Domain, started: &[Started]) -> Answer {
 /// One cannot be ended.
 pub fn end(domain: &Domain) -> Answer<Vec<String>> {
     let written = std::fs::read_to_string(domain.root().join(FILE)).unwrap_or_default();
-    let mut orphans: Vec<Started> = serde_json::from_str(&written).unwrap_or_default();
+    let mut orphans: Vec<ProcessIdentity> = serde_json::from_str(&written).unwrap_or_default();
     for node in domain.alive() {
         // Someone's own process that joined by itself may stay; it is not ours to end.
         let known = orphans.iter().any(|orphan| orphan.pid == node.pid);
         if !known && standard_program(&node.name).is_some_and(|program| runs(node.pid, program)) {
-            orphans.extend(Started::now(&node.name, node.pid));
+            orphans.extend(ProcessIdentity::now(&node.name, node.pid));
         }
     }
-    orphans.retain(Started::lives);
+    orphans.retain(ProcessIdentity::lives);
     for signal in [Signal::TERM, Signal::KILL] {
         for orphan in &orphans {
             orphan.signal(signal);
         }
         let deadline = Instant::now() + PATIENCE;
-        while orphans.iter().any(Started::lives) {
+        while orphans.iter().any(ProcessIdentity::lives) {
             if Instant::now() >= deadline {
                 break;
             }
@@ -133,10 +133,10 @@ mod tests {
 
     #[test]
     fn a_process_is_known_by_its_start_time() {
-        let own = Started::now("test", std::process::id()).unwrap();
+        let own = ProcessIdentity::now("test", std::process::id()).unwrap();
         assert!(own.lives());
-        assert!(!Started { start_ticks: own.start_ticks + 1, ..own.clone() }.lives());
-        assert!(!Started { pid: u32::MAX / 2, ..own }.lives());
+        assert!(!ProcessIdentity { start_ticks: own.start_ticks + 1, ..own.clone() }.lives());
+        assert!(!ProcessIdentity { pid: u32::MAX / 2, ..own }.lives());
     }
 
     #[test]
@@ -162,8 +162,8 @@ mod tests {
     #[test]
     fn the_list_is_replaced_at_once() {
         let domain = Domain::for_test();
-        note(&domain, &[]).unwrap();
-        note(&domain, &[]).unwrap();
+        record(&domain, &[]).unwrap();
+        record(&domain, &[]).unwrap();
         let names: Vec<_> = std::fs::read_dir(domain.root()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
         assert_eq!(names, [FILE], "nothing half written stays");
     }
@@ -172,7 +172,7 @@ mod tests {
     fn orphans_are_ended_and_named() {
         let domain = Domain::for_test();
         let mut sleeper = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-        note(&domain, &[Started::now("sleeper", sleeper.id()).unwrap()]).unwrap();
+        record(&domain, &[ProcessIdentity::now("sleeper", sleeper.id()).unwrap()]).unwrap();
         assert_eq!(end(&domain).unwrap(), ["sleeper"]);
         assert!(!sleeper.wait().unwrap().success());
         assert!(end(&domain).unwrap().is_empty());
