@@ -285,7 +285,7 @@ impl Supervisor {
         let back = self.folder.copies().put_back(&run);
         if gone && back.is_ok() {
             // The manifest comes last: with it the folder is whole again.
-            self.archive.put_back();
+            self.archive.restore();
             let (path, text) = self.folder.manifest();
             self.archive.write(path, text);
         }
