@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_words_are_kept() {
+    fn the_last_diagnostic_is_stored() {
         let folder = tempfile::tempdir().unwrap();
         let mut child = start(
             folder.path(),

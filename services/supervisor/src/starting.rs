@@ -237,7 +237,7 @@ impl Supervisor {
         self.heartbeats.listen(&self.bus, &member.name)?;
         // A folder that somebody removed is no reason to leave the robot without a process.
         let _ = std::fs::create_dir_all(self.folder.path().join("log"));
-        self.put_back_copies();
+        self.restore_copies();
         let started = self.settings.configured(member, &self.site.config);
         let with = Start {
             domain: &self.site.domain,
@@ -274,15 +274,15 @@ impl Supervisor {
     /// Makes a run folder again that was removed, with all that the supervisor still knows of the run.
     pub(super) fn restore_folder(&mut self) {
         if self.folder.is_gone() {
-            self.put_back_copies();
+            self.restore_copies();
         }
     }
 
     /// The copies of the configuration are what they were, whatever was done to them while_waiting.
-    pub(super) fn put_back_copies(&mut self) {
+    pub(super) fn restore_copies(&mut self) {
         let run = self.folder.path().to_path_buf();
         let gone = self.folder.is_gone();
-        let back = self.folder.copies().put_back(&run);
+        let back = self.folder.copies().restore(&run);
         if gone && back.is_ok() {
             // The manifest comes last: with it the folder is whole again.
             self.archive.restore();
