@@ -1,11 +1,11 @@
-//! What the supervisor says: to the terminal, and on `system/log/nims`, so that it is in the run file.
+//! Messages of the supervisor: on the terminal, and on `system/log/nims`, and so in the run file.
 
 use bus::{Bus, Publisher, clock};
 use command::Answer;
 use messages::{LogEvent, put_sentence, put_text};
 use std::io::Write;
 
-/// Says things.
+/// Publishes messages for the operator.
 pub struct Announcer {
     log: Publisher<LogEvent>,
 }
@@ -16,19 +16,19 @@ impl Announcer {
     }
 
     pub(super) fn info(&mut self, text: &str) {
-        self.say(LogEvent::LEVEL_INFO, "", text);
+        self.publish(LogEvent::LEVEL_INFO, "", text);
     }
 
     pub(super) fn warn(&mut self, text: &str) {
-        self.say(LogEvent::LEVEL_WARN, "warning: ", text);
+        self.publish(LogEvent::LEVEL_WARN, "warning: ", text);
     }
 
     pub(super) fn error(&mut self, text: &str) {
-        self.say(LogEvent::LEVEL_ERROR, "ERROR: ", text);
+        self.publish(LogEvent::LEVEL_ERROR, "ERROR: ", text);
     }
 
-    fn say(&mut self, level: u8, mark: &str, text: &str) {
-        // A terminal that is gone is no reason to let go of a robot.
+    fn publish(&mut self, level: u8, mark: &str, text: &str) {
+        // A closed terminal must not end the supervision of a robot.
         let _ = writeln!(std::io::stderr(), "nims: {mark}{text}");
         let now = clock::now_ns();
         let mut event = LogEvent { pid: std::process::id(), level, ..LogEvent::default() };
@@ -37,7 +37,7 @@ impl Announcer {
         put_text(&mut event.process, "nims");
         put_text(&mut event.target, "nims::supervisor");
         put_sentence(&mut event.text, text);
-        // The terminal has it already; a log that cannot be published must not stop the supervisor.
+        // The terminal has the message; a log that cannot be published must not stop the supervisor.
         let _ = self.log.send(&mut event);
     }
 }

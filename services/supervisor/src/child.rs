@@ -1,4 +1,4 @@
-//! One process under supervision: started in a group of its own, so that Ctrl-C reaches only the supervisor.
+//! One supervised process, started in its own process group, so that Ctrl-C reaches only the supervisor.
 
 use super::process_spec::ProcessSpec;
 use super::restarts::Restarts;
@@ -15,67 +15,67 @@ use std::process::{Child as Process, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 
-/// Lines of a process's diagnostics that are kept to explain its death.
-const KEPT_LINES: usize = 20;
-/// Time for a process to end in good order, ns; the recorder writes out what it holds.
+/// Text lines of a process's diagnostics that are stored to explain its death.
+const STORED_LINES: usize = 20;
+/// Time for a process to end after SIGTERM, ns; the recorder writes its buffers in it.
 pub const END_NS: u64 = 8_000_000_000;
 
-/// What follows when a process that was asked to end has ended.
+/// What follows when a process that was requested to end has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Then {
     /// It stays in the table as stopped.
     Stay,
-    /// It is started again.
+    /// It is restarted.
     Again,
     /// It leaves the table.
     Forget,
 }
 
-/// What a process is started with.
+/// Settings that differ from one start of a process to the next.
 #[derive(Debug, Clone, Copy)]
 pub struct Start<'a> {
-    /// Its domain.
+    /// The robot's domain.
     pub domain: &'a str,
-    /// How many changes of `nims set` are in the system file that it gets.
+    /// Number of `nims set` changes in the system file that it reads.
     pub changes: u32,
-    /// A process of its name runs until this one has said something.
+    /// Another process of its name runs until this one has published its first sample.
     pub succeeds: bool,
-    /// Where what it says goes.
+    /// File for its diagnostics.
     pub log: &'a Path,
 }
 
 /// A started process.
 #[derive(Debug)]
 pub struct Child {
-    /// What it is.
+    /// How it was started.
     pub member: ProcessSpec,
-    /// Its process id.
+    /// Process id.
     pub pid: u32,
     /// When it was started, CLOCK_MONOTONIC, ns.
     pub started_ns: u64,
-    /// Its deaths so far.
+    /// Count of its deaths and restarts.
     pub restarts: Restarts,
-    /// When it said that it is ready.
+    /// When its first heartbeat in state ready arrived, ns.
     pub ready_ns: Option<u64>,
-    /// Version of its program, as it said.
+    /// Version of its program, from its heartbeat.
     pub version: Option<String>,
-    /// It has shown no sign of life for too long.
+    /// Its last heartbeat is too old.
     pub silent: bool,
-    /// And the machine had time for it.
+    /// It is silent although it had processor time.
     pub hangs: bool,
-    /// And it waits for its disk.
+    /// It is silent because it is blocked on a disk.
     pub blocked: bool,
-    /// It was ended because it hung.
+    /// It was killed because it hung.
     pub hung: bool,
-    /// It has been named for not getting ready.
+    /// A warning that it does not become ready was published.
     pub overdue: bool,
-    /// When it was asked to end, and what follows.
+    /// When it was requested to end, ns, and what follows.
     pub asked: Option<(u64, Then)>,
-    /// When it is to be started again.
+    /// When it will be restarted, ns.
     pub again_ns: Option<u64>,
-    /// It has died too often.
+    /// It died too often to be restarted.
     pub gave_up: bool,
-    /// How it ended, once it has.
+    /// Exit status, once it has ended.
     pub exit: Option<ExitStatus>,
     killed: bool,
     process: Process,
@@ -105,24 +105,24 @@ impl Child {
             .stdin(Stdio::null())
             .stdout(Stdio::from(file.try_clone().map_err(failed)?))
             .stderr(Stdio::piped());
-        // A process group of its own, which is ended as a whole, and its fair part of a busy machine.
+        // Its own session: the process group can be ended as a whole, and the scheduler groups it fairly.
         bus::fair::own_session(&mut command);
         if let Some(folder) = &member.folder {
             command.current_dir(folder);
         }
         let (spawned, warning) = spawn(&mut command, member);
         let mut process = spawned.map_err(failed)?;
-        let lines = Arc::new(Mutex::new(VecDeque::with_capacity(KEPT_LINES)));
+        let lines = Arc::new(Mutex::new(VecDeque::with_capacity(STORED_LINES)));
         let reader = process.stderr.take().map(|stderr| {
             let lines = Arc::clone(&lines);
             std::thread::spawn(move || {
                 let mut reader = BufReader::new(stderr);
                 let mut bytes = Vec::new();
                 while reader.read_until(b'\n', &mut bytes).is_ok_and(|read| read > 0) {
-                    // A full disk takes the text of the diagnostics; they are also on system/log.
+                    // On a full disk the diagnostics are lost here; they are also on system/log.
                     let _ = file.write_all(&bytes);
                     let mut kept = lines.lock().unwrap_or_else(PoisonError::into_inner);
-                    if kept.len() == KEPT_LINES {
+                    if kept.len() == STORED_LINES {
                         kept.pop_front();
                     }
                     kept.push_back(String::from_utf8_lossy(&bytes).trim().to_owned());
@@ -155,37 +155,37 @@ impl Child {
         Ok((child, warning))
     }
 
-    /// Whether it still runs; notes how it ended, and ends what it had started itself.
+    /// Whether it still runs. Once it has ended, stores its exit status and kills the rest of its process group.
     pub fn is_alive(&mut self) -> bool {
         let Some(pid) = self.id().filter(|_| self.exit.is_none()) else { return false };
-        // Not yet reaped, its id and its group are nobody else's.
+        // Until it is reaped, its process id and its group cannot be reused.
         let peek = WaitIdOptions::EXITED | WaitIdOptions::NOHANG | WaitIdOptions::NOWAIT;
         if !matches!(waitid(WaitId::Pid(pid), peek), Ok(None)) {
             let _ = kill_process_group(pid, Signal::KILL);
             if let Ok(Some(status)) = self.process.try_wait() {
                 self.exit = Some(status);
                 (self.silent, self.hangs, self.blocked) = (false, false, false);
-                self.said = self.hear_last_words();
+                self.said = self.collect_last_diagnostic();
             }
         }
         self.exit.is_none()
     }
 
-    /// The last thing that it has said so far.
+    /// The last text line of its diagnostics so far.
     #[must_use]
     pub fn last_line(&self) -> Option<String> {
         let kept = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
         kept.iter().rev().find(|line| !line.is_empty()).cloned()
     }
 
-    /// The last thing it said before it ended that may be the cause.
+    /// The last diagnostic before it ended that may be the cause.
     #[must_use]
-    pub fn last_words(&self) -> Option<&str> {
+    pub fn last_diagnostic(&self) -> Option<&str> {
         self.said.as_deref()
     }
 
-    fn hear_last_words(&mut self) -> Option<String> {
-        // The reader may still be at the last line; someone else's process may hold the pipe open for ever.
+    fn collect_last_diagnostic(&mut self) -> Option<String> {
+        // The reader may not have read the last line yet; a grandchild may hold the pipe open for ever.
         let give_up = clock::now_ns() + 20_000_000;
         while self.reader.as_ref().is_some_and(|reader| !reader.is_finished()) && clock::now_ns() < give_up {
             clock::sleep_until(clock::now_ns() + 1_000_000);
@@ -194,22 +194,22 @@ impl Child {
             let _ = reader.join();
         }
         let kept = self.lines.lock().unwrap_or_else(PoisonError::into_inner);
-        // What it warned of is not why a signal ended it.
+        // A warning does not explain an end by a signal.
         let signalled = self.exit.is_some_and(|status| status.signal().is_some());
         kept.iter().rev().find(|line| complains(line) && !(signalled && level_of(line) == "WARN")).cloned()
     }
 
-    /// Asks it to end in good order, once.
+    /// Requests it to end with SIGTERM, once.
     pub fn ask_to_end(&mut self, then: Then) {
         if self.asked.is_none() && self.is_alive() {
             self.signal(Signal::TERM);
-            // a process that stands still hears it when it goes on
+            // a stopped process receives SIGTERM only when it continues
             self.signal(Signal::CONT);
             self.asked = Some((clock::now_ns(), then));
         }
     }
 
-    /// Ends it at once, if it was asked to end and has had its time; true the first time.
+    /// Kills it if it was requested to end more than [`END_NS`] ago; true the first time.
     pub fn kill_if_overdue(&mut self, now_ns: u64) -> bool {
         let due = self.exit.is_none() && self.asked.is_some_and(|(asked_ns, _)| now_ns >= asked_ns + END_NS);
         if !due || std::mem::replace(&mut self.killed, true) {
@@ -219,17 +219,17 @@ impl Child {
         true
     }
 
-    /// Ends a process that hangs, at once: one that is stopped hears nothing else.
+    /// Kills a process that hangs: a stopped process receives no other signal.
     pub fn end_hung(&mut self) {
         self.hung = true;
         self.signal(Signal::KILL);
     }
 
-    /// How it ended, as half a sentence; empty while it lives.
+    /// How it ended, as a clause; empty while it runs.
     #[must_use]
     pub fn ending(&self) -> String {
         match self.exit {
-            Some(_) if self.hung => "hung, without a sign of life for two seconds, and was ended".to_owned(),
+            Some(_) if self.hung => "hung, without a heartbeat for two seconds, and was killed".to_owned(),
             Some(exit) => ending(exit),
             None => String::new(),
         }
@@ -248,13 +248,13 @@ impl Child {
         }
     }
 
-    /// Whether it ended without being asked, and not as something that may end does.
+    /// Whether it ended without a request; a custom process may end with exit code 0.
     #[must_use]
     pub fn has_died(&self) -> bool {
         self.asked.is_none() && self.exit.is_some_and(|exit| self.member.role != Role::Other || !exit.success())
     }
 
-    /// Its state in the process table.
+    /// Its `ProcessState::STATE_*` in the process table.
     #[must_use]
     pub fn state(&self) -> u8 {
         match self.exit {
@@ -264,13 +264,13 @@ impl Child {
             None if self.asked.is_some() => ProcessState::STATE_STOPPING,
             None if self.silent => ProcessState::STATE_SILENT,
             None if self.ready_ns.is_some() => ProcessState::STATE_READY,
-            None if self.member.beats => ProcessState::STATE_STARTING,
+            None if self.member.sends_heartbeats => ProcessState::STATE_STARTING,
             None => ProcessState::STATE_RUNNING,
         }
     }
 }
 
-/// Starts the program from a thread that has the priority and the processor which the process inherits.
+/// Starts the program from a thread whose priority and processor affinity the process inherits.
 fn spawn(command: &mut Command, member: &ProcessSpec) -> (std::io::Result<Process>, Option<String>) {
     if member.priority == 0 && member.cpu.is_none() {
         return (command.spawn(), None);
@@ -285,17 +285,17 @@ fn spawn(command: &mut Command, member: &ProcessSpec) -> (std::io::Result<Proces
     thread.unwrap_or_else(|_| (Err(std::io::Error::other("the thread that starts it failed")), None))
 }
 
-/// Whether a line may be the cause of an end: a warning, an error, or one without a level, as of a panic or of a program of one's own.
+/// Whether a text line may explain an end: a warning, an error, or a line without a level, as a panic prints it.
 fn complains(line: &str) -> bool {
     !line.is_empty() && !["TRACE", "DEBUG", "INFO"].contains(&level_of(line))
 }
 
-/// The first word of a line, which is the level of one that is logged.
+/// The first word of a text line: the level, if it is a log line.
 fn level_of(line: &str) -> &str {
     line.split(|letter: char| !letter.is_ascii_alphabetic()).next().unwrap_or_default()
 }
 
-/// How a process ended, as half a sentence.
+/// How a process ended, as a clause.
 #[must_use]
 pub fn ending(status: ExitStatus) -> String {
     match (status.code(), status.signal()) {

@@ -1,13 +1,14 @@
-//! What killed processes leave in shared memory takes places that their successors need; removing it can take seconds, so it is done
-//! beside the supervisor's own loop.
+//! Removes what killed processes leave in shared memory: it occupies places that their successors need.
+//!
+//! A sweep can take seconds, so it runs on its own thread.
 
 use bus::{BusError, Domain, Swept};
 use std::sync::mpsc::{Receiver, TryRecvError, sync_channel};
 
-/// Pause before what failed is tried again, ns.
+/// Pause before a failed sweep is repeated, ns.
 const RETRY_NS: u64 = 2_000_000_000;
 
-/// Sweeps a domain when told to.
+/// Sweeps a domain on request.
 pub struct Cleanup {
     domain: Domain,
     due_ns: Option<u64>,
@@ -15,23 +16,23 @@ pub struct Cleanup {
 }
 
 impl Cleanup {
-    /// For that domain.
+    /// Without a pending request.
     pub fn new(domain: &Domain) -> Self {
         Self { domain: domain.clone(), due_ns: None, running: None }
     }
 
-    /// Something has died.
-    pub fn wanted(&mut self, now_ns: u64) {
+    /// Requests a sweep, because a process has died.
+    pub fn request(&mut self, now_ns: u64) {
         self.due_ns = Some(now_ns);
     }
 
-    /// Begins and ends sweeps; why the last one failed.
-    pub fn look(&mut self, now_ns: u64) -> Option<String> {
+    /// Starts a requested sweep, or collects the result of the last one: why it failed.
+    pub fn poll(&mut self, now_ns: u64) -> Option<String> {
         let result = match self.running.as_ref().map(Receiver::try_recv) {
             Some(Err(TryRecvError::Empty)) => return None,
             Some(Ok(Ok(_))) | None => None,
             Some(Ok(Err(error))) => Some(error.to_string()),
-            Some(Err(TryRecvError::Disconnected)) => Some("the cleaner broke off".to_owned()),
+            Some(Err(TryRecvError::Disconnected)) => Some("the cleanup thread ended early".to_owned()),
         };
         self.running = None;
         if result.is_some() {
@@ -39,7 +40,7 @@ impl Cleanup {
         } else if self.due_ns.is_some_and(|due| due <= now_ns) {
             self.due_ns = None;
             let (domain, (done, running)) = (self.domain.clone(), sync_channel(1));
-            let spawned = std::thread::Builder::new().name("sweeper".to_owned()).spawn(move || {
+            let spawned = std::thread::Builder::new().name("cleanup".to_owned()).spawn(move || {
                 let _ = done.send(domain.sweep());
             });
             match spawned {

@@ -1,9 +1,9 @@
-//! The end of a run: the robot at rest, the processes ended in order, the run files whole.
+//! The end of a run: stops the robot, ends the processes in order, and completes the run files.
 
 use super::child::{Child, ending};
 use super::process_spec::ProcessSpec;
 use super::unfinished_runs::parts;
-use super::{Ending, Supervisor, stale_processes};
+use super::{RunOutcome, Supervisor, stale_processes};
 use bus::BusError;
 use bus::clock::{self, WallClock};
 use client::RUNNING_FILE;
@@ -13,17 +13,17 @@ use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Duration;
 
-/// Time for the robot to come to rest when everything ends, ns: the longest stop ramp and some.
+/// Time for the robot to come to rest at the end of a run, ns: the longest stop ramp and a margin.
 const REST_NS: u64 = 6_000_000_000;
 /// From the last command to standing drums, ns: several times a drive's delay and lag.
 const SETTLE_NS: u64 = 500_000_000;
 
-/// How long motor-io may take to answer that it stops.
+/// Longest wait for motor-io's answer to the stop request.
 const ANSWER: Duration = Duration::from_secs(1);
-/// How long the end of a run waits for what earlier ones left, once the robot is at rest and its processes have ended.
-const LEFTOVERS: Duration = Duration::from_secs(5);
+/// Longest wait for the recovery of earlier runs, once the robot is at rest and its processes have ended.
+const UNFINISHED_RUNS: Duration = Duration::from_secs(5);
 
-/// Whether the robot moves, or is about to stand.
+/// Whether the robot moves or ramps down.
 pub(super) fn moves(authority: &MotorAuthority) -> bool {
     matches!(
         authority.mode,
@@ -32,11 +32,11 @@ pub(super) fn moves(authority: &MotorAuthority) -> bool {
 }
 
 impl Supervisor {
-    /// Brings the robot to rest, ends every process, the recorder last, and closes the run.
+    /// Stops the robot, ends every process, the recorder last, and closes the run.
     #[must_use]
-    pub fn end(mut self, because: &str) -> Ending {
+    pub fn end(mut self, because: &str) -> RunOutcome {
         self.mission.end(because);
-        self.come_to_rest();
+        self.stop_robot();
         let mode = self.last_authority.map(|authority| authority.mode);
         let (died, run) = (std::mem::take(&mut self.died), self.folder.path().to_path_buf());
         let unfinished = self.mission.unfinished(self.last_authority.as_ref());
@@ -51,7 +51,7 @@ impl Supervisor {
             heartbeat,
             table,
             authority,
-            beats,
+            heartbeats,
             server,
             waiter,
             claim,
@@ -68,7 +68,7 @@ impl Supervisor {
             heartbeat,
             table,
             authority,
-            beats,
+            heartbeats,
             server,
             waiter,
             requests,
@@ -77,41 +77,42 @@ impl Supervisor {
             mission,
             bus,
         ));
-        // If someone still looks on, only the debris of processes that were killed goes, and the rest when the domain is next used.
+        // While a viewer still holds the domain, only the remains of killed processes are removed; the next start
+        // removes the rest.
         let _ = domain.sweep();
         let _ = domain.retire(claim);
-        Ending { run, died, unrecorded, unfinished, mode }
+        RunOutcome { run, died, unrecorded, unfinished, mode }
     }
 
-    /// Asks motor-io to stop on the path and waits until the robot is at rest. Whatever fails here, the drives still hold.
-    fn come_to_rest(&mut self) {
+    /// Requests a stop on the path and waits until the robot is at rest. If this fails, the drives still hold.
+    fn stop_robot(&mut self) {
         if !self.process_set.iter_mut().any(|child| child.member.role == Role::MotorIo && child.is_alive()) {
             return;
         }
-        if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
+        if self.poll().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
             return;
         }
         let mut stop = client::plain(OperatorRequest::VERB_STOP);
         stop.origin = OperatorRequest::ORIGIN_SUPERVISOR;
         put_text(&mut stop.requester, "supervisor");
         if let Err(error) = self.ask_to_stop(&stop) {
-            self.announcer.warn(&format!("motor-io was not asked to stop: {error}"));
+            self.announcer.warn(&format!("the stop request to motor-io failed: {error}"));
         }
         let give_up = clock::now_ns() + REST_NS;
         while clock::now_ns() < give_up {
             clock::sleep_until(clock::now_ns() + 20_000_000);
-            if self.look().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
-                // The drives lag behind their commands; the run file shows them come to rest too.
+            if self.poll().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
+                // The drives lag behind their commands; the run file also shows them come to rest.
                 clock::sleep_until(clock::now_ns() + SETTLE_NS);
                 return;
             }
         }
         self.announcer
-            .warn("the robot has not come to rest in time; the processes end all the same, and the drives hold");
+            .warn("the robot did not come to rest in time; the processes end now, and the drives hold");
     }
 
-    /// Asks by the client that was opened while there was room for it, which also finds a motor-io that was started since; by a new one
-    /// where that fails.
+    /// Sends the request through the client that was opened at the start, which also reaches a restarted motor-io; if that
+    /// fails, through a new one.
     fn ask_to_stop(&mut self, stop: &OperatorRequest) -> Result<OperatorRequest, BusError> {
         let asked = self.stopper.as_mut().map(|client| client.ask(stop, ANSWER));
         match asked {
@@ -120,72 +121,72 @@ impl Supervisor {
         }
     }
 
-    /// Ends the processes; recovers what a dead recorder left; completes the manifest.
+    /// Ends the processes, recovers run files that were not closed, and completes the manifest.
     pub(super) fn close(&mut self, because: &str) {
         self.beat.state = Heartbeat::STATE_STOPPING;
         let now = self.run_unix_ns();
-        self.folder.note_stopping(now);
+        self.folder.record_stopping(now);
         let mut process_set = std::mem::take(&mut self.process_set);
         let mut killed = Vec::new();
-        // The recorder still takes what the others say while they end, and motor-io still hears that someone is there.
+        // While the others end, the recorder still records, and motor-io still receives the supervisor's heartbeat.
         process_set.end(
             |_| {
-                let _ = self.beat_if_due();
-                let _ = self.look_at_recording();
+                let _ = self.heartbeat_if_due();
+                let _ = self.poll_recording();
             },
             |name| killed.push(name.to_owned()),
         );
         self.process_set = process_set;
         for name in killed {
-            self.announcer.warn(&format!("{name} did not end by itself and was killed"));
+            self.announcer.warn(&format!("{name} did not end in time and was killed"));
         }
-        // The recorder says last of all what it has lost.
-        let _ = self.look_at_recording();
-        self.judge_recorder();
+        // The recorder publishes its final count of lost samples as it ends.
+        let _ = self.poll_recording();
+        self.check_recorder_exit();
         let _ = self.publish_table();
-        // Also one that was removed in the last moment.
+        // The run folder may have been removed in the last moment.
         self.restore_folder();
         for trouble in self.archive.finish() {
             self.announcer.warn(&trouble);
         }
         let run = self.folder.path().to_path_buf();
         self.recover(&run);
-        let news = self.leftovers.finish(LEFTOVERS);
-        self.tell(news);
+        let events = self.unfinished_runs.finish(UNFINISHED_RUNS);
+        self.report_recovery(events);
         let processes = self.processes();
         if let Err(failure) = self.folder.close(because, processes) {
-            self.recording.fails(&failure.to_string());
+            self.recording.record_failure(&failure.to_string());
             self.announcer.error(&failure.to_string());
         }
-        // Nobody is left but this process, whose names the next start wipes.
+        // Only this process is left in the domain; the next start removes its names.
         let _ = std::fs::remove_file(self.domain.root().join(RUNNING_FILE));
         let _ = self.domain.set_wall_clock(None);
-        let _ = stale_processes::note(&self.domain, &[]);
+        let _ = stale_processes::record(&self.domain, &[]);
     }
 
-    /// A recorder that has not ended well has lost what it still held.
-    fn judge_recorder(&mut self) {
+    /// A recorder that did not exit cleanly has lost its buffers.
+    fn check_recorder_exit(&mut self) {
         let unclosed = |child: &Child| match child.exit {
             Some(exit) if exit.success() && !child.has_died() => None,
             Some(_) => Some(format!("the recorder {}, so the end of the run may be missing", child.ending())),
             None => Some("the recorder does not end, so the end of the run may be missing".to_owned()),
         };
-        // One that never was ready has recorded nothing.
+        // A recorder that was never ready has recorded nothing.
         let recorders = |child: &&Child| child.member.role == Role::Recorder && child.ready_ns.is_some();
         let whys: Vec<String> = self.process_set.iter().filter(recorders).filter_map(unclosed).collect();
         for why in whys {
-            self.recording.fails(&why);
+            self.recording.record_failure(&why);
             self.announcer.error(&why);
         }
     }
 
-    /// Now, by the clock of the run.
+    /// The present time on the clock of the run, UNIX ns.
     pub(super) fn run_unix_ns(&self) -> u64 {
         let clock = self.domain.wall_clock().unwrap_or_else(WallClock::now);
         clock::now_ns().saturating_add_signed(clock.offset_ns())
     }
 
-    /// The processes of the run, for its manifest.
+    /// The processes of the run, as the manifest lists them.
     fn processes(&self) -> Value {
         self.process_set
             .iter()
@@ -202,36 +203,36 @@ impl Supervisor {
             .collect()
     }
 
-    /// Writes into the manifest what runs: a run that is cut off then still says with which programs it flew.
-    pub(super) fn note_processes(&mut self) {
+    /// Writes the running processes into the manifest, so that an interrupted run still lists its programs.
+    pub(super) fn record_processes(&mut self) {
         let processes = self.processes();
-        self.folder.note_processes(processes);
+        self.folder.record_processes(processes);
         let (path, text) = self.folder.manifest();
         self.archive.write(path, text);
     }
 
-    /// Keeps a copy of each file that the command of a process names: a sensor's, a script.
-    pub(super) fn keep_files_of(&mut self, member: &ProcessSpec) {
+    /// Stores a copy of each file that the command of a process names, such as a script or a sensor's configuration.
+    pub(super) fn archive_files_of(&mut self, member: &ProcessSpec) {
         let Some(folder) = &member.folder else { return };
         let arguments = member.args.iter().map(Path::new).chain([member.program.as_path()]);
         let kept = |path: &Path| {
             path.extension().is_some_and(|ending| runlog::ATTACHED_ENDINGS.iter().any(|kept| ending == *kept))
         };
         for path in arguments.filter(|path| kept(path)).map(|path| folder.join(path)) {
-            // What is a copy of this run already needs no other.
+            // A copy in this run folder needs no further copy.
             if path.is_file() && !path.starts_with(&self.site.run) {
-                self.archive.keep_of_process(&member.name, path);
+                self.archive.copy_process_file(&member.name, path);
             }
         }
     }
 
-    /// Closes the run files that a dead recorder left open.
+    /// Closes the run files that a recorder left open.
     fn recover(&mut self, run: &Path) {
         for part in parts(run) {
             match runlog::recover(&part, &mut |_, _| {}) {
                 Ok(_) => {
                     let why = format!("{} was not closed by its recorder and has been recovered", part.display());
-                    self.recording.fails(&why);
+                    self.recording.record_failure(&why);
                     self.announcer.warn(&why);
                 }
                 Err(error) => {
@@ -240,7 +241,7 @@ impl Supervisor {
                         part.display(),
                         run.display()
                     );
-                    self.recording.fails(&why);
+                    self.recording.record_failure(&why);
                     self.announcer.error(&why);
                 }
             }

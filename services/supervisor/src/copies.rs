@@ -1,6 +1,6 @@
-//! The run's own copy of the configuration: every process of the run reads it, whenever it is started.
+//! The run's copy of the configuration: every process of the run reads it, no matter when it is started.
 //!
-//! An edit of the originals is for the next run. The supervisor holds the bytes too, so an edit of the copy changes nothing either.
+//! An edit of the originals takes effect in the next run. The supervisor holds the content and restores edited copies.
 
 use command::{Answer, Failure};
 use config::RESOLVED;
@@ -8,17 +8,17 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::{fs, io};
 
-/// Names that a run folder has for files of its own.
-const TAKEN: [&str; 5] = ["box.toml", "mission.toml", "manifest.json", "set.toml", RESOLVED];
-/// A larger file is no configuration, bytes; a motor table has some thousand.
+/// Names that the run folder uses for its own files.
+const RESERVED: [&str; 5] = ["box.toml", "mission.toml", "manifest.json", "set.toml", RESOLVED];
+/// Largest configuration file, bytes; a motor table has a few thousand.
 const LARGEST: u64 = 16 << 20;
 
-/// Files of a run folder, by their names.
+/// Contents of the copied files, by file name.
 #[derive(Debug, Clone, Default)]
 pub struct Copies(BTreeMap<PathBuf, Vec<u8>>);
 
 impl Copies {
-    /// Takes a file in under the name that it will have in the run folder.
+    /// Adds a file under the name that it gets in the run folder.
     ///
     /// # Errors
     /// It cannot be read, or the name is taken.
@@ -30,10 +30,10 @@ impl Copies {
             return Err(unreadable(format!("it has {size} bytes, and a configuration has at most {LARGEST}")));
         }
         let bytes = fs::read(original).map_err(|error| unreadable(error.to_string()))?;
-        let own = TAKEN.iter().any(|taken| name == Path::new(taken));
+        let own = RESERVED.iter().any(|taken| name == Path::new(taken));
         if own || self.0.get(name).is_some_and(|other| *other != bytes) {
             return Err(Failure::BadInput(format!(
-                "{} cannot be kept in the run folder, where another file is called {}: give it another name",
+                "{} cannot be copied to the run folder, where another file has the name {}: rename it",
                 original.display(),
                 name.display()
             )));
@@ -42,17 +42,20 @@ impl Copies {
         Ok(())
     }
 
-    /// Takes a text in.
+    /// Adds a text.
     pub fn add(&mut self, name: &str, text: String) {
-        self.keep(name, text.into_bytes());
+        self.insert(name, text.into_bytes());
     }
 
-    /// Takes the bytes of a file of the run folder's own in.
-    pub fn keep(&mut self, name: &str, bytes: Vec<u8>) {
+    /// Adds the content of one of the run folder's own files.
+    pub fn insert(&mut self, name: &str, bytes: Vec<u8>) {
         self.0.insert(name.into(), bytes);
     }
 
-    /// Writes all of them; what cannot be written, and why.
+    /// Writes all files.
+    ///
+    /// # Errors
+    /// The path that cannot be written, and why.
     pub fn write(&self, folder: &Path) -> Result<(), (PathBuf, io::Error)> {
         for (name, bytes) in &self.0 {
             let path = folder.join(name);
@@ -61,9 +64,12 @@ impl Copies {
         Ok(())
     }
 
-    /// Writes those that are not as they were; which these are.
-    pub fn put_back(&self, folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
-        let mut back = Vec::new();
+    /// Restores files that were changed or removed, and returns their names.
+    ///
+    /// # Errors
+    /// The path that cannot be written, and why.
+    pub fn restore(&self, folder: &Path) -> Result<Vec<String>, (PathBuf, io::Error)> {
+        let mut restored = Vec::new();
         for (name, bytes) in &self.0 {
             let path = folder.join(name);
             if fs::read(&path).is_ok_and(|present| present == *bytes) {
@@ -71,9 +77,9 @@ impl Copies {
             }
             let made = fs::create_dir_all(folder).and_then(|()| super::archive::replace(&path, bytes));
             made.map_err(|error| (path, error))?;
-            back.push(name.display().to_string());
+            restored.push(name.display().to_string());
         }
-        Ok(back)
+        Ok(restored)
     }
 }
 
@@ -82,16 +88,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_edited_or_deleted_copy_is_put_back() {
+    fn an_edited_or_deleted_copy_is_restored() {
         let folder = tempfile::tempdir().unwrap();
         let mut copies = Copies::default();
         copies.add("resolved.toml", "a = 1\n".to_owned());
         copies.add("robot.toml", "b = 1\n".to_owned());
         copies.write(folder.path()).unwrap();
-        assert!(copies.put_back(folder.path()).unwrap().is_empty());
+        assert!(copies.restore(folder.path()).unwrap().is_empty());
         fs::write(folder.path().join("robot.toml"), "b = 2\n").unwrap();
         fs::remove_file(folder.path().join("resolved.toml")).unwrap();
-        assert_eq!(copies.put_back(folder.path()).unwrap(), ["resolved.toml", "robot.toml"]);
+        assert_eq!(copies.restore(folder.path()).unwrap(), ["resolved.toml", "robot.toml"]);
         assert_eq!(fs::read_to_string(folder.path().join("robot.toml")).unwrap(), "b = 1\n");
     }
 

@@ -4,7 +4,7 @@ use config::Role;
 
 /// What has become of a process that is lost.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Fate {
+pub enum LossState {
     /// It has ended, and stays so.
     Dead,
     /// It has ended, and is started again by itself.
@@ -12,7 +12,7 @@ pub enum Fate {
     /// It hangs, and is left to itself.
     Hangs,
     /// It hangs, and is ended so that it is started again by itself.
-    Ended,
+    Terminated,
 }
 
 /// What happens when a process of this role is lost, for the operator.
@@ -32,16 +32,16 @@ pub fn consequence(role: Role, watchdog_s: f64) -> String {
 ///
 /// All of it can be done while `nims up` runs, which refuses a second one; only the virtual drives begin again with the robot.
 #[must_use]
-pub fn cure(name: &str, role: Role, fate: Fate, replaced: bool) -> Option<String> {
+pub fn cure(name: &str, role: Role, fate: LossState, replaced: bool) -> Option<String> {
     let first = match (role, fate) {
-        (Role::MotorBox, Fate::Dead) => Some("end `nims up`, and start it again".to_owned()),
-        (Role::MotorBox, Fate::Hangs) => Some("end `nims up`, which ends it too, and start it again".to_owned()),
-        (_, Fate::Ended) => Some("it is ended, to be started again".to_owned()),
-        (_, Fate::Hangs) => Some(format!("`nims restart {name}` ends it and starts it again")),
-        (_, Fate::Restarts) => None,
-        (Role::Other, Fate::Dead) => None,
-        (Role::Estimator | Role::Controller, Fate::Dead) if replaced => None,
-        (_, Fate::Dead) => Some(format!("`nims restart {name}` starts it again")),
+        (Role::MotorBox, LossState::Dead) => Some("end `nims up`, and start it again".to_owned()),
+        (Role::MotorBox, LossState::Hangs) => Some("end `nims up`, which ends it too, and start it again".to_owned()),
+        (_, LossState::Terminated) => Some("it is ended, to be started again".to_owned()),
+        (_, LossState::Hangs) => Some(format!("`nims restart {name}` ends it and starts it again")),
+        (_, LossState::Restarts) => None,
+        (Role::Other, LossState::Dead) => None,
+        (Role::Estimator | Role::Controller, LossState::Dead) if replaced => None,
+        (_, LossState::Dead) => Some(format!("`nims restart {name}` starts it again")),
     };
     let then = match role {
         Role::MotorIo => Some(
@@ -74,7 +74,7 @@ mod tests {
     fn what_is_started_again_by_itself_has_no_cure_that_starts_it() {
         for (name, role) in ROLES {
             assert!(!consequence(role, 0.3).contains("nims"), "{name}");
-            for fate in [Fate::Restarts, Fate::Ended] {
+            for fate in [LossState::Restarts, LossState::Terminated] {
                 let cure = cure(name, role, fate, false).unwrap_or_default();
                 let starts = ["nims restart", "nims start", "nims up"].iter().any(|words| cure.contains(words));
                 assert!(!starts, "{name}: {cure}");
@@ -84,7 +84,7 @@ mod tests {
 
     #[test]
     fn a_lost_motor_io_is_restarted_and_not_the_robot() {
-        for fate in [Fate::Dead, Fate::Hangs] {
+        for fate in [LossState::Dead, LossState::Hangs] {
             let cure = cure("motor-io", Role::MotorIo, fate, false).unwrap();
             let steps = ["nims restart motor-io", "confirm-position", "nims arm", "nims run MISSION --continue"];
             let places: Vec<usize> = steps.iter().filter_map(|step| cure.find(step)).collect();
@@ -95,11 +95,14 @@ mod tests {
 
     #[test]
     fn a_lost_controller_with_a_standby_leaves_nothing_to_resume() {
-        assert_eq!(cure("controller", Role::Controller, Fate::Dead, true), None);
-        let alone = cure("controller", Role::Controller, Fate::Dead, false).unwrap();
+        assert_eq!(cure("controller", Role::Controller, LossState::Dead, true), None);
+        let alone = cure("controller", Role::Controller, LossState::Dead, false).unwrap();
         assert_eq!(alone, "`nims restart controller` starts it again, then `nims resume`");
-        assert_eq!(cure("controller", Role::Controller, Fate::Restarts, false).as_deref(), Some("then `nims resume`"));
-        let hung = cure("controller", Role::Controller, Fate::Hangs, true).unwrap();
+        assert_eq!(
+            cure("controller", Role::Controller, LossState::Restarts, false).as_deref(),
+            Some("then `nims resume`")
+        );
+        let hung = cure("controller", Role::Controller, LossState::Hangs, true).unwrap();
         assert!(hung.ends_with("ends it and starts it again"), "{hung}");
     }
 
@@ -107,7 +110,7 @@ mod tests {
     fn every_cure_fits_into_a_row_of_the_process_table() {
         let row = messages::ProcessState::default();
         for (name, role) in ROLES {
-            for fate in [Fate::Dead, Fate::Restarts, Fate::Hangs, Fate::Ended] {
+            for fate in [LossState::Dead, LossState::Restarts, LossState::Hangs, LossState::Terminated] {
                 let cure = cure(name, role, fate, false).unwrap_or_default();
                 assert!(cure.len() <= row.reason.len(), "{cure}");
             }

@@ -19,20 +19,20 @@ const LOOKED_NS: u64 = 250_000_000;
 /// Heartbeats by the name of their process.
 #[derive(Default)]
 pub struct Heartbeats {
-    heard: BTreeMap<String, Heard>,
-    awake: Awake,
+    records: BTreeMap<String, HeartbeatRecord>,
+    awake: AwakeClock,
 }
 
-struct Heard {
+struct HeartbeatRecord {
     subscriber: Subscriber<Heartbeat>,
-    /// The last one: when, on the clock of [`Awake`], and of which process.
+    /// The last one: when, on the clock of [`AwakeClock`], and of which process.
     last: Option<(u64, u32)>,
-    suspicion: Suspicion,
+    silence: SilenceAnalysis,
 }
 
-/// What is known of a process since it began to be suspect, on the clock of [`Awake`].
+/// What is known of a process since it began to be suspect, on the clock of [`AwakeClock`].
 #[derive(Debug, Default)]
-struct Suspicion {
+struct SilenceAnalysis {
     /// When it began, and how the process had been scheduled until then.
     began: Option<(u64, Scheduled)>,
     /// How it was scheduled at the last look, and for how long it has been seen waiting for a processor since: the kernel counts a wait when
@@ -45,7 +45,7 @@ struct Suspicion {
 
 /// Why a process is silent that does not hang.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Excuse {
+enum SilenceCause {
     /// The machine has no time for it.
     Starved,
     /// It is blocked in the kernel: its disk does not answer. Not even a kill would end it.
@@ -54,13 +54,13 @@ enum Excuse {
 
 /// A clock that runs only while this program does: what passes while the whole machine stands still is nobody's silence.
 #[derive(Debug, Default)]
-struct Awake {
+struct AwakeClock {
     ns: u64,
     looked_ns: Option<u64>,
 }
 
-impl Awake {
-    fn look(&mut self, now_ns: u64) -> u64 {
+impl AwakeClock {
+    fn poll(&mut self, now_ns: u64) -> u64 {
         let since_ns = self.looked_ns.replace(now_ns).map_or(0, |looked_ns| now_ns.saturating_sub(looked_ns));
         self.ns += since_ns.min(LOOKED_NS);
         self.ns
@@ -88,34 +88,37 @@ impl Heartbeats {
     /// # Errors
     /// Shared memory fails.
     pub fn listen(&mut self, bus: &Bus, name: &str) -> Answer {
-        if !self.heard.contains_key(name) {
+        if !self.records.contains_key(name) {
             let subscriber = bus.subscriber(&format!("system/heartbeat/{name}"))?;
-            self.heard.insert(name.to_owned(), Heard { subscriber, last: None, suspicion: Suspicion::default() });
+            self.records.insert(
+                name.to_owned(),
+                HeartbeatRecord { subscriber, last: None, silence: SilenceAnalysis::default() },
+            );
         }
         Ok(())
     }
 
     /// Listens to it no longer.
     pub fn forget(&mut self, name: &str) {
-        self.heard.remove(name);
+        self.records.remove(name);
     }
 
     /// Takes in what has come, and says what has changed.
     ///
     /// # Errors
     /// Shared memory fails.
-    pub fn look(&mut self, process_set: &mut ProcessSet) -> Answer<Vec<Change>> {
+    pub fn poll(&mut self, process_set: &mut ProcessSet) -> Answer<Vec<Change>> {
         let now = clock::now_ns();
-        let awake_ns = self.awake.look(now);
+        let awake_ns = self.awake.poll(now);
         let mut changes = Vec::new();
         for child in process_set.iter_mut() {
-            let Some(heard) = self.heard.get_mut(&child.member.name) else { continue };
-            while let Some(beat) = heard.subscriber.receive()? {
+            let Some(record) = self.records.get_mut(&child.member.name) else { continue };
+            while let Some(beat) = record.subscriber.receive()? {
                 // An earlier life, or a stranger of that name, says nothing about this one.
                 if beat.pid != child.pid {
                     continue;
                 }
-                heard.last = Some((awake_ns, beat.pid));
+                record.last = Some((awake_ns, beat.pid));
                 if beat.state == Heartbeat::STATE_READY && child.ready_ns.is_none() {
                     child.ready_ns = Some(now);
                     child.version = Some(text_of(&beat.version)).filter(|version| !version.is_empty());
@@ -123,23 +126,23 @@ impl Heartbeats {
                 }
             }
             let expected = child.ready_ns.is_some() && child.exit.is_none() && child.asked.is_none();
-            let silent_ns = match heard.last {
+            let silent_ns = match record.last {
                 Some((at_ns, pid)) if pid == child.pid && expected => awake_ns.saturating_sub(at_ns),
                 _ => 0,
             };
-            let excuse = heard.excuse(child.pid, silent_ns, awake_ns);
+            let cause = record.cause(child.pid, silent_ns, awake_ns);
             let silent = silent_ns > SILENT_NS;
-            let hangs = silent && excuse.is_none();
-            child.blocked = silent && excuse == Some(Excuse::Blocked);
+            let hangs = silent && cause.is_none();
+            child.blocked = silent && cause == Some(SilenceCause::Blocked);
             if (silent, hangs) == (child.silent, child.hangs) {
                 continue;
             }
             (child.silent, child.hangs) = (silent, hangs);
             let (name, seconds) = (child.member.name.clone(), SILENT_NS / 1_000_000_000);
-            changes.push(match (silent, excuse) {
+            changes.push(match (silent, cause) {
                 (false, _) => Change::Back(name),
-                (true, Some(Excuse::Starved)) => Change::Starved(name, seconds),
-                (true, Some(Excuse::Blocked)) => Change::Blocked(name, seconds),
+                (true, Some(SilenceCause::Starved)) => Change::Starved(name, seconds),
+                (true, Some(SilenceCause::Blocked)) => Change::Blocked(name, seconds),
                 (true, None) => Change::Silent(name, seconds),
             });
         }
@@ -147,22 +150,22 @@ impl Heartbeats {
     }
 }
 
-impl Heard {
+impl HeartbeatRecord {
     /// Why the process is silent, if it does not hang.
-    fn excuse(&mut self, pid: u32, silent_ns: u64, awake_ns: u64) -> Option<Excuse> {
+    fn cause(&mut self, pid: u32, silent_ns: u64, awake_ns: u64) -> Option<SilenceCause> {
         if silent_ns < SUSPECT_NS {
-            self.suspicion = Suspicion::default();
+            self.silence = SilenceAnalysis::default();
             return None;
         }
-        self.suspicion.judge(awake_ns, state_of(pid), Scheduled::now(pid))
+        self.silence.classify(awake_ns, state_of(pid), Scheduled::now(pid))
     }
 }
 
-impl Suspicion {
+impl SilenceAnalysis {
     /// A process that is or was just blocked in the kernel waits for its disk. The machine had no time for one that, since it began to be
     /// suspect, waited for a processor for more than half of the time. One that was stopped, or waits for something that never comes, does
     /// not, not even in the moment in which it goes on, and one that runs in a circle has its processor.
-    fn judge(&mut self, awake_ns: u64, state: Option<State>, now: Option<Scheduled>) -> Option<Excuse> {
+    fn classify(&mut self, awake_ns: u64, state: Option<State>, now: Option<Scheduled>) -> Option<SilenceCause> {
         if state == Some(State::Blocked) {
             self.blocked_ns = Some(awake_ns);
         }
@@ -173,9 +176,9 @@ impl Suspicion {
             now.starved_since(&before, self.pending_ns, awake_ns.saturating_sub(since_ns))
         });
         if self.blocked_ns.is_some_and(|at_ns| awake_ns.saturating_sub(at_ns) < BLOCKED_NS) {
-            return Some(Excuse::Blocked);
+            return Some(SilenceCause::Blocked);
         }
-        starved.then_some(Excuse::Starved)
+        starved.then_some(SilenceCause::Starved)
     }
 }
 
@@ -223,15 +226,15 @@ mod tests {
 
     #[test]
     fn what_passes_while_the_machine_stands_still_is_no_silence() {
-        let mut awake = Awake::default();
+        let mut awake = AwakeClock::default();
         let mut now_ns = 1_000_000_000_000;
-        awake.look(now_ns);
+        awake.poll(now_ns);
         for _ in 0..10 {
             now_ns += 50_000_000;
-            awake.look(now_ns);
+            awake.poll(now_ns);
         }
         assert_eq!(awake.ns, 500_000_000);
-        awake.look(now_ns + 3_600_000_000_000);
+        awake.poll(now_ns + 3_600_000_000_000);
         assert_eq!(awake.ns, 500_000_000 + LOOKED_NS, "an hour of standstill");
     }
 
@@ -252,35 +255,35 @@ mod tests {
     #[test]
     fn one_that_was_stopped_has_not_waited_for_a_processor_when_it_goes_on() {
         let at = |ran_ns: u64, runnable: bool| Scheduled { ran_ns, waited_ns: 5, runnable };
-        let mut stopped = Suspicion::default();
+        let mut stopped = SilenceAnalysis::default();
         for ms in (500..6600).step_by(50) {
-            assert_eq!(stopped.judge(ms * 1_000_000, Some(State::Stopped), Some(at(7, false))), None, "{ms}");
+            assert_eq!(stopped.classify(ms * 1_000_000, Some(State::Stopped), Some(at(7, false))), None, "{ms}");
         }
         for (ms, ran_ns) in [(6600, 7), (6650, 7), (6700, 30_000_000)] {
-            assert_eq!(stopped.judge(ms * 1_000_000, Some(State::Runnable), Some(at(ran_ns, true))), None, "{ms}");
+            assert_eq!(stopped.classify(ms * 1_000_000, Some(State::Runnable), Some(at(ran_ns, true))), None, "{ms}");
         }
-        let mut starved = Suspicion::default();
+        let mut starved = SilenceAnalysis::default();
         let mut judged = None;
         for ms in (500..2050).step_by(50) {
-            judged = starved.judge(ms * 1_000_000, Some(State::Runnable), Some(at(7, true)));
+            judged = starved.classify(ms * 1_000_000, Some(State::Runnable), Some(at(7, true)));
         }
-        assert_eq!(judged, Some(Excuse::Starved), "it was runnable all the time, and never ran");
+        assert_eq!(judged, Some(SilenceCause::Starved), "it was runnable all the time, and never ran");
     }
 
     #[test]
     fn one_that_waits_for_its_disk_does_not_hang() {
         let asleep = Scheduled { ran_ns: 7, waited_ns: 5, runnable: false };
-        let mut suspicion = Suspicion::default();
-        let mut judge = |ms: u64, state| suspicion.judge(ms * 1_000_000, Some(state), Some(asleep));
+        let mut silence = SilenceAnalysis::default();
+        let mut judge = |ms: u64, state| silence.classify(ms * 1_000_000, Some(state), Some(asleep));
         assert_eq!(judge(1000, State::Asleep), None);
-        assert_eq!(judge(1050, State::Blocked), Some(Excuse::Blocked));
-        assert_eq!(judge(1100, State::Asleep), Some(Excuse::Blocked), "asleep for a moment between two blocks");
+        assert_eq!(judge(1050, State::Blocked), Some(SilenceCause::Blocked));
+        assert_eq!(judge(1100, State::Asleep), Some(SilenceCause::Blocked), "asleep for a moment between two blocks");
         assert_eq!(judge(1600, State::Asleep), None, "the disk has answered, and it still says nothing");
-        assert_eq!(judge(1650, State::Blocked), Some(Excuse::Blocked));
+        assert_eq!(judge(1650, State::Blocked), Some(SilenceCause::Blocked));
         assert_eq!(judge(2500, State::Stopped), None);
-        let mut unknown = Suspicion::default();
-        assert_eq!(unknown.judge(1, Some(State::Blocked), None), Some(Excuse::Blocked));
-        assert_eq!(Suspicion::default().judge(1, None, None), None);
+        let mut unknown = SilenceAnalysis::default();
+        assert_eq!(unknown.classify(1, Some(State::Blocked), None), Some(SilenceCause::Blocked));
+        assert_eq!(SilenceAnalysis::default().classify(1, None, None), None);
     }
 
     #[test]

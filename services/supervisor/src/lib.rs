@@ -1,10 +1,10 @@
-//! Starting, watching and stopping the processes of a box.
+//! Starts, watches and stops the processes of a system.
 //!
-//! Architecture invariant: the supervisor is not in the control loop. It may die at any instant; motor-io then brings the robot to rest
-//! on its path and holds, and the next supervisor of the domain ends what was left behind.
+//! Architecture invariant: the supervisor is not in the control loop. It may die at any instant: motor-io then stops
+//! the robot on its path and holds it, and the next supervisor of the domain ends the processes that are left.
 //!
-//! Architecture invariant: nothing here waits for a process while others run. The supervisor's own heartbeat would stop, and the robot
-//! with it.
+//! Architecture invariant: the supervisor never blocks on one process while others run. Its own heartbeat would stop,
+//! and motor-io would stop the robot.
 #![forbid(unsafe_code)]
 
 mod announcer;
@@ -53,43 +53,43 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::Ordering;
 use unfinished_runs::UnfinishedRuns;
 
-/// What is to be started.
+/// What [`Supervisor::start`] starts.
 #[derive(Debug, Clone, Copy)]
-pub struct Wanted<'a> {
+pub struct StartOptions<'a> {
     /// System file.
     pub system_path: &'a Path,
-    /// Run folder, if not a new one.
+    /// Run folder; `None`: a new one in the system's runs folder.
     pub run: Option<&'a Path>,
-    /// Domain, if not the box's own.
+    /// Domain; `None`: the name of the system.
     pub domain: Option<&'a str>,
-    /// Mission that will be flown, to be kept with the run.
+    /// Mission that the caller will start; a copy is stored in the run folder.
     pub mission: Option<&'a Path>,
 }
 
 /// How a run ended.
 #[derive(Debug)]
-pub struct Ending {
+pub struct RunOutcome {
     /// The folder of the run.
     pub run: PathBuf,
-    /// Names of the processes that died and were not expected to.
+    /// Names of the processes that died unexpectedly.
     pub died: Vec<String>,
-    /// Why, each time, a part of it was not recorded.
+    /// One sentence for each reason why a part of the run was not recorded.
     pub unrecorded: Vec<String>,
-    /// The mission that did not come to its end, how far it came, and why.
+    /// The mission that was not completed, with its progress and the reason.
     pub unfinished: Option<String>,
-    /// Mode of motor-io at the end, if it could still be asked.
+    /// Last mode that motor-io published.
     pub mode: Option<u8>,
 }
 
-impl Ending {
-    /// Where the run is, as a part of a sentence; a folder that was removed is not named as if it were there.
+impl RunOutcome {
+    /// Where the run is, as a clause; it distinguishes a run folder that was removed.
     #[must_use]
     pub fn place(&self) -> String {
         let run = self.run.display();
         if self.run.is_dir() { format!("the run is in {run}") } else { format!("the run folder {run} was removed") }
     }
 
-    /// What went wrong on the way, in one sentence; `None` if nothing did.
+    /// What failed during the run, in one sentence; `None` if nothing did.
     #[must_use]
     pub fn failed(&self) -> Option<String> {
         let mut parts = Vec::new();
@@ -99,24 +99,24 @@ impl Ending {
         if !self.died.is_empty() {
             let log = self.run.join("log");
             let see = if log.is_dir() { format!("; see {}", log.display()) } else { String::new() };
-            parts.push(format!("died on the way: {}{see}", self.died.join(", ")));
+            parts.push(format!("died during the run: {}{see}", self.died.join(", ")));
         }
         (!parts.is_empty()).then(|| parts.join("; "))
     }
 }
 
-/// The processes of one box, running. Dropped without [`Supervisor::end`], it ends them all the same.
+/// The running processes of one system. Dropping it without [`Supervisor::end`] also ends them.
 pub struct Supervisor {
-    // First, so that it is dropped first: what its processes say while they end has to find a recorder and a domain.
+    // First, so that it is dropped first: its processes publish while they end and need the domain for that.
     process_set: ProcessSet,
     settings: Settings,
     site: Site,
     folder: RunFolder,
     archive: Archive,
-    leftovers: UnfinishedRuns,
+    unfinished_runs: UnfinishedRuns,
     stop: StopFlag,
-    beats: Heartbeats,
-    sweeper: Cleanup,
+    heartbeats: Heartbeats,
+    cleanup: Cleanup,
     died: Vec<String>,
     announcer: Announcer,
     busy: busy::Watch,
@@ -127,7 +127,7 @@ pub struct Supervisor {
     recording: Recording,
     mission: Missions,
     requests: Subscriber<OperatorRequest>,
-    /// By which motor-io is asked to stop when everything ends: kept, because there may be no shared memory left for it then.
+    /// Client for the stop request at the end; opened early, because shared memory may be exhausted by then.
     stopper: Option<Client>,
     beat: Heartbeat,
     last_beat_ns: u64,
@@ -146,7 +146,7 @@ impl Supervisor {
         &self.bus
     }
 
-    /// The box that runs.
+    /// The system file of the run.
     #[must_use]
     pub fn system_file(&self) -> &SystemFile {
         &self.site.file
@@ -158,7 +158,7 @@ impl Supervisor {
         &self.folder
     }
 
-    /// What motor-io said last.
+    /// The last `motor/authority` that was received.
     #[must_use]
     pub fn authority(&self) -> Option<&MotorAuthority> {
         self.last_authority.as_ref()
@@ -170,7 +170,7 @@ impl Supervisor {
         &self.died
     }
 
-    /// A process without which the robot cannot go on, and which has died.
+    /// A vital process that has died and has no standby.
     #[must_use]
     pub fn dead_and_vital(&self) -> Option<&str> {
         let replaced = |role| self.process_set.has_ready(role);
@@ -182,12 +182,12 @@ impl Supervisor {
         dead.map(|child| child.member.name.as_str())
     }
 
-    /// Says something that happened, on the terminal and in the run file.
+    /// Prints a warning and publishes it on the log channel, and so in the run file.
     pub fn warn(&mut self, sentence: &str) {
         self.announcer.warn(sentence);
     }
 
-    /// Whether someone wants it to end.
+    /// Whether a signal or the parent has requested the end.
     #[must_use]
     pub fn is_stopping(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
@@ -204,11 +204,11 @@ mod tests {
         let run = folder.path().join("run");
         std::fs::create_dir_all(run.join("log")).unwrap();
         let (died, unrecorded) = (vec!["planner".to_owned()], Vec::new());
-        let ending = Ending { run: run.clone(), died, unrecorded, unfinished: None, mode: None };
+        let ending = RunOutcome { run: run.clone(), died, unrecorded, unfinished: None, mode: None };
         assert!(ending.place().starts_with("the run is in "));
         assert!(ending.failed().is_some_and(|said| said.ends_with("run/log")));
         std::fs::remove_dir_all(&run).unwrap();
         assert!(ending.place().ends_with("was removed"));
-        assert_eq!(ending.failed().as_deref(), Some("died on the way: planner"));
+        assert_eq!(ending.failed().as_deref(), Some("died during the run: planner"));
     }
 }

@@ -1,6 +1,7 @@
-//! The processes that were started, and their end: downstream before upstream, the recorder last.
+//! The processes that were started; they end downstream before upstream, the recorder last.
 //!
-//! Architecture invariant: a process_set never outlives whoever holds it. Dropped on whatever way, a panic included, it ends its processes in order.
+//! Architecture invariant: the processes never outlive their `ProcessSet`. When it is dropped, also by a panic, it ends
+//! them in order.
 
 use super::child::{Child, Then};
 use super::process_spec::ProcessSpec;
@@ -8,70 +9,71 @@ use super::successors::Successor;
 use bus::clock;
 use config::Role;
 
-/// In which order processes end.
+/// Order in which processes end.
 const ORDER: [Role; 7] = [
     Role::Planner,
     Role::Controller,
     Role::Estimator,
     Role::Other,
-    // brings a moving robot to rest before it ends
+    // stops a moving robot before it ends
     Role::MotorIo,
     Role::MotorBox,
     Role::Recorder,
 ];
-/// From the kill to the end, ns.
+/// Longest wait for the end after SIGKILL, ns.
 const KILLED_NS: u64 = 1_000_000_000;
-/// How often the living are looked at while they end, ns.
-const LOOK_NS: u64 = 5_000_000;
+/// Polling period while processes end, ns.
+const POLL_NS: u64 = 5_000_000;
 
 /// Processes in the order in which they were started.
 #[derive(Debug, Default)]
 pub struct ProcessSet {
     children: Vec<Child>,
-    /// Those of a name that another one still has.
+    /// Processes that will replace a running process of the same name.
     pub successors: Vec<Successor>,
 }
 
 impl ProcessSet {
-    /// Takes a process in; it takes the place of an earlier life.
-    pub fn enter(&mut self, child: Child) {
+    /// Adds a process, or replaces an earlier incarnation of it.
+    pub fn insert(&mut self, child: Child) {
         match self.children.iter_mut().find(|other| other.member.name == child.member.name) {
             Some(place) => *place = child,
             None => self.children.push(child),
         }
     }
 
-    /// Forgets those.
+    /// Removes the processes for which `which` returns true.
     pub fn forget(&mut self, which: impl Fn(&Child) -> bool) {
         self.children.retain(|child| !which(child));
     }
 
-    /// All of them.
+    /// All processes, in the order in which they were started.
     pub fn iter(&self) -> impl Iterator<Item = &Child> {
         self.children.iter()
     }
 
-    /// All of them.
+    /// As [`Self::iter`], mutable.
     pub fn iter_mut(&mut self) -> impl Iterator<Item = &mut Child> {
         self.children.iter_mut()
     }
 
-    /// The one that goes by that name, on the bus before in the system file, the living before the dead.
+    /// The process of that name: its name on the bus takes precedence over its name in the system file, and a running
+    /// process over an ended one.
     pub fn find(&mut self, name: &str) -> Option<&mut Child> {
         let ranked = self.children.iter().enumerate().filter(|(_, child)| child.member.is_called(name));
         let best = ranked.max_by_key(|(_, child)| (child.member.name == name, child.exit.is_none())).map(|(at, _)| at);
         best.and_then(|at| self.children.get_mut(at))
     }
 
-    /// Whether a process of that role lives (and none is only about to) and has said that it is ready.
+    /// Whether a process of that role runs and has reported that it is ready.
     #[must_use]
     pub fn has_ready(&self, role: Role) -> bool {
         self.children.iter().any(|child| child.member.role == role && child.exit.is_none() && child.ready_ns.is_some())
     }
 
-    /// Another of its role that is ready to do its work.
+    /// A ready process of the same role in the other slot.
     #[must_use]
-    pub fn stand_in(&self, member: &ProcessSpec) -> Option<&Child> {
+    pub fn standby_of(&self, member: &ProcessSpec) -> Option<&Child> {
         let stands_in = |child: &&Child| {
             child.member.role == member.role
                 && child.member.slot != member.slot
@@ -81,8 +83,9 @@ impl ProcessSet {
         self.children.iter().find(stands_in).filter(|_| member.role.has_slots())
     }
 
-    /// Ends all of them; `meanwhile` is called every few milliseconds, `killed` with the name of one that did not end by itself.
-    pub fn end(&mut self, mut meanwhile: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
+    /// Ends all processes; calls `while_waiting` every few milliseconds, and `killed` with the name of each process that
+    /// had to be killed.
+    pub fn end(&mut self, mut while_waiting: impl FnMut(&Self), mut killed: impl FnMut(&str)) {
         self.children.extend(self.successors.drain(..).map(|successor| successor.child));
         for role in ORDER {
             let of_role = |child: &&mut Child| child.member.role == role;
@@ -95,12 +98,12 @@ impl ProcessSet {
                 for child in self.children.iter_mut().filter(of_role) {
                     if child.kill_if_overdue(now) {
                         killed(&child.member.name);
-                        // What the kernel holds back even from a kill is not waited for.
+                        // A process that is blocked in the kernel may survive even SIGKILL: do not wait for it.
                         give_up = now + KILLED_NS;
                     }
                 }
-                meanwhile(self);
-                clock::sleep_until(clock::now_ns() + LOOK_NS);
+                while_waiting(self);
+                clock::sleep_until(clock::now_ns() + POLL_NS);
             }
         }
     }
@@ -130,7 +133,7 @@ mod tests {
             args: vec!["-c".into(), script.into()],
             folder: None,
             restart: Policy { again: false, pause_ns: 1, limit: 1, forgiven_ns: 1 },
-            beats: false,
+            sends_heartbeats: false,
             priority: 0,
             cpu: None,
         }
@@ -159,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_loses_the_crew_ends_it_in_order() {
+    fn dropping_the_set_ends_its_processes_in_order() {
         let folder = tempfile::tempdir().unwrap();
         let order = folder.path().join("order");
         let script = |name: &str| {
@@ -174,7 +177,7 @@ mod tests {
             {
                 let mut member = member(name, role, &script(name));
                 member.folder = Some(folder.path().to_owned());
-                process_set.enter(started(folder.path(), &member));
+                process_set.insert(started(folder.path(), &member));
                 wait_for(|| folder.path().join(format!("{name}.up")).exists());
             }
             panic!("something goes wrong in the supervisor");
@@ -184,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn what_a_process_started_itself_ends_with_it() {
+    fn the_children_of_a_process_end_with_it() {
         let folder = tempfile::tempdir().unwrap();
         let note = folder.path().join("grandchild");
         let script = format!("sleep 1000 & echo $! > {0}.new; mv {0}.new {0}; wait", note.display());
@@ -192,7 +195,7 @@ mod tests {
         wait_for(|| note.exists());
         let grandchild: u32 = std::fs::read_to_string(&note).unwrap().trim().parse().unwrap();
         assert!(lives(grandchild));
-        // killed from outside: the supervisor only sees it end
+        // killed from outside: the supervisor only observes the end
         rustix::process::kill_process(
             rustix::process::Pid::from_raw(child.pid.cast_signed()).unwrap(),
             rustix::process::Signal::KILL,
@@ -207,10 +210,10 @@ mod tests {
     }
 
     #[test]
-    fn a_process_that_stands_still_can_be_ended() {
+    fn a_stopped_process_can_be_ended() {
         let folder = tempfile::tempdir().unwrap();
         let mut process_set = ProcessSet::default();
-        process_set.enter(start(folder.path(), "still", Role::Other, "kill -STOP $$; sleep 1000"));
+        process_set.insert(start(folder.path(), "still", Role::Other, "kill -STOP $$; sleep 1000"));
         let pid = process_set.iter().next().unwrap().pid;
         wait_for(|| std::fs::read_to_string(format!("/proc/{pid}/stat")).unwrap().contains(") T"));
         process_set.end(|_| (), |name| panic!("{name} had to be killed"));
@@ -218,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn the_last_words_are_kept() {
+    fn the_last_diagnostic_is_stored() {
         let folder = tempfile::tempdir().unwrap();
         let mut child = start(
             folder.path(),
@@ -227,18 +230,18 @@ mod tests {
             "echo first >&2; echo the port is gone >&2; echo >&2; exit 3",
         );
         while child.is_alive() {}
-        assert_eq!(child.last_words(), Some("the port is gone"));
+        assert_eq!(child.last_diagnostic(), Some("the port is gone"));
         assert_eq!(child.state(), messages::ProcessState::STATE_DIED);
         assert_eq!(super::super::child::ending(child.exit.unwrap()), "ended with exit code 3");
     }
 
     #[test]
-    fn what_a_process_said_of_its_work_is_no_cause_of_its_end() {
+    fn an_info_line_does_not_explain_an_end() {
         let folder = tempfile::tempdir().unwrap();
         let words = |name: &str, script: &str| {
             let mut child = start(folder.path(), name, Role::Recorder, script);
             while child.is_alive() {}
-            child.last_words().map(str::to_owned)
+            child.last_diagnostic().map(str::to_owned)
         };
         assert_eq!(words("quiet", "echo 'INFO  recorder: recording to run.mcap' >&2; kill -9 $$"), None);
         let warned = "echo 'WARN  recorder: slow' >&2; echo 'INFO  recorder: ready' >&2; exit 1";
@@ -246,15 +249,15 @@ mod tests {
     }
 
     #[test]
-    fn a_name_of_the_bus_comes_before_one_of_the_box_file() {
+    fn a_name_on_the_bus_takes_precedence_over_one_in_the_system_file() {
         let folder = tempfile::tempdir().unwrap();
         let mut process_set = ProcessSet::default();
         let mut first = start(folder.path(), "controller-b", Role::Controller, "sleep 1000");
         first.member.alias = Some("mine".to_owned());
-        process_set.enter(first);
-        process_set.enter(start(folder.path(), "mine", Role::Other, "sleep 1000"));
+        process_set.insert(first);
+        process_set.insert(start(folder.path(), "mine", Role::Other, "sleep 1000"));
         assert_eq!(process_set.find("mine").unwrap().member.role, Role::Other);
         assert_eq!(process_set.find("controller-b").unwrap().member.role, Role::Controller);
-        assert!(process_set.find("nobody").is_none());
+        assert!(process_set.find("unknown").is_none());
     }
 }

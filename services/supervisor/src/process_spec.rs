@@ -1,4 +1,4 @@
-//! Which processes a box has, how each is started, and what the death of each means.
+//! Which processes a system has, and how each is started.
 
 use super::restarts::Policy;
 use command::{Answer, Failure};
@@ -7,55 +7,55 @@ use std::collections::BTreeMap;
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-/// What a process without an entry in the system file gets; the defaults of `[[process]]`.
+/// Policy of a process without an entry in the system file: the defaults of `[[process]]`.
 const RESTART: Policy = Policy { again: false, pause_ns: 500_000_000, limit: 3, forgiven_ns: 60_000_000_000 };
-/// Bytes of a process's name: it becomes part of a channel's name, and that of a socket's path.
+/// Longest process name, bytes: it becomes part of a channel name and of a socket path.
 const NAME_MAX: usize = 16;
 
-/// A process to be started.
+/// How to start one process.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ProcessSpec {
     /// Its name on the bus and in the process table; unique.
     pub name: String,
-    /// Its name in the system file, where it takes the place of a standard process.
+    /// Its name in the system file, where it replaces a standard process.
     pub alias: Option<String>,
-    /// What it does.
+    /// Role in the system.
     pub role: Role,
-    /// Of a controller or an estimator.
+    /// Slot of a controller or an estimator.
     pub slot: Option<Slot>,
-    /// Its law, if not the configured one.
+    /// Its law or method, where it differs from the configured one.
     pub law: Option<String>,
-    /// The program.
+    /// Path of the program.
     pub program: PathBuf,
-    /// Its arguments.
+    /// Arguments of the program.
     pub args: Vec<OsString>,
-    /// Where it runs, if not where the supervisor does.
+    /// Working directory; `None`: that of the supervisor.
     pub folder: Option<PathBuf>,
-    /// Whether it is started again when it dies.
+    /// Whether and when it is restarted after it dies.
     pub restart: Policy,
-    /// It sends heartbeats and says when it is ready. A program that is not ours may never do so.
-    pub beats: bool,
-    /// SCHED_FIFO priority; 0: ordinary, or as `[realtime]` says.
+    /// It sends heartbeats and reports when it is ready. A foreign program may never do so.
+    pub sends_heartbeats: bool,
+    /// SCHED_FIFO priority; 0: ordinary scheduling, or the priority in `[realtime]`.
     pub priority: u8,
-    /// Processor that it runs on.
+    /// Processor to which it is pinned.
     pub cpu: Option<usize>,
 }
 
 impl ProcessSpec {
-    /// Whether the robot cannot go on without it.
+    /// Whether the robot cannot continue a motion without it.
     #[must_use]
     pub fn is_vital(&self) -> bool {
         !matches!(self.role, Role::Recorder | Role::Other)
     }
 
-    /// Whether it goes by that name, on the bus or in the system file.
+    /// Whether this is its name on the bus or in the system file.
     #[must_use]
     pub fn is_called(&self, name: &str) -> bool {
         self.name == name || self.alias.as_deref() == Some(name)
     }
 
-    /// Roles whose processes have to be ready before this one is started: the recorder first, so that nothing is missed, and whoever is
-    /// heard by others before those whom motor-io's cycle wakes; whatever is not of the standard ones comes last.
+    /// Roles whose processes must be ready before this one is started. The recorder starts first, so that it misses no
+    /// sample; publishers start before motor-io, whose cycle wakes their subscribers; custom processes start last.
     #[must_use]
     pub fn waits_for(&self) -> &'static [Role] {
         match self.role {
@@ -69,28 +69,28 @@ impl ProcessSpec {
     }
 }
 
-/// What the processes of a run have in common.
+/// What the processes of a run share.
 #[derive(Debug, Clone)]
 pub struct Site {
-    /// The box.
+    /// The parsed system file.
     pub file: SystemFile,
-    /// The file that it was started with; its folder is where relative paths begin.
+    /// Path of the original system file; relative paths start at its folder.
     pub system_path: PathBuf,
-    /// The run's own copy of it, which the processes read.
+    /// The run's copy of the system file, which the processes read.
     pub config: PathBuf,
-    /// Files that commands of the box name, and the run's own copy of each.
+    /// Files that commands in the system file name, and the run's copy of each.
     pub copies: BTreeMap<PathBuf, PathBuf>,
-    /// The domain, as `--domain` takes it.
+    /// The domain, in the form that `--domain` accepts.
     pub domain: String,
     /// The run folder.
     pub run: PathBuf,
 }
 
 impl Site {
-    /// The processes that the box starts by itself, upstream before downstream.
+    /// The processes that the system starts automatically, upstream before downstream.
     ///
     /// # Errors
-    /// A program that is not there.
+    /// A program does not exist.
     pub fn members(&self) -> Answer<Vec<ProcessSpec>> {
         let mut members = Vec::new();
         for role in [Role::Recorder, Role::MotorBox, Role::Estimator, Role::Controller, Role::Planner, Role::MotorIo] {
@@ -109,32 +109,32 @@ impl Site {
         for section in self.file.process.iter().filter(|process| process.start && process.role == Role::Other) {
             members.push(self.configured(section, None)?);
         }
-        // What can be asked for later has to be there too.
+        // Programs that `nims start` may start later must exist too.
         for section in self.file.process.iter().filter(|process| !process.start) {
             self.configured(section, None)?;
         }
         Ok(members)
     }
 
-    /// A process of the system file, if it has one of that name.
+    /// The `[[process]]` entry of that name.
     #[must_use]
     pub fn section(&self, name: &str) -> Option<&ProcessSection> {
         self.file.process.iter().find(|process| process.name == name)
     }
 
-    /// The process that an entry of the system file describes; for a controller or an estimator in that slot, if not in its own.
+    /// The process that an entry of the system file describes; `slot` overrides the slot of a controller or an estimator.
     ///
     /// # Errors
-    /// A program that is not there.
+    /// The program does not exist.
     pub fn configured(&self, section: &ProcessSection, slot: Option<Slot>) -> Answer<ProcessSpec> {
         let slot = section.role.has_slots().then(|| slot.unwrap_or(section.slot()));
         self.member(section.role, slot, Some(section), None)
     }
 
-    /// A controller or an estimator in that slot, with a law of its own: `law` names one, or an entry of the system file.
+    /// A controller or an estimator in that slot: `law` names a law or method, or an entry of the system file.
     ///
     /// # Errors
-    /// A program that is not there, or an entry of another role.
+    /// The program does not exist, or the entry has another role.
     pub fn with_law(&self, role: Role, slot: Slot, law: &str) -> Answer<ProcessSpec> {
         match self.file.process_for(role, law).map_err(Failure::BadInput)? {
             Some(section) => self.configured(section, Some(slot)),
@@ -142,10 +142,10 @@ impl Site {
         }
     }
 
-    /// The process of a role as the system file has it: its entry, or the standard program.
+    /// The process of a role: its entry in the system file, or the standard program.
     ///
     /// # Errors
-    /// A program that is not there.
+    /// The program does not exist.
     pub fn of_role(&self, role: Role, slot: Option<Slot>) -> Answer<ProcessSpec> {
         let takes = |process: &&ProcessSection| {
             process.start && process.role == role && slot.is_none_or(|slot| process.slot() == slot)
@@ -153,10 +153,10 @@ impl Site {
         self.member(role, slot, self.file.process.iter().find(takes), None)
     }
 
-    /// A program that the system file does not know.
+    /// A program that the system file does not name.
     ///
     /// # Errors
-    /// A name that cannot be used, or a program that is not there.
+    /// The name is not valid, or the program does not exist.
     pub fn plugged(&self, name: &str, folder: &Path, command: &[String]) -> Answer<ProcessSpec> {
         let usable = |byte: u8| byte.is_ascii_lowercase() || byte.is_ascii_digit() || byte == b'-';
         if name.is_empty() || name.len() > NAME_MAX || !name.bytes().all(usable) {
@@ -175,7 +175,7 @@ impl Site {
             args,
             folder: Some(folder.to_owned()),
             restart: RESTART,
-            beats: false,
+            sends_heartbeats: false,
             priority: 0,
             cpu: None,
         })
@@ -197,7 +197,7 @@ impl Site {
         let folder = own.map(|_| self.system_path.parent().unwrap_or(Path::new("/")).to_path_buf());
         let (program, mut args) = match own {
             Some(section) => self.command(&name, &section.command, folder.as_deref().unwrap_or(Path::new("/")))?,
-            None => (beside_us(role.name())?, Vec::new()),
+            None => (sibling_program(role.name())?, Vec::new()),
         };
         if role != Role::Other {
             args.extend(["--system".into(), self.config.clone().into()]);
@@ -213,7 +213,7 @@ impl Site {
             args.extend(["--run".into(), self.run.clone().into()]);
         }
         let standby = role.has_slots() && self.file.process.iter().any(|other| other.role == role && other.standby);
-        // A recorder that comes back begins a new file beside the one that recovery closes.
+        // A restarted recorder begins a new file; recovery closes the previous one.
         let again = section.and_then(|section| section.restart).unwrap_or(role == Role::Recorder || standby);
         let restart = section.map_or(RESTART, |section| Policy {
             again,
@@ -221,7 +221,7 @@ impl Site {
             limit: section.restart_limit,
             forgiven_ns: (section.restart_forgive_s * 1e9) as u64,
         });
-        // What is not recorded is lost: as long as the robot runs, its recorder is tried again.
+        // Samples that are not recorded are lost, so the recorder is restarted for as long as the robot runs.
         let limit = if role == Role::Recorder { u32::MAX } else { restart.limit };
         Ok(ProcessSpec {
             alias: section.map(|section| section.name.clone()).filter(|alias| *alias != name),
@@ -233,13 +233,13 @@ impl Site {
             args,
             folder,
             restart: Policy { again, limit, ..restart },
-            beats: role != Role::Other,
+            sends_heartbeats: role != Role::Other,
             priority: section.map_or(0, |section| section.priority),
             cpu: section.and_then(|section| section.cpu),
         })
     }
 
-    /// A configured command: its program, and its arguments with what stands for something filled in.
+    /// Program and arguments of a configured command, with its placeholders substituted.
     fn command(&self, name: &str, command: &[String], folder: &Path) -> Answer<(PathBuf, Vec<OsString>)> {
         let Some((first, rest)) = command.split_first().filter(|(first, _)| !first.is_empty()) else {
             return Err(Failure::BadInput(format!(
@@ -249,13 +249,13 @@ impl Site {
         let program = if first.contains('/') {
             Some(folder.join(first)).filter(|path| path.is_file())
         } else {
-            beside_us(first).ok().or_else(|| in_path(first))
+            sibling_program(first).ok().or_else(|| in_path(first))
         };
         let Some(program) = program else {
             if folder.join(first).is_dir() {
                 return Err(Failure::BadInput(format!("process \"{name}\": {first} is a folder; name a program")));
             }
-            let where_to_look = if first.contains('/') { "" } else { ", neither beside nims nor in PATH" };
+            let where_to_look = if first.contains('/') { "" } else { ", neither in the folder of nims nor in PATH" };
             return Err(Failure::BadInput(format!("process \"{name}\": there is no program {first}{where_to_look}")));
         };
         let filled_in = |argument: &String| {
@@ -274,7 +274,7 @@ impl Site {
         Ok((program, rest.iter().map(filled_in).map(copied).collect()))
     }
 
-    /// The files that the commands of the box name and that a process reads at its start, with the name of the process.
+    /// The configuration files that commands in the system file name, each with the name of its process.
     #[must_use]
     pub fn files_of_commands(&self) -> Vec<(String, PathBuf)> {
         let folder = self.system_path.parent().unwrap_or(Path::new("/"));
@@ -288,12 +288,12 @@ impl Site {
     }
 }
 
-/// Whether a process is told what to do by a file of this name.
+/// Whether a file of this name is a configuration file.
 pub(super) fn is_configuration(path: &Path) -> bool {
     path.extension().is_some_and(|ending| ending == "toml")
 }
 
-fn beside_us(name: &str) -> Answer<PathBuf> {
+fn sibling_program(name: &str) -> Answer<PathBuf> {
     let own = std::env::current_exe().map_err(Failure::not_now)?;
     let path = own.with_file_name(name);
     if path.is_file() {

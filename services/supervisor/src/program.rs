@@ -1,6 +1,6 @@
 //! The supervisor in the foreground, as `nims up` runs it.
 
-use crate::{Ending, Supervisor, Wanted};
+use crate::{RunOutcome, StartOptions, Supervisor};
 use bus::clock;
 use command::values::seconds;
 use command::{Answer, Failure, Output, StopFlag};
@@ -18,7 +18,7 @@ const PAGE: &str = "report.html";
 /// A page of a longer run takes its time, bytes: it is made when it is asked for.
 const LARGE: u64 = 300_000_000;
 /// How often a program that was started by another looks whether it is to end.
-const LOOK: Duration = Duration::from_millis(100);
+const POLL: Duration = Duration::from_millis(100);
 
 /// The arguments.
 #[derive(Debug, clap::Args)]
@@ -116,13 +116,17 @@ fn page(run: &Path) -> Result<PathBuf, String> {
 ///
 /// # Errors
 /// It did not come up.
-fn watch(asked: &Args, domain: Option<&str>) -> Answer<(Ending, Answer)> {
-    let wanted =
-        Wanted { system_path: &asked.config, run: asked.run.as_deref(), domain, mission: asked.mission.as_deref() };
+fn watch(asked: &Args, domain: Option<&str>) -> Answer<(RunOutcome, Answer)> {
+    let wanted = StartOptions {
+        system_path: &asked.config,
+        run: asked.run.as_deref(),
+        domain,
+        mission: asked.mission.as_deref(),
+    };
     let began = clock::now_ns();
     accepted(&asked.config)?;
     let stop = command::stop_flag()?;
-    let reason = if asked.parent { reason_of_parent(&stop) } else { Arc::default() };
+    let reason = if asked.parent { parent_reason(&stop) } else { Arc::default() };
     let mut supervisor = Supervisor::start(&wanted, stop.clone())?;
     let limit = asked.seconds.map(Duration::from_secs_f64).unwrap_or(Duration::MAX / 4);
     let started = clock::now_ns();
@@ -138,7 +142,7 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(Ending, Answer)> {
         && clock::now_ns() - started < limit.as_nanos().min(u128::from(u64::MAX)) as u64
     {
         let left = limit.saturating_sub(Duration::from_nanos(clock::now_ns() - started));
-        watched = supervisor.watch(left.min(if asked.parent { LOOK } else { Duration::from_secs(1) }));
+        watched = supervisor.watch(left.min(if asked.parent { POLL } else { Duration::from_secs(1) }));
     }
     let because = match &watched {
         Err(failure) => failure.to_string(),
@@ -154,7 +158,7 @@ fn watch(asked: &Args, domain: Option<&str>) -> Answer<(Ending, Answer)> {
 }
 
 /// Reads standard input to its end on a thread of its own, and asks for the end then. What stands there is the reason.
-fn reason_of_parent(stop: &StopFlag) -> Arc<Mutex<Option<String>>> {
+fn parent_reason(stop: &StopFlag) -> Arc<Mutex<Option<String>>> {
     let reason = Arc::new(Mutex::new(None));
     let (told, stop) = (Arc::clone(&reason), Arc::clone(stop));
     std::thread::spawn(move || {

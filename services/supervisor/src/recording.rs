@@ -15,11 +15,11 @@ const RESUMED_NS: u64 = 2_000_000_000;
 
 /// What is to be said.
 #[derive(Debug, PartialEq, Eq)]
-pub enum Said {
+pub enum RecordingEvent {
     /// Nothing is being recorded.
     Stopped(String),
     /// It goes on.
-    GoesOn(String),
+    Resumed(String),
     /// The run is being recorded, and samples are missing in it.
     Lost(String),
 }
@@ -43,10 +43,10 @@ impl Recording {
     ///
     /// # Errors
     /// Shared memory fails.
-    pub fn look(&mut self, now_ns: u64) -> Answer<Vec<Said>> {
+    pub fn poll(&mut self, now_ns: u64) -> Answer<Vec<RecordingEvent>> {
         let (mut said, mut lost) = (Vec::new(), 0_u64);
         while let Some(row) = self.status.receive()? {
-            said.extend(self.ledger.note(row.state, &text_of(&row.reason), now_ns));
+            said.extend(self.ledger.record(row.state, &text_of(&row.reason), now_ns));
             lost = lost.saturating_add(self.ledger.count(row.header.seq, text_of(&row.channel), row.lost, now_ns));
         }
         said.extend(self.ledger.lose(lost, now_ns));
@@ -54,8 +54,8 @@ impl Recording {
     }
 
     /// The recorder itself is in trouble.
-    pub fn fails(&mut self, why: &str) {
-        self.ledger.keep(why);
+    pub fn record_failure(&mut self, why: &str) {
+        self.ledger.add_trouble(why);
     }
 
     /// Why, each time, a part of the run was not recorded.
@@ -90,14 +90,14 @@ struct Ledger {
 }
 
 impl Ledger {
-    fn note(&mut self, state: u8, reason: &str, now_ns: u64) -> Option<Said> {
+    fn record(&mut self, state: u8, reason: &str, now_ns: u64) -> Option<RecordingEvent> {
         if state == RecorderStatus::STATE_RECORDING {
             let since_ns = self.since_ns.take()?;
             self.resumed_ns = Some(now_ns);
             let reasons = std::mem::take(&mut self.reasons);
             // What had not come to the disk before is lost too.
             let lost = format!("at least {:.1} s", now_ns.saturating_sub(since_ns) as f64 * 1e-9);
-            return Some(Said::GoesOn(if reasons.iter().any(|reason| reason.contains(RunError::REMOVED)) {
+            return Some(RecordingEvent::Resumed(if reasons.iter().any(|reason| reason.contains(RunError::REMOVED)) {
                 format!(
                     "the run is recorded again, in a new file; what the removed files held is not in the run, and neither is what happened in {lost}"
                 )
@@ -112,8 +112,8 @@ impl Ledger {
             return None;
         }
         self.reasons.push(why.to_owned());
-        self.keep(why);
-        Some(Said::Stopped(format!("NOTHING IS BEING RECORDED: {why}")))
+        self.add_trouble(why);
+        Some(RecordingEvent::Stopped(format!("NOTHING IS BEING RECORDED: {why}")))
     }
 
     /// How many more samples that channel has lost than at its last row; none where that is already told as a time without a recording.
@@ -133,7 +133,7 @@ impl Ledger {
     }
 
     /// Samples were lost although the run is recorded: said once per spell, when every channel has told of it.
-    fn lose(&mut self, lost: u64, now_ns: u64) -> Option<Said> {
+    fn lose(&mut self, lost: u64, now_ns: u64) -> Option<RecordingEvent> {
         if lost > 0 {
             self.lost = self.lost.saturating_add(lost);
             let before_ns = self.lost_ns.replace(now_ns);
@@ -142,7 +142,7 @@ impl Ledger {
             }
         }
         self.due_ns.take_if(|due_ns| now_ns >= *due_ns)?;
-        Some(Said::Lost(self.missing(" so far")))
+        Some(RecordingEvent::Lost(self.missing(" so far")))
     }
 
     /// How many samples are missing, by the same count as in the run file.
@@ -152,7 +152,7 @@ impl Ledger {
         format!("{least}{} {samples} missing in the run file{so_far}: `nims report` names the channels", self.all)
     }
 
-    fn keep(&mut self, why: &str) {
+    fn add_trouble(&mut self, why: &str) {
         // A disk that fills again and again is one trouble.
         if !self.troubles.iter().any(|known| known == why) {
             self.troubles.push(why.to_owned());
@@ -168,12 +168,16 @@ mod tests {
     fn each_time_is_said_once_and_kept_until_the_end() {
         let (well, full) = (RecorderStatus::STATE_RECORDING, RecorderStatus::STATE_DISK_FULL);
         let mut ledger = Ledger::default();
-        assert_eq!(ledger.note(well, "", 0), None);
-        assert!(matches!(ledger.note(full, "the disk is full", 1), Some(Said::Stopped(said)) if said.contains("disk")));
-        assert_eq!(ledger.note(full, "the disk is full", 2), None);
-        assert!(matches!(ledger.note(well, "", 2_000_000_001), Some(Said::GoesOn(said)) if said.contains("2.0 s")));
-        assert_eq!(ledger.note(well, "", 3), None);
-        assert!(ledger.note(RecorderStatus::STATE_FAILED, "it was removed", 4).is_some());
+        assert_eq!(ledger.record(well, "", 0), None);
+        assert!(
+            matches!(ledger.record(full, "the disk is full", 1), Some(RecordingEvent::Stopped(said)) if said.contains("disk"))
+        );
+        assert_eq!(ledger.record(full, "the disk is full", 2), None);
+        assert!(
+            matches!(ledger.record(well, "", 2_000_000_001), Some(RecordingEvent::Resumed(said)) if said.contains("2.0 s"))
+        );
+        assert_eq!(ledger.record(well, "", 3), None);
+        assert!(ledger.record(RecorderStatus::STATE_FAILED, "it was removed", 4).is_some());
         assert_eq!(ledger.troubles, ["the disk is full", "it was removed"]);
     }
 
@@ -183,16 +187,19 @@ mod tests {
         let removed = RunError::Removed { path: "/runs/one/run.mcap.part".into() }.to_string();
         let mut ledger = Ledger::default();
         for (reason, told) in [(&*removed, true), (&*removed, false), ("Permission denied", true), (&*removed, false)] {
-            let said = ledger.note(failed, reason, 1);
+            let said = ledger.record(failed, reason, 1);
             assert_eq!(said.is_some(), told, "{reason}: {said:?}");
         }
         assert_eq!(ledger.troubles, [removed.as_str(), "Permission denied"]);
-        let said = ledger.note(well, "", 1_000_000_001);
-        assert!(matches!(&said, Some(Said::GoesOn(said)) if said.contains("what the removed files held")), "{said:?}");
+        let said = ledger.record(well, "", 1_000_000_001);
+        assert!(
+            matches!(&said, Some(RecordingEvent::Resumed(said)) if said.contains("what the removed files held")),
+            "{said:?}"
+        );
         // The next time has reasons of its own.
-        assert!(ledger.note(failed, "Permission denied", 3).is_some());
-        let said = ledger.note(well, "", 4);
-        assert!(matches!(&said, Some(Said::GoesOn(said)) if !said.contains("removed")), "{said:?}");
+        assert!(ledger.record(failed, "Permission denied", 3).is_some());
+        let said = ledger.record(well, "", 4);
+        assert!(matches!(&said, Some(RecordingEvent::Resumed(said)) if !said.contains("removed")), "{said:?}");
         assert_eq!(ledger.troubles.len(), 2);
     }
 
@@ -224,11 +231,14 @@ mod tests {
         assert_eq!(rows(2, [3, 0]), None, "not every channel has told of it");
         assert_eq!(rows(3, [4, 1]), None);
         assert!(
-            matches!(rows(4, [4, 2]), Some(Said::Lost(said)) if said.starts_with("6 samples are missing in the run file so far"))
+            matches!(rows(4, [4, 2]), Some(RecordingEvent::Lost(said)) if said.starts_with("6 samples are missing in the run file so far"))
         );
         assert_eq!(rows(5, [4, 2]), None, "nothing more");
         assert_eq!(rows(21, [5, 2]), None);
-        assert!(matches!(rows(23, [0, 2]), Some(Said::Lost(said)) if said.starts_with("7 samples are")), "in all");
+        assert!(
+            matches!(rows(23, [0, 2]), Some(RecordingEvent::Lost(said)) if said.starts_with("7 samples are")),
+            "in all"
+        );
         assert_eq!((ledger.lost, ledger.all), (7, 7));
         assert_eq!(ledger.count(1, "b".to_owned(), 1, 40 * SECOND_NS), 1, "of another recorder");
         assert_eq!(ledger.count(2, "b".to_owned(), 1, 41 * SECOND_NS), 0);
@@ -239,9 +249,9 @@ mod tests {
     fn what_is_lost_while_nothing_is_recorded_is_told_as_such() {
         let (well, full) = (RecorderStatus::STATE_RECORDING, RecorderStatus::STATE_DISK_FULL);
         let mut ledger = Ledger::default();
-        assert!(ledger.note(full, "", 1).is_some());
+        assert!(ledger.record(full, "", 1).is_some());
         assert_eq!(ledger.count(1, "a".to_owned(), 7, 1), 0);
-        assert!(ledger.note(well, "", 2).is_some());
+        assert!(ledger.record(well, "", 2).is_some());
         assert_eq!(ledger.count(2, "a".to_owned(), 9, 2), 0, "until the recording went on");
         assert_eq!(ledger.count(3, "a".to_owned(), 10, 2 + RESUMED_NS), 1);
     }

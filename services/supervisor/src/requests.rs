@@ -317,7 +317,7 @@ mod tests {
             args: Vec::new(),
             folder: None,
             restart: Policy { again: false, pause_ns: 1, limit: 1, forgiven_ns: 1 },
-            beats: true,
+            sends_heartbeats: true,
             priority: 0,
             cpu: None,
         };

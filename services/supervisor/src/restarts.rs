@@ -1,43 +1,44 @@
-//! Whether and when a process that died is started again.
+//! Whether and when a process that died is restarted.
 
 /// Longest pause, ns.
 const PAUSE_MAX_NS: u64 = 30_000_000_000;
 
-/// What the system file says.
+/// Restart policy of a process, from the system file.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Policy {
-    /// Start it again at all.
+    /// Whether it is restarted.
     pub again: bool,
-    /// The first pause, ns; each following one is twice as long. A fault that comes back at once must not fill the machine.
+    /// First pause before a restart, ns; each further pause is twice as long, so that a recurring fault does not load the
+    /// machine.
     pub pause_ns: u64,
-    /// How often in a row.
+    /// Most restarts in a row.
     pub limit: u32,
-    /// A process that was ready for this long begins to count anew, ns: what killed it before is over.
+    /// A process that was ready for this long has its count of restarts in a row reset, ns.
     pub forgiven_ns: u64,
 }
 
-/// What is done about a death.
+/// Decision after a death.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
-    /// It stays dead.
+    /// The policy allows no restart.
     Never,
-    /// It is started again after this pause, ns.
+    /// Restart after this pause, ns.
     After(u64),
-    /// It has died too often.
+    /// The limit of restarts in a row is reached.
     GaveUp,
 }
 
-/// Deaths of one process.
+/// Restart counts of one process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Restarts {
-    /// Since it was last well for long enough.
+    /// Restarts since it last ran for [`Policy::forgiven_ns`].
     in_a_row: u32,
-    /// Since it was first started.
+    /// Restarts since its first start.
     pub total: u32,
 }
 
 impl Restarts {
-    /// It died, after it had been ready for so long (0: it never was).
+    /// Decides after a death; `ready_ns` is how long it had been ready (0: never).
     pub fn died(&mut self, policy: &Policy, ready_ns: u64) -> Verdict {
         if ready_ns >= policy.forgiven_ns {
             self.in_a_row = 0;
@@ -53,7 +54,7 @@ impl Restarts {
         Verdict::After(doubled.min(PAUSE_MAX_NS))
     }
 
-    /// It is started again.
+    /// Counts a restart.
     pub fn again(&mut self) {
         self.total += 1;
     }
@@ -68,9 +69,9 @@ mod tests {
     #[test]
     fn the_pauses_double_and_end_at_the_cap() {
         let mut restarts = Restarts::default();
-        let seen: Vec<Verdict> = (0..4).map(|_| restarts.died(&POLICY, 0)).collect();
+        let verdicts: Vec<Verdict> = (0..4).map(|_| restarts.died(&POLICY, 0)).collect();
         assert_eq!(
-            seen,
+            verdicts,
             [
                 Verdict::After(500_000_000),
                 Verdict::After(1_000_000_000),
@@ -86,14 +87,14 @@ mod tests {
     }
 
     #[test]
-    fn without_a_limit_it_is_started_again_for_ever() {
+    fn without_a_limit_it_is_always_restarted() {
         let endless = Policy { limit: u32::MAX, ..POLICY };
         let mut restarts = Restarts::default();
         assert!((0..10_000).all(|_| matches!(restarts.died(&endless, 0), Verdict::After(_))));
     }
 
     #[test]
-    fn a_minute_of_health_is_forgiveness() {
+    fn a_minute_in_state_ready_resets_the_count() {
         let mut restarts = Restarts::default();
         for _ in 0..50 {
             assert_eq!(restarts.died(&POLICY, POLICY.forgiven_ns), Verdict::After(500_000_000));
@@ -105,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn who_is_not_to_be_started_again_is_not() {
+    fn a_policy_without_restart_never_restarts() {
         assert_eq!(Restarts::default().died(&Policy { again: false, ..POLICY }, u64::MAX), Verdict::Never);
     }
 }

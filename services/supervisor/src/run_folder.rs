@@ -1,4 +1,4 @@
-//! One run, one folder: the run file, the configuration as it was, diagnostics, and a manifest that says what it is.
+//! The folder of a run: run files, the configuration in use, diagnostics, and a manifest.
 
 use super::archive::replace;
 use super::copies::Copies;
@@ -9,7 +9,8 @@ use serde_json::{Value, json};
 use std::fs;
 use std::path::{Path, PathBuf};
 
-const RESOLVED_HEAD: &str = "# The box as it began: every key, defaults included; `robot` is the robot file beside it. Every process of the run reads it.\n\n";
+const RESOLVED_HEAD: &str = "# The system file at the start of the run: every key, defaults included; `robot` is the robot file in this folder.\n\
+                             # Every process of the run reads it.\n\n";
 
 /// The folder of a run.
 #[derive(Debug, Clone)]
@@ -20,10 +21,10 @@ pub struct RunFolder {
 }
 
 impl RunFolder {
-    /// Makes the folder, `RUNS/DATE-TIME-NAME` unless one is given, with copies of the configuration.
+    /// Creates the folder, `RUNS/DATE-TIME-NAME` unless one is given, with copies of the configuration.
     ///
     /// # Errors
-    /// It cannot be made, or the given one holds a run already.
+    /// It cannot be created, or the given folder is not empty.
     pub fn make(file: &SystemFile, system_path: &Path, given: Option<&Path>, mission: Option<&Path>) -> Answer<Self> {
         let now = bus::clock::unix_ns();
         let path = match given {
@@ -38,7 +39,7 @@ impl RunFolder {
         }
         if fs::read_dir(&path).is_ok_and(|mut entries| entries.next().is_some()) {
             return Err(Failure::BadInput(format!(
-                "--run {}: the folder is not empty; give one that is or that does not exist",
+                "--run {}: the folder is not empty; give a folder that is empty or does not exist",
                 path.display()
             )));
         }
@@ -48,7 +49,7 @@ impl RunFolder {
             let bytes = fs::read(original).map_err(|error| {
                 Failure::BadInput(format!("the file {} cannot be read: {error}", original.display()))
             })?;
-            copies.keep(name, bytes);
+            copies.insert(name, bytes);
         }
         let failed = |what: &Path, error: std::io::Error| {
             Failure::NotNow(format!("{} cannot be written: {error}", what.display()))
@@ -74,68 +75,67 @@ impl RunFolder {
         Ok(folder)
     }
 
-    /// Where it is.
+    /// Path of the folder.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Whether the folder was removed or moved since it was made: its manifest is never removed otherwise.
+    /// Whether the folder was removed or moved: nims never removes its manifest.
     #[must_use]
     pub fn is_gone(&self) -> bool {
         !self.path.join("manifest.json").exists()
     }
 
-    /// The box as it began, which the processes read.
+    /// The resolved system file, which the processes read.
     #[must_use]
     pub fn resolved(&self) -> PathBuf {
         self.path.join(RESOLVED)
     }
 
-    /// The copies of the configuration.
+    /// Copies of the configuration.
     pub(super) fn copies(&mut self) -> &mut Copies {
         &mut self.copies
     }
 
-    /// Where the diagnostics of a process go.
+    /// File for the diagnostics of a process.
     #[must_use]
     pub fn log(&self, process: &str) -> PathBuf {
         self.path.join("log").join(format!("{process}.txt"))
     }
 
-    /// Takes note of the instant at which the recorder was first ready, by the clock of the run.
-    pub fn note_recording(&mut self, unix_ns: u64) {
+    /// Records when the recorder was first ready, on the clock of the run.
+    pub fn record_first_recording(&mut self, unix_ns: u64) {
         if self.manifest["recording_unix_ns"].is_null() {
             self.manifest["recording_unix_ns"] = json!(unix_ns);
         }
     }
 
-    /// Takes note of the instant at which its processes are asked to end, by the clock of the run: until then the recorder is to be
-    /// there.
-    pub fn note_stopping(&mut self, unix_ns: u64) {
+    /// Records when the processes are requested to end, on the clock of the run: until then the recorder must run.
+    pub fn record_stopping(&mut self, unix_ns: u64) {
         self.manifest["stopping_unix_ns"] = json!(unix_ns);
     }
 
-    /// Completes the manifest: why the run ended, and how each process did.
+    /// Completes the manifest with the reason for the end and the exit of each process.
     ///
     /// # Errors
     /// It cannot be written.
     pub fn close(&mut self, because: &str, processes: Value) -> Answer {
         self.manifest["ended_utc"] = json!(runlog::utc(bus::clock::unix_ns()));
         self.manifest["ended_because"] = json!(because);
-        self.note_processes(processes);
+        self.record_processes(processes);
         let files = runlog::segments(&self.path).unwrap_or_default();
         let names = files.iter().filter_map(|file| Some(file.file_name()?.to_string_lossy()));
         self.manifest["files"] = names.collect();
         self.write()
     }
 
-    /// Takes note of what runs.
-    pub fn note_processes(&mut self, processes: Value) {
+    /// Records the running processes.
+    pub fn record_processes(&mut self, processes: Value) {
         self.manifest["processes"] = processes;
     }
 
-    /// The manifest so far: its file, and what is to stand there.
+    /// Path and content of the manifest so far.
     #[must_use]
     pub fn manifest(&self) -> (PathBuf, String) {
         (self.path.join("manifest.json"), format!("{:#}\n", self.manifest))
@@ -148,7 +148,8 @@ impl RunFolder {
     }
 }
 
-/// What every process of the run reads. The recorder takes it into the run file too, which can then be read with nothing else at hand.
+/// The configuration that every process of the run reads. The recorder attaches it to the run file, which is then
+/// complete without other files.
 fn copies_of(file: &SystemFile) -> Answer<Copies> {
     let robot = file.robot_file().map_err(Failure::bad)?;
     let named = robot.named_files(file.robot.parent().unwrap_or(Path::new("")));
@@ -170,7 +171,7 @@ fn stamp(unix_ns: u64) -> String {
     runlog::utc(unix_ns).trim_end_matches(" UTC").replace(' ', "T").replace(':', "-") + "Z"
 }
 
-/// The path, or with a number behind it if it is taken.
+/// The path, with a number appended if it exists.
 fn free(path: &Path) -> PathBuf {
     let mut candidate = path.to_path_buf();
     let mut number = 2;

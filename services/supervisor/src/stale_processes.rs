@@ -1,4 +1,4 @@
-//! Processes that outlived their supervisor: the next one finds and ends them.
+//! Processes that outlived their supervisor: the next supervisor finds and ends them.
 
 use bus::Domain;
 use command::{Answer, Failure};
@@ -7,17 +7,17 @@ use rustix::process::{Pid, Signal, kill_process, test_kill_process};
 use serde::{Deserialize, Serialize};
 use std::time::{Duration, Instant};
 
-/// Where the supervisor writes down whom it started, in the folder of the domain.
+/// File in the domain's folder in which the supervisor lists the processes that it started.
 const FILE: &str = "children.json";
-/// How long an orphan may take to end in good order: motor-io brings the robot to rest first, and the recorder writes out what it holds.
+/// Time for a stale process to end after SIGTERM: motor-io first stops the robot, and the recorder writes its buffers.
 const PATIENCE: Duration = Duration::from_secs(8);
-/// Bytes of a program's name that the kernel keeps.
+/// Bytes of a program's name in `/proc/PID/comm`.
 const COMM_BYTES: usize = 15;
 
-/// A started process, told apart from a later one with the same id by its start time.
+/// Identity of a process; the start time distinguishes it from a later process with the same id.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-pub struct Started {
-    /// Name.
+pub struct ProcessIdentity {
+    /// Name on the bus.
     pub name: String,
     /// Process id.
     pub pid: u32,
@@ -25,8 +25,8 @@ pub struct Started {
     pub start_ticks: u64,
 }
 
-impl Started {
-    /// The process of this id, if it lives.
+impl ProcessIdentity {
+    /// The process of this id, if it runs.
     #[must_use]
     pub fn now(name: &str, pid: u32) -> Option<Self> {
         Some(Self { name: name.to_owned(), pid, start_ticks: start_ticks(pid)? })
@@ -40,13 +40,14 @@ impl Started {
         if self.lives()
             && let Some(pid) = Pid::from_raw(self.pid.cast_signed())
         {
-            // It may have ended in this instant.
+            // It may just have ended; then the signal has no target.
             let _ = kill_process(pid, signal);
         }
     }
 }
 
-/// Field 22 of /proc/PID/stat; the name in field 2 may hold blanks and parentheses, so counting begins behind the last one.
+/// Field 22 of /proc/PID/stat. The name in field 2 may contain blanks and parentheses, so counting starts after the last
+/// parenthesis.
 fn start_ticks(pid: u32) -> Option<u64> {
     let stat = std::fs::read_to_string(format!("/proc/{pid}/stat")).ok()?;
     let mut fields = stat.rsplit_once(')')?.1.split_whitespace();
@@ -54,7 +55,7 @@ fn start_ticks(pid: u32) -> Option<u64> {
     if state == "Z" { None } else { fields.nth(18)?.parse().ok() }
 }
 
-/// Whether the process of this id runs the program of that name: anyone may join a domain under any name.
+/// Whether the process of this id runs the program of that name: any program can join a domain under any name.
 fn runs(pid: u32, program: &str) -> bool {
     let comm = std::fs::read_to_string(format!("/proc/{pid}/comm")).unwrap_or_default();
     !comm.is_empty() && comm.trim_end() == &program[..program.len().min(COMM_BYTES)]
@@ -66,7 +67,7 @@ fn standard_program(name: &str) -> Option<&'static str> {
     Role::STANDARD.iter().find(|(_, role)| of(*role)).map(|(program, _)| *program)
 }
 
-/// Writes a file of the domain's folder, whole or not at all: whoever reads it never sees half of it.
+/// Writes a file in the domain's folder atomically.
 ///
 /// # Errors
 /// The folder cannot be written.
@@ -78,53 +79,53 @@ pub fn write(domain: &Domain, name: &str, text: &str) -> Answer {
         .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", path.display())))
 }
 
-/// Writes down who was started.
+/// Writes the list of started processes.
 ///
 /// # Errors
 /// The folder of the domain cannot be written.
-pub fn note(domain: &Domain, started: &[Started]) -> Answer {
+pub fn record(domain: &Domain, started: &[ProcessIdentity]) -> Answer {
     let text = serde_json::to_string(started).map_err(Failure::not_now)?;
     write(domain, FILE, &text)
 }
 
-/// Ends whatever an earlier supervisor of this domain left running; the names of those that were ended.
+/// Ends the processes that an earlier supervisor of this domain left running, and returns their names.
 ///
 /// Call it only while holding the claim of the domain.
 ///
 /// # Errors
-/// One cannot be ended.
+/// A process cannot be ended.
 pub fn end(domain: &Domain) -> Answer<Vec<String>> {
     let written = std::fs::read_to_string(domain.root().join(FILE)).unwrap_or_default();
-    let mut orphans: Vec<Started> = serde_json::from_str(&written).unwrap_or_default();
+    let mut stale: Vec<ProcessIdentity> = serde_json::from_str(&written).unwrap_or_default();
     for node in domain.alive() {
-        // Someone's own process that joined by itself may stay; it is not ours to end.
-        let known = orphans.iter().any(|orphan| orphan.pid == node.pid);
+        // A foreign process that joined the domain by itself is left running.
+        let known = stale.iter().any(|process| process.pid == node.pid);
         if !known && standard_program(&node.name).is_some_and(|program| runs(node.pid, program)) {
-            orphans.extend(Started::now(&node.name, node.pid));
+            stale.extend(ProcessIdentity::now(&node.name, node.pid));
         }
     }
-    orphans.retain(Started::lives);
+    stale.retain(ProcessIdentity::lives);
     for signal in [Signal::TERM, Signal::KILL] {
-        for orphan in &orphans {
-            orphan.signal(signal);
+        for process in &stale {
+            process.signal(signal);
         }
         let deadline = Instant::now() + PATIENCE;
-        while orphans.iter().any(Started::lives) {
+        while stale.iter().any(ProcessIdentity::lives) {
             if Instant::now() >= deadline {
                 break;
             }
             std::thread::sleep(Duration::from_millis(20));
         }
     }
-    if let Some(orphan) = orphans.iter().find(|orphan| orphan.lives()) {
-        let owner = Pid::from_raw(orphan.pid.cast_signed()).is_some_and(|pid| test_kill_process(pid).is_ok());
+    if let Some(process) = stale.iter().find(|process| process.lives()) {
+        let owner = Pid::from_raw(process.pid.cast_signed()).is_some_and(|pid| test_kill_process(pid).is_ok());
         let cure = if owner { "end it by hand" } else { "it belongs to another user: end it as that user" };
         return Err(Failure::NotNow(format!(
-            "{} (process {}) of an earlier start does not end: {cure}",
-            orphan.name, orphan.pid
+            "{} (process {}) of an earlier run does not end: {cure}",
+            process.name, process.pid
         )));
     }
-    Ok(orphans.into_iter().map(|orphan| orphan.name).collect())
+    Ok(stale.into_iter().map(|process| process.name).collect())
 }
 
 #[cfg(test)]
@@ -132,11 +133,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_process_is_known_by_its_start_time() {
-        let own = Started::now("test", std::process::id()).unwrap();
+    fn a_process_is_identified_by_its_start_time() {
+        let own = ProcessIdentity::now("test", std::process::id()).unwrap();
         assert!(own.lives());
-        assert!(!Started { start_ticks: own.start_ticks + 1, ..own.clone() }.lives());
-        assert!(!Started { pid: u32::MAX / 2, ..own }.lives());
+        assert!(!ProcessIdentity { start_ticks: own.start_ticks + 1, ..own.clone() }.lives());
+        assert!(!ProcessIdentity { pid: u32::MAX / 2, ..own }.lives());
     }
 
     #[test]
@@ -152,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_second_controller_is_an_orphan_too() {
+    fn a_second_controller_is_a_standard_program_too() {
         assert_eq!(standard_program("controller-b"), Some("controller"));
         assert_eq!(standard_program("estimator"), Some("estimator"));
         assert_eq!(standard_program("planner-b"), None);
@@ -162,17 +163,17 @@ mod tests {
     #[test]
     fn the_list_is_replaced_at_once() {
         let domain = Domain::for_test();
-        note(&domain, &[]).unwrap();
-        note(&domain, &[]).unwrap();
+        record(&domain, &[]).unwrap();
+        record(&domain, &[]).unwrap();
         let names: Vec<_> = std::fs::read_dir(domain.root()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-        assert_eq!(names, [FILE], "nothing half written stays");
+        assert_eq!(names, [FILE], "no temporary file remains");
     }
 
     #[test]
-    fn orphans_are_ended_and_named() {
+    fn stale_processes_are_ended_and_named() {
         let domain = Domain::for_test();
         let mut sleeper = std::process::Command::new("sleep").arg("60").spawn().unwrap();
-        note(&domain, &[Started::now("sleeper", sleeper.id()).unwrap()]).unwrap();
+        record(&domain, &[ProcessIdentity::now("sleeper", sleeper.id()).unwrap()]).unwrap();
         assert_eq!(end(&domain).unwrap(), ["sleeper"]);
         assert!(!sleeper.wait().unwrap().success());
         assert!(end(&domain).unwrap().is_empty());

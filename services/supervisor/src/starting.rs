@@ -12,9 +12,9 @@ use super::recording::Recording;
 use super::restarts::Restarts;
 use super::run_folder::RunFolder;
 use super::settings::Settings;
-use super::stale_processes::{self, Started};
+use super::stale_processes::{self, ProcessIdentity};
 use super::unfinished_runs::UnfinishedRuns;
-use super::{Supervisor, Wanted};
+use super::{StartOptions, Supervisor};
 use bus::clock::{self, WallClock};
 use bus::{Bus, Domain};
 use client::{RUNNING_FILE, Running, SUPERVISOR};
@@ -29,20 +29,20 @@ use std::path::Path;
 /// A process that has not said that it is ready by then never will, ns. Drives may need to be found and asked first.
 pub(super) const READY_NS: u64 = 20_000_000_000;
 /// Who is waited for is named after this time, ns.
-const UNEASY_NS: u64 = 3_000_000_000;
+const WAIT_WARNING_NS: u64 = 3_000_000_000;
 /// Shared memory that has to be free for a process to be started: motor-io, which says most, takes 3 MB.
 const PROCESS_BYTES: usize = 3 << 20;
 /// The same for one that is plugged in, whose samples may be large; it refuses by itself what does not fit.
 const SENSOR_BYTES: usize = 6 << 20;
 /// How often the starting processes are looked at, ns: it adds up to the time until the robot is up.
-const LOOK_NS: u64 = 2_000_000;
+const POLL_NS: u64 = 2_000_000;
 
 impl Supervisor {
     /// Cleans the domain up, makes the run folder and starts every process, each when those that it needs are ready.
     ///
     /// # Errors
     /// The domain is taken, or a process does not come up; what was started is stopped again.
-    pub fn start(wanted: &Wanted<'_>, stop: StopFlag) -> Answer<Self> {
+    pub fn start(wanted: &StartOptions<'_>, stop: StopFlag) -> Answer<Self> {
         // Runs, position and shared memory, also of the processes that are started.
         bus::make_private();
         // Before there is anything of the robot that wants to run.
@@ -99,10 +99,10 @@ impl Supervisor {
             site,
             folder,
             archive,
-            leftovers: UnfinishedRuns::default(),
+            unfinished_runs: UnfinishedRuns::default(),
             stop,
-            beats: Heartbeats::default(),
-            sweeper: Cleanup::new(&domain),
+            heartbeats: Heartbeats::default(),
+            cleanup: Cleanup::new(&domain),
             died: Vec::new(),
             announcer: Announcer::new(&bus)?,
             busy: busy::Watch::new(),
@@ -141,26 +141,26 @@ impl Supervisor {
         // Without it the end of the run tries once more.
         supervisor.stopper = supervisor.bus.client(client::MOTOR_IO).ok();
         supervisor.beat.state = Heartbeat::STATE_READY;
-        supervisor.note_processes();
-        supervisor.recover_leftovers(earlier);
+        supervisor.record_processes();
+        supervisor.recover_unfinished_runs(earlier);
         Ok(supervisor)
     }
 
     /// Begins to close what earlier runs left open. What shared memory knows of the last one is gone after a power cut, so it is only a hint.
-    fn recover_leftovers(&mut self, earlier: Option<Running>) {
+    fn recover_unfinished_runs(&mut self, earlier: Option<Running>) {
         let present = self.folder.path().to_path_buf();
         let mut folders = vec![self.site.file.runs.clone()];
         folders.extend(present.parent().map(Path::to_path_buf));
         let runs = earlier.into_iter().map(|earlier| earlier.run).collect();
         match UnfinishedRuns::recover(folders, runs, present) {
-            Ok(leftovers) => self.leftovers = leftovers,
+            Ok(unfinished_runs) => self.unfinished_runs = unfinished_runs,
             Err(error) => self.announcer.error(&format!("earlier runs were not looked through: {error}")),
         }
     }
 
     /// Starts all of them and waits until they are ready.
     fn bring_up(&mut self, mut waiting: Vec<ProcessSpec>) -> Answer {
-        let mut named = clock::now_ns() + UNEASY_NS;
+        let mut named = clock::now_ns() + WAIT_WARNING_NS;
         loop {
             let may_start = |member: &ProcessSpec| self.is_ready_for(member) && !needs_one_of(member, &waiting);
             let (now, later): (Vec<ProcessSpec>, Vec<ProcessSpec>) = waiting.iter().cloned().partition(may_start);
@@ -168,16 +168,19 @@ impl Supervisor {
             for member in now {
                 self.launch(&member, Restarts::default())?;
             }
-            self.look_at_beats()?;
-            self.beat_if_due()?;
+            self.poll_heartbeats()?;
+            self.heartbeat_if_due()?;
             self.refresh_table()?;
             let mut missing = Vec::new();
-            for child in self.process_set.iter_mut().filter(|child| child.member.beats) {
+            for child in self.process_set.iter_mut().filter(|child| child.member.sends_heartbeats) {
                 if !child.is_alive() {
                     let status = child.exit.map(ending).unwrap_or_default();
                     let code = child.exit.and_then(|exit| exit.code());
-                    let sentence =
-                        format!("{} did not come up: {}", child.member.name, child.last_words().unwrap_or(&status));
+                    let sentence = format!(
+                        "{} did not come up: {}",
+                        child.member.name,
+                        child.last_diagnostic().unwrap_or(&status)
+                    );
                     return Err(if code == Some(2) { Failure::bad(sentence) } else { Failure::not_now(sentence) });
                 }
                 if child.ready_ns.is_none() {
@@ -206,7 +209,7 @@ impl Supervisor {
                 named = u64::MAX;
                 self.announcer.warn(&format!("still waiting for {}", missing.join(", ")));
             }
-            clock::sleep_until(clock::now_ns() + LOOK_NS);
+            clock::sleep_until(clock::now_ns() + POLL_NS);
         }
     }
 
@@ -215,15 +218,15 @@ impl Supervisor {
         let needs = member.waits_for();
         self.process_set
             .iter()
-            .filter(|child| child.member.beats && needs.contains(&child.member.role))
+            .filter(|child| child.member.sends_heartbeats && needs.contains(&child.member.role))
             .all(|child| child.ready_ns.is_some())
     }
 
     /// Starts one process, which takes the place of an earlier life.
     pub(super) fn launch(&mut self, member: &ProcessSpec, restarts: Restarts) -> Answer {
         let child = self.spawn(member, restarts, false)?;
-        self.process_set.enter(child);
-        self.note_living();
+        self.process_set.insert(child);
+        self.record_living();
         Ok(())
     }
 
@@ -231,10 +234,10 @@ impl Supervisor {
     pub(super) fn spawn(&mut self, member: &ProcessSpec, restarts: Restarts, succeeds: bool) -> Answer<Child> {
         let bytes = if member.role == Role::Other { SENSOR_BYTES } else { PROCESS_BYTES };
         self.bus.room_for(bytes, &member.name)?;
-        self.beats.listen(&self.bus, &member.name)?;
+        self.heartbeats.listen(&self.bus, &member.name)?;
         // A folder that somebody removed is no reason to leave the robot without a process.
         let _ = std::fs::create_dir_all(self.folder.path().join("log"));
-        self.put_back_copies();
+        self.restore_copies();
         let started = self.settings.configured(member, &self.site.config);
         let with = Start {
             domain: &self.site.domain,
@@ -245,7 +248,7 @@ impl Supervisor {
         let (mut child, warning) = Child::start(&started, with, restarts)?;
         // What it is started with the next time depends on what is set until then.
         child.member = member.clone();
-        self.keep_files_of(&started);
+        self.archive_files_of(&started);
         if let Some(warning) = warning {
             self.announcer.warn(&format!("{}: {warning}", member.name));
         }
@@ -253,17 +256,17 @@ impl Supervisor {
     }
 
     /// Writes down who lives, for the run folder and for the next supervisor.
-    pub(super) fn note_living(&mut self) {
+    pub(super) fn record_living(&mut self) {
         if self.beat.state == Heartbeat::STATE_READY {
-            self.note_processes();
+            self.record_processes();
         }
         let successors = self.process_set.successors.iter().map(|successor| &successor.child);
-        let started: Vec<Started> = (self.process_set.iter().chain(successors))
+        let started: Vec<ProcessIdentity> = (self.process_set.iter().chain(successors))
             .filter(|child| child.exit.is_none())
-            .filter_map(|child| Started::now(&child.member.name, child.pid))
+            .filter_map(|child| ProcessIdentity::now(&child.member.name, child.pid))
             .collect();
         // They run all the same, and the next supervisor finds them among the living.
-        if let Err(failure) = stale_processes::note(&self.domain, &started) {
+        if let Err(failure) = stale_processes::record(&self.domain, &started) {
             self.announcer.warn(&failure.to_string());
         }
     }
@@ -271,18 +274,18 @@ impl Supervisor {
     /// Makes a run folder again that was removed, with all that the supervisor still knows of the run.
     pub(super) fn restore_folder(&mut self) {
         if self.folder.is_gone() {
-            self.put_back_copies();
+            self.restore_copies();
         }
     }
 
-    /// The copies of the configuration are what they were, whatever was done to them meanwhile.
-    pub(super) fn put_back_copies(&mut self) {
+    /// The copies of the configuration are what they were, whatever was done to them while_waiting.
+    pub(super) fn restore_copies(&mut self) {
         let run = self.folder.path().to_path_buf();
         let gone = self.folder.is_gone();
-        let back = self.folder.copies().put_back(&run);
+        let back = self.folder.copies().restore(&run);
         if gone && back.is_ok() {
             // The manifest comes last: with it the folder is whole again.
-            self.archive.put_back();
+            self.archive.restore();
             let (path, text) = self.folder.manifest();
             self.archive.write(path, text);
         }

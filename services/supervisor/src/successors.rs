@@ -14,7 +14,7 @@ use rustix::process::{Pid, getpgid};
 use std::collections::BTreeSet;
 
 /// A newcomer that has said nothing valid by then is given up, ns: a device may need many seconds to warm up, and the command that asked waits 25 s.
-const SPEAKS_NS: u64 = 20_000_000_000;
+const FIRST_SAMPLE_NS: u64 = 20_000_000_000;
 
 const GOES_ON: &str = "the one before goes on";
 
@@ -34,7 +34,7 @@ pub struct Successor {
 
 impl Successor {
     /// Whether it has published a valid sample since the last look.
-    fn speaks(&mut self, bus: &Bus) -> Answer<bool> {
+    fn has_published(&mut self, bus: &Bus) -> Answer<bool> {
         let (has_header, is_reading) = (self.tap.has_header(), self.tap.info().type_name == Reading::type_name());
         let mut publishers = BTreeSet::new();
         let mut take = |raw: Raw<'_>| {
@@ -81,7 +81,7 @@ impl Supervisor {
         restarts.again();
         let child = self.spawn(&member, restarts, true)?;
         self.process_set.successors.push(Successor { child, tap, given_up: false });
-        self.note_living();
+        self.record_living();
         Ok(format!("starting the new {name} beside the one that runs, until it has said something"))
     }
 
@@ -107,17 +107,17 @@ impl Supervisor {
         }
         Err(Failure::NotNow(format!(
             "{name} is being replaced: try again when the new one has said something or is given up, which takes {} s at most",
-            SPEAKS_NS / 1_000_000_000
+            FIRST_SAMPLE_NS / 1_000_000_000
         )))
     }
 
     /// A successor that has published a valid sample gets the name; one that has ended, or is silent for too long, does not.
-    pub(super) fn look_at_successors(&mut self) -> Answer {
+    pub(super) fn poll_successors(&mut self) -> Answer {
         let now = clock::now_ns();
         let mut successors = std::mem::take(&mut self.process_set.successors);
         let mut looked = Ok(());
         for successor in &mut successors {
-            looked = looked.and(self.look_at_successor(successor, now));
+            looked = looked.and(self.poll_successor(successor, now));
         }
         let before = successors.len();
         successors.retain(|successor| successor.child.exit.is_none());
@@ -125,20 +125,20 @@ impl Supervisor {
         self.process_set.successors = successors;
         looked?;
         if ended > 0 {
-            self.sweeper.wanted(now);
-            self.note_living();
+            self.cleanup.request(now);
+            self.record_living();
             self.publish_table()?;
         }
         Ok(())
     }
 
-    fn look_at_successor(&mut self, successor: &mut Successor, now: u64) -> Answer {
+    fn poll_successor(&mut self, successor: &mut Successor, now: u64) -> Answer {
         let name = successor.child.member.name.clone();
         if !successor.child.is_alive() {
             if !successor.given_up {
                 let ending = successor.child.ending();
                 // Its own words come last, because they say what to do.
-                let why = match successor.child.last_words() {
+                let why = match successor.child.last_diagnostic() {
                     Some(words) => format!("{ending} ({GOES_ON}): {words}"),
                     None => format!("{ending}; {}", goes_on(&name)),
                 };
@@ -150,7 +150,7 @@ impl Supervisor {
             successor.child.kill_if_overdue(now);
             return Ok(());
         }
-        if successor.speaks(&self.bus)? {
+        if successor.has_published(&self.bus)? {
             if let Some(child) = self.process_set.find(&name).filter(|child| child.asked.is_none()) {
                 child.ask_to_end(Then::Again);
                 self.announcer.info(&format!("the new {name} has said something: ending the one before"));
@@ -159,8 +159,8 @@ impl Supervisor {
             return Ok(());
         }
         let is_asked = self.process_set.find(&name).is_some_and(|child| child.asked.is_some());
-        if !is_asked && now >= successor.child.started_ns + SPEAKS_NS {
-            let why = format!("says nothing valid within {} s; {}", SPEAKS_NS / 1_000_000_000, goes_on(&name));
+        if !is_asked && now >= successor.child.started_ns + FIRST_SAMPLE_NS {
+            let why = format!("says nothing valid within {} s; {}", FIRST_SAMPLE_NS / 1_000_000_000, goes_on(&name));
             self.give_up(successor, &why)?;
             successor.child.ask_to_end(Then::Forget);
         }
@@ -194,8 +194,8 @@ impl Supervisor {
                 self.announcer.info(&sentence);
             }
         }
-        self.process_set.enter(child);
-        self.note_living();
+        self.process_set.insert(child);
+        self.record_living();
         true
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Supervisor;
 use super::child::Child;
-use super::cures::{Fate, cure};
+use super::cures::{LossState, cure};
 use bus::clock;
 use command::Answer;
 use config::{ProcessSection, Role, Slot};
@@ -22,7 +22,7 @@ impl Supervisor {
     pub(super) fn publish_table(&mut self) -> Answer {
         self.last_table_ns = clock::now_ns();
         let running =
-            self.process_set.iter().map(|child| row(child, self.process_set.stand_in(&child.member).is_some()));
+            self.process_set.iter().map(|child| row(child, self.process_set.standby_of(&child.member).is_some()));
         let asleep = self.site.file.process.iter().filter(|section| {
             !section.start && !self.process_set.iter().any(|child| child.member.is_called(&section.name))
         });
@@ -91,7 +91,7 @@ fn reason(child: &Child, replaced: bool) -> String {
     match (child.exit, child.asked) {
         (Some(exit), Some(_)) if exit.success() => "ended as asked".to_owned(),
         (Some(exit), _) => {
-            let words = child.last_words().filter(|_| !exit.success()).map(|words| format!(": {words}"));
+            let words = child.last_diagnostic().filter(|_| !exit.success()).map(|words| format!(": {words}"));
             let again = child
                 .again_ns
                 .map(|at| format!("; starting again in {:.1} s", at.saturating_sub(clock::now_ns()) as f64 * 1e-9));
@@ -101,7 +101,7 @@ fn reason(child: &Child, replaced: bool) -> String {
         (None, Some(_)) => "asked to end".to_owned(),
         (None, None) if child.hangs => {
             let member = &child.member;
-            let fate = if member.restart.again { Fate::Ended } else { Fate::Hangs };
+            let fate = if member.restart.again { LossState::Terminated } else { LossState::Hangs };
             let cure = cure(&member.name, member.role, fate, replaced);
             cure.unwrap_or_else(|| "it was stopped or hangs".to_owned())
         }

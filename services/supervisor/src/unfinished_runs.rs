@@ -12,9 +12,9 @@ use std::time::{Duration, Instant, SystemTime};
 const FRESH: Duration = Duration::from_secs(1);
 
 /// What became of a file.
-pub enum News {
+pub enum RecoveryEvent {
     /// It is being recovered.
-    Begun(String),
+    Started(String),
     /// It is whole again.
     Recovered(String),
     /// It is not.
@@ -24,7 +24,7 @@ pub enum News {
 /// Recovers what was left.
 #[derive(Default)]
 pub struct UnfinishedRuns {
-    news: Option<Receiver<News>>,
+    news: Option<Receiver<RecoveryEvent>>,
 }
 
 impl UnfinishedRuns {
@@ -45,12 +45,12 @@ impl UnfinishedRuns {
     }
 
     /// What has come of it since the last time.
-    pub fn news(&mut self) -> Vec<News> {
+    pub fn news(&mut self) -> Vec<RecoveryEvent> {
         self.news.as_ref().map(|news| news.try_iter().collect()).unwrap_or_default()
     }
 
     /// Waits for the rest, at most as long as said: what is not done by then is done by the next start.
-    pub fn finish(&mut self, patience: Duration) -> Vec<News> {
+    pub fn finish(&mut self, patience: Duration) -> Vec<RecoveryEvent> {
         let (give_up, mut heard) = (Instant::now() + patience, Vec::new());
         let Some(news) = self.news.take() else { return heard };
         while let Ok(one) = news.recv_timeout(give_up.saturating_duration_since(Instant::now())) {
@@ -60,7 +60,7 @@ impl UnfinishedRuns {
     }
 }
 
-fn recover_one(part: &Path, say: &Sender<News>) {
+fn recover_one(part: &Path, say: &Sender<RecoveryEvent>) {
     let fresh = |part: &Path| {
         let written = fs::metadata(part).and_then(|file| file.modified()).ok();
         // A clock that was set back makes nothing fresh.
@@ -73,11 +73,11 @@ fn recover_one(part: &Path, say: &Sender<News>) {
         // The run may have ended meanwhile.
         let _ = say.send(news);
     };
-    let mut begun = false;
+    let mut initial = false;
     let result = runlog::recover(part, &mut |done, all| {
         // Of a small one, the end is news enough.
-        if done < all && !std::mem::replace(&mut begun, true) {
-            tell(News::Begun(format!(
+        if done < all && !std::mem::replace(&mut initial, true) {
+            tell(RecoveryEvent::Started(format!(
                 "recovering {} ({:.0} MB), which was not closed",
                 part.display(),
                 all as f64 * 1e-6
@@ -85,7 +85,7 @@ fn recover_one(part: &Path, say: &Sender<News>) {
         }
     });
     match result {
-        Ok(recovery) => tell(News::Recovered(format!(
+        Ok(recovery) => tell(RecoveryEvent::Recovered(format!(
             "{} was not closed by its recorder and has been recovered: {} samples",
             part.display(),
             recovery.messages
@@ -94,7 +94,7 @@ fn recover_one(part: &Path, say: &Sender<News>) {
         Err(RunError::Busy { .. }) => {}
         // Somebody else was faster.
         Err(_) if !part.exists() => {}
-        Err(error) => tell(News::Failed(format!(
+        Err(error) => tell(RecoveryEvent::Failed(format!(
             "{} could not be recovered: {error}; try again with `nims recover {}`",
             part.display(),
             part.parent().unwrap_or(Path::new(".")).display()
@@ -155,14 +155,14 @@ mod tests {
         fs::write(runs.join("whole/run.mcap"), "").unwrap();
         fs::write(runs.join("note.mcap.part"), "in no run").unwrap();
 
-        let mut leftovers =
+        let mut unfinished_runs =
             UnfinishedRuns::recover(vec![runs.clone()], vec![runs.join("first")], runs.join("present")).unwrap();
         let mut recovered = Vec::new();
-        for news in leftovers.finish(Duration::from_secs(60)) {
+        for news in unfinished_runs.finish(Duration::from_secs(60)) {
             match news {
-                News::Begun(_) => {}
-                News::Recovered(sentence) => recovered.push(sentence),
-                News::Failed(sentence) => panic!("{sentence}"),
+                RecoveryEvent::Started(_) => {}
+                RecoveryEvent::Recovered(sentence) => recovered.push(sentence),
+                RecoveryEvent::Failed(sentence) => panic!("{sentence}"),
             }
         }
         assert_eq!(recovered.len(), 2, "{recovered:?}");

@@ -2,13 +2,13 @@
 
 use super::Supervisor;
 use super::child::Then;
-use super::cures::{Fate, consequence, cure};
+use super::cures::{LossState, consequence, cure};
 use super::heartbeats::Change;
 use super::process_spec::ProcessSpec;
-use super::recording::Said;
+use super::recording::RecordingEvent;
 use super::restarts::{Restarts, Verdict};
 use super::starting::READY_NS;
-use super::unfinished_runs::News;
+use super::unfinished_runs::RecoveryEvent;
 use bus::clock;
 use command::Answer;
 use config::Role;
@@ -17,7 +17,7 @@ use messages::{Heartbeat, OperatorRequest, text_of};
 use std::time::Duration;
 
 /// How often the processes and their heartbeats are looked at, ns.
-const LOOK_NS: u64 = 50_000_000;
+const POLL_NS: u64 = 50_000_000;
 /// The supervisor's own beat, ns: motor-io takes two seconds without one for its death.
 const BEAT_NS: u64 = 200_000_000;
 /// Pause before what failed for want of memory, processes or files is tried again, ns.
@@ -31,43 +31,43 @@ impl Supervisor {
     pub fn watch(&mut self, time: Duration) -> Answer {
         let deadline = clock::now_ns().saturating_add(time.as_nanos().min(u128::from(u64::MAX)) as u64);
         loop {
-            self.look()?;
+            self.poll()?;
             self.serve()?;
             let now = clock::now_ns();
             if now >= deadline || self.is_stopping() {
                 return Ok(());
             }
-            self.waiter.wait_until(Some(deadline.min(now + LOOK_NS)))?;
+            self.waiter.wait_until(Some(deadline.min(now + POLL_NS)))?;
         }
     }
 
     /// One round, without what is asked.
-    pub(super) fn look(&mut self) -> Answer {
-        self.look_at_beats()?;
-        self.look_at_children()?;
-        self.look_at_successors()?;
+    pub(super) fn poll(&mut self) -> Answer {
+        self.poll_heartbeats()?;
+        self.poll_children()?;
+        self.poll_successors()?;
         while let Some(authority) = self.authority.latest()? {
             self.last_authority = Some(authority);
         }
-        self.look_at_files()?;
-        self.look_at_the_computer();
-        self.settings.keep_up()?;
-        self.beat_if_due()?;
+        self.poll_run_files()?;
+        self.poll_computer_load();
+        self.settings.update()?;
+        self.heartbeat_if_due()?;
         self.refresh_table()
     }
 
-    pub(super) fn look_at_beats(&mut self) -> Answer {
-        let changes = self.beats.look(&mut self.process_set)?;
+    pub(super) fn poll_heartbeats(&mut self) -> Answer {
+        let changes = self.heartbeats.poll(&mut self.process_set)?;
         for change in &changes {
             match change {
                 Change::Ready(name) => {
                     self.announcer.info(&format!("{name} is ready"));
                     if self.process_set.find(name).is_some_and(|child| child.member.role == Role::Recorder) {
                         let now = self.run_unix_ns();
-                        self.folder.note_recording(now);
+                        self.folder.record_first_recording(now);
                     }
                 }
-                Change::Silent(name, seconds) => self.hangs(name, *seconds),
+                Change::Silent(name, seconds) => self.handle_hang(name, *seconds),
                 Change::Starved(name, seconds) => self.announcer.warn(&format!(
                     "{name} has shown no sign of life for {seconds} s, because the machine has no time for it: look for what else runs here"
                 )),
@@ -79,29 +79,29 @@ impl Supervisor {
         }
         if self.beat.state == Heartbeat::STATE_READY && changes.iter().any(|change| matches!(change, Change::Ready(_)))
         {
-            self.note_processes();
+            self.record_processes();
         }
         if changes.is_empty() { Ok(()) } else { self.publish_table() }
     }
 
     /// A process that hangs is as one that died: where it is started again, it is ended for that.
-    fn hangs(&mut self, name: &str, seconds: u64) {
+    fn handle_hang(&mut self, name: &str, seconds: u64) {
         let Some(child) = self.process_set.find(name) else { return };
         let (member, again) = (child.member.clone(), child.member.restart.again);
         if again {
             child.end_hung();
         }
-        let means = self.consequence_of(&member, if again { Fate::Ended } else { Fate::Hangs }, "");
+        let means = self.consequence_of(&member, if again { LossState::Terminated } else { LossState::Hangs }, "");
         let sentence =
             format!("{name} has shown no sign of life for {seconds} s, because it was stopped or hangs: {means}");
         if member.role == Role::Recorder {
-            self.recording.fails(&format!("the recorder gave no sign of life for {seconds} s"));
+            self.recording.record_failure(&format!("the recorder gave no sign of life for {seconds} s"));
         }
         self.announcer.error(&sentence);
     }
 
     /// Says when the computer has no time for the robot, and when it has again.
-    fn look_at_the_computer(&mut self) {
+    fn poll_computer_load(&mut self) {
         match self.busy.look(clock::now_ns()) {
             Some(busy::Change::Busy(share)) => {
                 let share = 100.0 * share;
@@ -116,56 +116,56 @@ impl Supervisor {
     }
 
     /// What belongs into this run folder, and what becomes of earlier ones.
-    fn look_at_files(&mut self) -> Answer {
+    fn poll_run_files(&mut self) -> Answer {
         while let Some(request) = self.requests.receive()? {
             if request.verb == OperatorRequest::VERB_RUN && (request.answered, request.accepted) == (1, 1) {
                 let given = text_of(&request.text);
-                self.archive.keep_mission(config::mission_file(&given, &self.site.file.planner.missions));
+                self.archive.copy_mission(config::mission_file(&given, &self.site.file.planner.missions));
             }
         }
-        self.look_at_recording()?;
-        if let Some(sentence) = self.mission.look(self.last_authority.as_ref())? {
+        self.poll_recording()?;
+        if let Some(sentence) = self.mission.poll(self.last_authority.as_ref())? {
             self.announcer.error(&sentence);
         }
         for trouble in self.archive.troubles() {
             self.announcer.warn(&trouble);
         }
-        let news = self.leftovers.news();
-        self.tell(news);
+        let news = self.unfinished_runs.news();
+        self.report_recovery(news);
         Ok(())
     }
 
     /// Says what is not being recorded.
-    pub(super) fn look_at_recording(&mut self) -> Answer {
-        for said in self.recording.look(clock::now_ns())? {
+    pub(super) fn poll_recording(&mut self) -> Answer {
+        for said in self.recording.poll(clock::now_ns())? {
             match said {
-                Said::Stopped(sentence) => {
+                RecordingEvent::Stopped(sentence) => {
                     self.announcer.error(&sentence);
                     // The recorder waits a second before it begins the next file: what that begins with is there by then.
                     self.restore_folder();
                 }
-                Said::GoesOn(sentence) => {
+                RecordingEvent::Resumed(sentence) => {
                     self.announcer.warn(&sentence);
                     self.restore_folder();
                 }
-                Said::Lost(sentence) => self.announcer.warn(&sentence),
+                RecordingEvent::Lost(sentence) => self.announcer.warn(&sentence),
             }
         }
         Ok(())
     }
 
     /// Says what has become of earlier runs.
-    pub(super) fn tell(&mut self, news: Vec<News>) {
+    pub(super) fn report_recovery(&mut self, news: Vec<RecoveryEvent>) {
         for news in news {
             match news {
-                News::Begun(sentence) => self.announcer.info(&sentence),
-                News::Recovered(sentence) => self.announcer.warn(&sentence),
-                News::Failed(sentence) => self.announcer.error(&sentence),
+                RecoveryEvent::Started(sentence) => self.announcer.info(&sentence),
+                RecoveryEvent::Recovered(sentence) => self.announcer.warn(&sentence),
+                RecoveryEvent::Failed(sentence) => self.announcer.error(&sentence),
             }
         }
     }
 
-    fn look_at_children(&mut self) -> Answer {
+    fn poll_children(&mut self) -> Answer {
         let now = clock::now_ns();
         let (mut ended, mut due) = (Vec::new(), Vec::new());
         for child in self.process_set.iter_mut() {
@@ -175,7 +175,7 @@ impl Supervisor {
             if child.kill_if_overdue(now) {
                 self.announcer.warn(&format!("{} does not end by itself and is killed", child.member.name));
             }
-            let starting = child.member.beats && child.ready_ns.is_none() && child.exit.is_none();
+            let starting = child.member.sends_heartbeats && child.ready_ns.is_none() && child.exit.is_none();
             if starting && !child.overdue && child.asked.is_none() && now >= child.started_ns + READY_NS {
                 child.overdue = true;
                 self.announcer.warn(&format!(
@@ -194,10 +194,10 @@ impl Supervisor {
             self.has_ended(name)?;
         }
         if !ended.is_empty() {
-            self.sweeper.wanted(now);
+            self.cleanup.request(now);
             self.publish_table()?;
         }
-        if let Some(why) = self.sweeper.look(now) {
+        if let Some(why) = self.cleanup.poll(now) {
             self.announcer.warn(&format!("what a dead process left is not removed yet: {why}"));
         }
         for (member, restarts) in due {
@@ -229,19 +229,19 @@ impl Supervisor {
             None => {
                 let died = child.has_died();
                 // One that hung has not ended by what it said last.
-                let words = child.last_words().filter(|_| !child.hung).map(|words| format!(" ({words})"));
+                let words = child.last_diagnostic().filter(|_| !child.hung).map(|words| format!(" ({words})"));
                 let words = words.unwrap_or_default();
                 let well_ns = child.ready_ns.map_or(0, |ready_ns| clock::now_ns().saturating_sub(ready_ns));
                 let verdict = child.restarts.died(&member.restart, well_ns);
                 let (next, fate) = match verdict {
-                    Verdict::Never => (String::new(), Fate::Dead),
+                    Verdict::Never => (String::new(), LossState::Dead),
                     Verdict::After(pause_ns) => {
                         child.again_ns = Some(clock::now_ns() + pause_ns);
-                        (format!("; it is started again in {:.1} s", pause_ns as f64 * 1e-9), Fate::Restarts)
+                        (format!("; it is started again in {:.1} s", pause_ns as f64 * 1e-9), LossState::Restarts)
                     }
                     Verdict::GaveUp => {
                         child.gave_up = true;
-                        ("; it has died too often to be started again by itself".to_owned(), Fate::Dead)
+                        ("; it has died too often to be started again by itself".to_owned(), LossState::Dead)
                     }
                 };
                 if died {
@@ -259,7 +259,7 @@ impl Supervisor {
     /// Removes an ended process from the table.
     pub(super) fn forget(&mut self, name: &str) -> Answer {
         self.process_set.forget(|child| child.member.name == name && child.exit.is_some());
-        self.beats.forget(name);
+        self.heartbeats.forget(name);
         self.publish_farewell(name)
     }
 
@@ -277,8 +277,8 @@ impl Supervisor {
     }
 
     /// What the loss of that process means now, what comes `next` by itself, and what helps.
-    fn consequence_of(&self, member: &ProcessSpec, fate: Fate, next: &str) -> String {
-        let other = self.process_set.stand_in(member);
+    fn consequence_of(&self, member: &ProcessSpec, fate: LossState, next: &str) -> String {
+        let other = self.process_set.standby_of(member);
         let means = match other {
             Some(other) => format!("{} goes on", other.member.name),
             None => consequence(member.role, self.site.file.motor_io.watchdog_s),
@@ -290,7 +290,7 @@ impl Supervisor {
     }
 
     /// Publishes the supervisor's own beat if it is due.
-    pub(super) fn beat_if_due(&mut self) -> Answer {
+    pub(super) fn heartbeat_if_due(&mut self) -> Answer {
         let now = clock::now_ns();
         if now >= self.last_beat_ns + BEAT_NS {
             self.last_beat_ns = now;
