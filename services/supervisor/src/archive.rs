@@ -138,9 +138,8 @@ impl ArchiveWorker {
     }
 
     fn copy(&mut self, original: &Path, place: &'static str, name: &str, always: bool) -> Result<PathBuf, String> {
-        self.try_copy(original, place, name, always).map_err(|error| {
-            format!("{} cannot be copied to {}: {error}", original.display(), self.run.display())
-        })
+        self.try_copy(original, place, name, always)
+            .map_err(|error| format!("{} cannot be copied to {}: {error}", original.display(), self.run.display()))
     }
 
     fn try_copy(&mut self, original: &Path, place: &'static str, name: &str, always: bool) -> io::Result<PathBuf> {

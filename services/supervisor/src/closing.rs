@@ -107,8 +107,7 @@ impl Supervisor {
                 return;
             }
         }
-        self.announcer
-            .warn("the robot did not come to rest in time; the processes end now, and the drives hold");
+        self.announcer.warn("the robot did not come to rest in time; the processes end now, and the drives hold");
     }
 
     /// Sends the request through the client that was opened at the start, which also reaches a restarted motor-io; if that
