@@ -1,12 +1,12 @@
-//! The operator's command: requests to a running robot, live views, and the tools that need none.
+//! The operator's command: requests to a running robot, live views, and the offline tools.
 //!
-//! Each command stands in a module or a crate of its own, with its arguments; [`cli`] lists them, and prints once what comes of it.
+//! Each command is a module or a crate with its own arguments; [`cli`] lists the commands and prints their result.
 //!
 //! Invariants:
-//! * It moves nothing itself: it asks motor-io and the planner, and prints their answer.
-//! * Exit code 0: answered (also "not feasible", which is an answer); 2: bad input; 1: it could not be done now. A failure is one
-//!   sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
-//! * Bad input is found before anything is started or asked.
+//! * It moves nothing itself: it sends requests to motor-io and the planner, and prints their answers.
+//! * Exit code 0: answered (also "not feasible", which is an answer); 2: bad input; 1: it could not be done now. A
+//!   failure is one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
+//! * Bad input is found before anything is started or requested.
 
 #![forbid(unsafe_code)]
 

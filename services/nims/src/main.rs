@@ -1,4 +1,4 @@
-//! The operator's command; what it does stands in the library.
+//! The operator's command; see the library.
 
 use nims::cli::Cli;
 use std::process::ExitCode;

@@ -1,4 +1,4 @@
-//! Every channel, known or not, to one run file.
+//! Records every channel to the files of one run; see the library.
 
 use std::collections::BTreeMap;
 use std::fs;

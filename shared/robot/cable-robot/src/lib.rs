@@ -1,17 +1,18 @@
-//! The mathematics of a cable-suspended robot: a node hanging from three to eight lines that run over pulleys (the
-//! *anchors*) to winches. A planar robot moves in the x-z plane (y = 0) on two to eight lines; everything that takes
-//! [`Anchors`] or a [`Robot`] counts directions accordingly.
+//! The mathematics of a cable-suspended robot: a node that hangs from three to eight cables, which run over pulleys
+//! (the *anchors*) to winches. A planar robot moves in the x-z plane (y = 0) on two to eight cables; everything that
+//! takes [`Anchors`] or a [`Robot`] handles both.
 //!
-//! Kinematics, tension distribution, elastic statics, energy, paths, speed profiles and the check of a whole motion before it starts.
-//! Equation numbers in parentheses, like (14), are those of Borgstrom et al., "Design and Implementation of NIMS3D, a 3-D Cabled
-//! Robot for Actuated Sensing Applications", IEEE Transactions on Robotics 25 (2), 2009.
+//! Kinematics, tension distribution, elastic statics, energy, paths, speed profiles and the check of a whole motion
+//! before it starts. Equation numbers in parentheses, like (14), are those of Borgstrom et al., "Design and
+//! Implementation of NIMS3D, a 3-D Cabled Robot for Actuated Sensing Applications", IEEE Transactions on Robotics 25
+//! (2), 2009.
 //!
 //! # Invariants
-//! * No input or output, no clock, no messages, no threads. Nothing here allocates, except where a [`Robot`] is built from its parts and
-//!   where an error is turned into text.
-//! * SI units, z up. Cable velocity is dL/dt: positive pays line out. Only [`motor`] speaks of reel-in speed.
-//! * Trigonometric and hyperbolic functions come from `libm`, and matrices have fixed sizes, so that the same input gives
-//!   the same bits on every processor.
+//! * No I/O, no clock, no messages, no threads. Nothing here allocates, except the construction of a [`Robot`] and the
+//!   conversion of an error to text.
+//! * SI units, z up. Cable velocity is dL/dt: positive pays out. Only [`motor`] uses reel-in speed.
+//! * Trigonometric and hyperbolic functions come from `libm`, and matrices have fixed sizes, so that the same input
+//!   gives the same bits on every processor.
 //! * Every iteration is bounded.
 //!
 //! # Example

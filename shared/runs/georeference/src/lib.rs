@@ -1,13 +1,15 @@
-//! Readings of any sensor with the place where each was taken, and a map of what they say; live and from recorded runs alike.
+//! Adds to each reading of a sensor the place where it was taken, and makes a map of the readings; live and from
+//! recorded runs.
 //!
-//! A reading arrives late: a sensor takes its time, and so does a serial port. What counts is where the sensor was when the reading was
-//! true. So every reading waits until there is an estimate of the node that is newer than it, and gets its place from the two around it.
+//! A reading arrives late, delayed by the sensor and the serial port. Its place is where the sensor was when the
+//! reading was taken. Every reading therefore waits for an estimate of the node that is newer, and its place is
+//! interpolated between the two around it.
 //!
 //! Invariants:
-//! * [`Logger`] and [`SensorMap`] are pure: no clock, no I/O. The sensor logger runs them live, `nims map` on recorded runs, with the same
-//!   result.
-//! * A reading becomes one sample or is counted, with the reason ([`Counts`]).
-//! * Nothing is allocated per reading: rings and grids are made when a sensor appears.
+//! * [`Logger`] and [`SensorMap`] are pure: no clock, no I/O. The sensor logger runs them live, `nims map` on recorded
+//!   runs, with the same result.
+//! * A reading either becomes one sample or is counted with the reason ([`Counts`]).
+//! * Nothing is allocated per reading: rings and grids are allocated when a sensor appears.
 #![forbid(unsafe_code)]
 
 mod decode;

@@ -1,7 +1,7 @@
-//! Pictures: charts described as data, drawn alike as SVG and as PNG, the same bytes on every machine.
+//! Charts described as data, drawn as SVG and as PNG with the same bytes on every machine.
 //!
-//! A PNG needs no font of the system: its letters come pre-rasterised (Noto Sans Mono). Where that font lacks a letter,
-//! such as a Greek one, its name is written instead.
+//! A PNG needs no system font: its letters are pre-rasterised (Noto Sans Mono). A letter that this font lacks, such as
+//! a Greek one, is replaced by its name.
 #![forbid(unsafe_code)]
 
 mod canvas;

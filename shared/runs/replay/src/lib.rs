@@ -1,8 +1,10 @@
-//! `nims replay`: what was decided in a run, computed again from what was recorded, by the very same steps.
+//! `nims replay`: computes the decisions of a run again from the recorded samples, with the same `step` functions.
 //!
-//! motor-io's safety machine and arbiter work on `motor/input`, estimators on `motor/state` and the `motor/authority` that their estimates
-//! name, controllers on what `control/status` says they had seen, each with the parameters that it said it works with (`system/config/NAME`). Every part gets its recorded inputs, not what another part makes of them
-//! now: a difference stays where it arises. A process that was started on the way begins with its first sample.
+//! The inputs: for motor-io's safety machine and arbiter, `motor/input`; for estimators, `motor/state` and the
+//! `motor/authority` that their estimates name; for controllers, the samples that `control/status` names. Each runs
+//! with the parameters that it published on `system/config/NAME`. Every part gets its recorded inputs, not the replayed
+//! output of another part, so a difference stays where it arises. A process that started during the run begins with its
+//! first sample.
 #![forbid(unsafe_code)]
 
 mod channel;

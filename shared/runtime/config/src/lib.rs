@@ -1,6 +1,8 @@
-//! The configuration files: the robot (what it is) and the box (which processes, drives and parameters run it).
+//! The configuration files: the robot file (geometry and limits) and the system file (processes, drives and
+//! parameters).
 //!
-//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys are errors.
+//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys
+//! are errors.
 
 #![forbid(unsafe_code)]
 

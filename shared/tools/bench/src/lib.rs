@@ -1,10 +1,11 @@
-//! `nims bench`: whether this machine is good enough for a robot, and how what was built compares, on this machine and in this run,
-//! with the plain way of doing the same. Needs no robot, and touches none.
+//! `nims bench`: measures whether this machine is good enough for a robot, and compares nims with the plain way of
+//! doing the same on this machine in the same run. It needs no robot and affects none.
 //!
 //! Invariants:
-//! * Everything stands beside a peer that was measured in the same seconds, as medians, tails and a ratio: a time alone says as much
-//!   about what else the machine did.
-//! * Shared memory and files of a benchmark are its own; they are removed when it ends, and where it was killed by the next one.
+//! * Every figure stands beside a reference measured in the same seconds, as medians, tails and a ratio: an absolute
+//!   time also depends on what else the machine does.
+//! * A benchmark uses its own shared memory and files; they are removed when it ends, or by the next one if it was
+//!   killed.
 #![forbid(unsafe_code)]
 
 mod args;

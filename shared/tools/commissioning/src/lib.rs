@@ -1,8 +1,8 @@
-//! What happens before the first flight: checks of configuration and machine, the calibration, plans on paper.
+//! Tools for the time before the first flight: checks of configuration and machine, calibration, plans and workspace.
 //!
 //! Invariants:
-//! * Nothing here asks a robot to move, and most of it needs none.
-//! * Each finding has its cure beside it.
+//! * Nothing here requests a motion, and most of it needs no robot.
+//! * Each finding comes with its cure.
 #![forbid(unsafe_code)]
 
 pub mod calibrate;

@@ -1,8 +1,8 @@
-//! `nims paper`: every figure and table of the paper from this code, and what goes beyond it, on one page.
+//! `nims paper`: every figure and table of the paper computed by this code, and results beyond it, on one page.
 //!
 //! Invariants:
-//! * Nothing on the page depends on the clock, the machine or the order of computation: the same program writes the same
-//!   bytes.
+//! * Nothing on the page depends on the clock, the machine or the order of computation: the same program writes the
+//!   same bytes.
 //! * A verdict is computed from the statements below it, and these from the numbers of the same run.
 #![forbid(unsafe_code)]
 

@@ -1,9 +1,9 @@
-//! `nims solve`: every formula from any language. One JSON object per line in, one per line out, in order, until the input
-//! ends.
+//! `nims solve`: every formula from any language. One JSON object per text line in, one per text line out, in order,
+//! until the input ends.
 //!
 //! A request is `{"id": any, "op": "...", ...}`, an answer `{"id": same, "result": {..}}` or
-//! `{"id": same, "error": {"kind": "...", "message": "..."}}`. No line ends the loop; keys that an operation does not know
-//! are left alone. [`answer`] is the whole of it as a function of one line.
+//! `{"id": same, "error": {"kind": "...", "message": "..."}}`. No input ends the loop; unknown keys are ignored.
+//! [`answer`] is the whole service as a function of one text line.
 #![forbid(unsafe_code)]
 
 mod args;
