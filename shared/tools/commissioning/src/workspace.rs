@@ -1,5 +1,5 @@
-//! `nims workspace`: where the lines can hold the node at rest, how much room that is, and how far it is from the limits. The
-//! room of a planar robot is an area.
+//! `nims workspace`: the region where the cables can hold the node at rest, its size, and its margins to the limits.
+//! For a planar robot the region is an area.
 
 use cable_robot::kinematics::inverse_kinematics;
 use cable_robot::tension::{self, general};
@@ -17,7 +17,7 @@ pub struct Args {
     /// Robot file.
     #[arg(long)]
     pub config: PathBuf,
-    /// Picture of slices at several heights; of a planar robot, of its plane.
+    /// Plot of slices at several heights; for a planar robot, of its plane.
     #[arg(long, value_name = "FILE")]
     pub png: Option<PathBuf>,
     /// Size of a cell, m; default: a fortieth of the longest side.
@@ -25,24 +25,24 @@ pub struct Args {
     pub step: Option<f64>,
 }
 
-/// Cells along the longest side, if no step is given.
+/// Cells along the longest side by default.
 const CELLS: f64 = 40.0;
 
-/// Most cells: some seconds with four cables.
+/// Maximum number of cells: some seconds with four cables.
 const MOST_CELLS: f64 = 2e6;
 
-/// Heights that the picture shows.
+/// Number of heights in the plot.
 const SLICES: usize = 6;
 
 /// A horizontal layer of cells.
 struct Layer {
     z_m: f64,
-    /// Centre of each cell that can be held, and its margin.
+    /// Centre of each feasible cell and its margin, N.
     held: Vec<([f64; 2], f64)>,
 }
 
-/// The cells of a box around the anchors, from the ground to the highest of them; of a planar robot one layer of them, whose
-/// cells have no size across it.
+/// Grid of cells in the bounding box of the anchors, from the ground to the highest anchor. A planar robot has one
+/// layer of cells without thickness.
 struct Grid {
     planar: bool,
     low: Vector3<f64>,
@@ -61,14 +61,14 @@ impl Grid {
         let size = high - low;
         let planar = robot.is_planar();
         if !(size.x > 0.0 && size.z > 0.0 && (planar || size.y > 0.0)) {
-            let why = "the anchors enclose no room above ground_m; give anchors that are not in one vertical plane (or, for a planar robot, not above each other), above the ground";
+            let why = "the anchors enclose no volume above ground_m; set anchors_m to points above the ground that are not in one vertical plane (for a planar robot: not on one vertical line)";
             return Err(Failure::BadInput(why.to_owned()));
         }
         let wanted = step_m.unwrap_or(size.max() / CELLS);
         let counts = size.map(|side| (side / wanted).ceil().max(1.0));
         if !(wanted > 0.0 && counts.product() <= MOST_CELLS) {
             return Err(Failure::BadInput(format!(
-                "--step is {wanted} m; accepted: above 0, and such that the room of {:.1} x {:.1} x {:.1} m has at most {MOST_CELLS:e} cells",
+                "--step is {wanted} m; accepted: above 0, and large enough that the box of {:.1} x {:.1} x {:.1} m has at most {MOST_CELLS:e} cells",
                 size.x, size.y, size.z
             )));
         }
@@ -76,7 +76,7 @@ impl Grid {
         Ok(Self { planar, low, step, counts: [counts.x as usize, counts.y as usize, counts.z as usize] })
     }
 
-    /// Room of a cell within its layer: m², or m in a plane.
+    /// Returns the size of a cell within its layer: m², or m for a planar robot.
     fn cell(&self) -> f64 {
         if self.planar { self.step.x } else { self.step.x * self.step.y }
     }
@@ -86,7 +86,7 @@ impl Grid {
     }
 }
 
-/// The greatest margin to a tension limit that can be had at rest, N; none where the node cannot be.
+/// Returns the greatest possible margin to a tension limit at rest, N; `None` where the node cannot be held.
 fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     if robot.keep_out().iter().any(|b| b.touches(at, at)) {
         return None;
@@ -116,10 +116,10 @@ fn layers(robot: &Robot, grid: &Grid) -> Vec<Layer> {
         .collect()
 }
 
-/// Volume and margins, and the picture if one is wanted.
+/// Runs `nims workspace`: computes volume and margins, and draws the plot if requested.
 ///
 /// # Errors
-/// A robot file or step that cannot be used, or a picture that cannot be written.
+/// A robot file or step that cannot be used, or a plot that cannot be written.
 pub fn run(asked: &Args) -> Answer<Output> {
     measured(asked).map(Output::json)
 }
@@ -162,7 +162,7 @@ fn measured(asked: &Args) -> Answer<Value> {
     }))
 }
 
-/// Slices at a few heights, coloured by margin.
+/// Draws slices at a few heights, coloured by margin.
 fn picture(robot: &Robot, grid: &Grid, layers: &[Layer]) -> Picture {
     let most = layers
         .iter()
@@ -191,19 +191,19 @@ fn picture(robot: &Robot, grid: &Grid, layers: &[Layer]) -> Picture {
         }
     });
     Picture {
-        title: format!("Where the lines can hold the node; colour: margin to a tension limit, 0 to {most:.1} N"),
+        title: format!("Where the cables can hold the node; colour: margin to a tension limit, 0 to {most:.1} N"),
         size: (1260, 860),
         columns: 3,
         charts: charts.collect(),
     }
 }
 
-/// A margin as a share of the best one.
+/// Returns a margin as a share of the best one.
 fn share(margin_n: f64, most_n: f64) -> f64 {
     if most_n > 0.0 { (margin_n / most_n).clamp(0.0, 1.0) } else { 0.0 }
 }
 
-/// The plane of a planar robot, coloured by margin.
+/// Draws the plane of a planar robot, coloured by margin.
 fn picture_of_plane(robot: &Robot, grid: &Grid, layers: &[Layer], most_n: f64) -> Picture {
     let held = || layers.iter().flat_map(|layer| layer.held.iter().map(|([x, _], m)| ([*x, layer.z_m], *m)));
     let values: Vec<f64> = held().map(|(_, margin)| share(margin, most_n)).collect();
@@ -222,7 +222,7 @@ fn picture_of_plane(robot: &Robot, grid: &Grid, layers: &[Layer], most_n: f64) -
         legend: Legend::UpperRight,
     };
     Picture {
-        title: format!("Where the lines can hold the node; colour: margin to a tension limit, 0 to {most_n:.1} N"),
+        title: format!("Where the cables can hold the node; colour: margin to a tension limit, 0 to {most_n:.1} N"),
         size: (1000, 700),
         columns: 1,
         charts: vec![chart],

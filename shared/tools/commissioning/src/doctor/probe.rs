@@ -1,4 +1,4 @@
-//! Finds the facts out, without changing anything.
+//! Collects the facts about this machine without changing anything.
 
 use super::machine::{DomainFound, Limits, Machine, Memory, PortFound, Runs};
 use bus::{Domain, clock};
@@ -15,7 +15,7 @@ const SHARED_MEMORY: &str = "/dev/shm";
 /// `f_type` of tmpfs, statfs(2).
 pub const TMPFS: u32 = 0x0102_1994;
 
-/// This machine, as far as the box needs it; without a box, as far as any does.
+/// Collects what a system needs from this machine; without a system file, what every system needs.
 pub fn probe(file: Option<&SystemFile>) -> Machine {
     let user = geteuid().as_raw();
     let domains: Vec<Domain> = Domain::all();
@@ -53,7 +53,8 @@ fn memory() -> Memory {
     }
 }
 
-/// Files of this user that begin as a domain's do, and belong to none that has a folder: bytes and number.
+/// Returns size in bytes and number of this user's files whose names have the form of a domain's but match no existing
+/// domain.
 fn ownerless(domains: &[Domain], user: u32) -> (u64, usize) {
     let ours = |name: &str| {
         name.strip_prefix("nims")
@@ -87,14 +88,14 @@ fn domain_found(domain: &Domain) -> DomainFound {
 fn limits() -> Limits {
     let most = |resource| getrlimit(resource).maximum;
     Limits {
-        // every process raises its own limit as far as it may
+        // Every process raises its own soft limit up to the hard limit.
         open_files: most(Resource::Nofile),
         realtime_priority: most(Resource::Rtprio),
         processes: most(Resource::Nproc),
     }
 }
 
-/// Tries what `[realtime]` asks for, in a thread that ends with it.
+/// Applies the settings of `[realtime]` in a temporary thread and returns the error, if any.
 fn realtime_refused(file: &SystemFile) -> Option<String> {
     let section = file.realtime.clone();
     let awake = section.idle_latency_us.and_then(|latency_us| runtime::realtime::stay_awake(latency_us).err());
@@ -133,7 +134,7 @@ fn governors() -> Vec<String> {
     files.filter_map(|file| Some(fs::read_to_string(file).ok()?.trim().to_owned())).collect()
 }
 
-/// A folder of runs may not be there yet; then the one counts in which it would be made.
+/// Returns the runs folder or, if it does not exist yet, the nearest existing parent.
 pub fn where_it_will_be(runs: &Path) -> PathBuf {
     std::path::absolute(runs)
         .unwrap_or_else(|_| runs.to_owned())
@@ -154,7 +155,7 @@ fn runs(file: &SystemFile) -> Runs {
     }
 }
 
-/// What lies in a folder that other users may enter, and is open to them itself.
+/// Returns the entries of a folder that other users may access; empty if they may not enter the folder itself.
 fn open_in(folder: &Path) -> Vec<PathBuf> {
     if !fs::metadata(folder).is_ok_and(|found| found.mode() & 0o011 != 0) {
         return Vec::new();
@@ -188,9 +189,9 @@ mod tests {
     #[test]
     fn what_lives_and_what_is_left_over_is_told_apart() {
         let domain = Domain::for_test();
-        let bus = bus::Bus::join(&domain, "someone").unwrap();
+        let bus = bus::Bus::join(&domain, "process").unwrap();
         let found = domain_found(&domain);
-        assert_eq!(found.alive, ["someone"]);
+        assert_eq!(found.alive, ["process"]);
         assert!(found.open.is_empty() && !found.is_run, "{found:?}");
         drop(bus);
         assert!(domain_found(&domain).alive.is_empty());
@@ -208,7 +209,7 @@ mod tests {
         fs::set_permissions(&runs, fs::Permissions::from_mode(0o755)).unwrap();
         assert_eq!(open_in(&runs), [runs.join("open")]);
         fs::set_permissions(&runs, fs::Permissions::from_mode(0o700)).unwrap();
-        assert!(open_in(&runs).is_empty(), "nobody gets there");
+        assert!(open_in(&runs).is_empty(), "other users cannot enter the folder");
         assert!(open_in(&runs.join("absent")).is_empty());
     }
 

@@ -1,24 +1,24 @@
-//! Lines from a terminal or a pipe, until somebody wants to stop.
+//! Interruptible text lines from a terminal or a pipe.
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fd::BorrowedFd;
 use rustix::io::Errno;
 
-/// How long a signal may go unnoticed that comes just before the wait.
+/// Poll interval: maximum delay until a signal that arrives just before the wait takes effect.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 200_000_000 };
 
-/// What comes.
+/// Input event.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Line {
-    /// Somebody typed this.
+    /// A text line.
     Typed(String),
-    /// There is no more.
+    /// End of input.
     End,
-    /// Ctrl-C, or the like.
+    /// Interrupted, for example by Ctrl-C.
     Stopped,
 }
 
-/// A reader of lines.
+/// Reader of text lines.
 #[derive(Debug)]
 pub struct Lines<'a> {
     from: BorrowedFd<'a>,
@@ -27,12 +27,13 @@ pub struct Lines<'a> {
 }
 
 impl<'a> Lines<'a> {
-    /// Of this file.
+    /// Creates a reader of this file.
     pub fn new(from: BorrowedFd<'a>) -> Self {
         Self { from, read: Vec::new(), ended: false }
     }
 
-    /// The next line, without its end; the last one needs none. What is no UTF-8 becomes question marks.
+    /// Returns the next text line without its line feed; the last line needs none. Invalid UTF-8 becomes replacement
+    /// characters.
     ///
     /// # Errors
     /// The file cannot be read.

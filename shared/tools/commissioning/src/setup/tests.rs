@@ -7,7 +7,7 @@ use nims_paper::random::Random;
 use proptest::prelude::*;
 use std::path::Path;
 
-/// Pulleys around a place, in the frame that a calibration has: the first at the origin, the second on the x axis.
+/// Random pulleys around a centre in the frame of a calibration: the first at the origin, the second on the x axis.
 fn site(random: &mut Random, count: usize) -> Vec<[f64; 3]> {
     let turn = if random.uniform() < 0.5 { 1.0 } else { -1.0 };
     let begin = std::f64::consts::TAU * random.uniform();
@@ -28,17 +28,17 @@ fn site(random: &mut Random, count: usize) -> Vec<[f64; 3]> {
     around.iter().map(turned).collect()
 }
 
-/// A team that measures a site as well as people do.
+/// Simulated team with realistic measurement errors.
 struct Team {
     site: Vec<[f64; 3]>,
     random: Random,
-    /// Measures a height directly, and leaves distances out, so often.
+    /// Probability of measuring a height directly, and of skipping a distance.
     share: f64,
-    /// Types lengths one by one.
+    /// Whether it types lengths one by one.
     singly: bool,
-    /// Reads a line wrong at this place, once.
+    /// Place at which it misreads one cable, once.
     wrong_at: Option<usize>,
-    /// What it has typed already of the point it stands at.
+    /// Lengths at the current point that it has not typed yet.
     reading: Vec<f64>,
 }
 
@@ -89,7 +89,7 @@ impl Team {
         all.join(" ")
     }
 
-    /// Everything typed until the end, and what is in the file then.
+    /// Answers until the end; returns all typed lines and the final guide.
     fn measure(&mut self) -> (Vec<String>, Guide) {
         let (mut guide, mut typed) = (Guide::default(), Vec::new());
         for _ in 0..200 {
@@ -101,7 +101,7 @@ impl Team {
             }
             assert!(reply.changed, "{line:?} to {:?}: {}", guide.pending(), reply.said);
         }
-        panic!("it never ends: {:?}", guide.pending());
+        panic!("the questions do not end: {:?}", guide.pending());
     }
 }
 
@@ -109,12 +109,12 @@ fn text(file: &File) -> String {
     written(file, Path::new("site.toml")).unwrap()
 }
 
-/// The guide that somebody gets who starts the command again.
+/// The guide after restarting the command.
 fn again(guide: &Guide) -> Guide {
     Guide::resume(toml::from_str(&text(guide.file())).unwrap()).unwrap()
 }
 
-/// A day in the field with whatever happens there: answers, one of them nonsense, readings one by one, a wrong one, an early end.
+/// A typical session: single readings, one nonsense answer, one misreading, one early end.
 fn day(count: usize) -> Vec<String> {
     let mut team = Team { singly: true, wrong_at: Some(5), ..Team::new(7, count) };
     let (mut typed, _) = team.measure();
@@ -200,7 +200,7 @@ fn every_answer_can_be_taken_back() {
             assert!(steps < 300);
         }
         assert_eq!(guide, Guide::default());
-        assert!(guide.answer("undo").said.contains("nothing"));
+        assert!(guide.answer("undo").said.contains("no answer"));
     }
 }
 
@@ -234,16 +234,16 @@ fn distances_that_make_no_triangle_are_refused_by_name() {
     for name in ["1-2 (9.80 m)", "1-3 (9.10 m)", "2-3 (25.00 m)", "2-3 is longer", "undo"] {
         assert!(said.contains(name), "{said}");
     }
-    assert!(guide.answer("").said.contains("2-3"), "it is needed");
+    assert!(guide.answer("").said.contains("2-3"), "the distance is needed");
     assert!(guide.answer("9,4").changed);
     assert_eq!(guide.pending(), &Question::Side { pulley: 3, from: 1, to: 2 });
-    // Pulleys on one line hold nothing.
+    // Collinear pulleys determine no shape.
     let mut flat = Guide::default();
     for line in ["3", "5", "10"] {
         flat.answer(line);
     }
     assert!(flat.answer("5").said.contains("one line"));
-    // Of four, one distance may be left out, and no more; six that contradict each other are spoken of.
+    // With four pulleys one distance may be skipped, but no second one; six contradicting distances give a hint.
     let square = ["4", "10", "10", "14.142", "l", "14.142", "", "10"];
     let mut guide = Guide::default();
     for line in square {
@@ -265,7 +265,7 @@ fn a_point_that_does_not_fit_is_named_and_can_be_kept() {
         let mut team = Team { wrong_at: Some(6), share: 0.0, ..Team::new(3, count) };
         let mut guide = Guide::default();
         while !matches!(guide.pending(), Question::Doubt { .. }) {
-            assert_ne!(guide.pending(), &Question::Finish, "a wrong reading of half a metre went by");
+            assert_ne!(guide.pending(), &Question::Finish, "a wrong reading of half a metre was not detected");
             let line = team.answer(guide.pending());
             guide.answer(&line);
         }
@@ -290,7 +290,7 @@ fn a_wrong_height_is_thought_of_when_a_point_does_not_fit() {
     let mut guide = Guide::default();
     while !matches!(guide.pending(), Question::Doubt { .. }) {
         let line = match guide.pending() {
-            Question::Finish => panic!("a height that is wrong by 30 cm went by"),
+            Question::Finish => panic!("a height that is wrong by 30 cm was not detected"),
             Question::Height { pulley: 2 } => format!("{:.2}", team.site[1][2] + 0.3),
             question => team.answer(question),
         };
@@ -306,10 +306,10 @@ fn lengths_that_cannot_be_or_are_far_off_are_spoken_of() {
         assert!(guide.answer(line).changed);
     }
     assert!(guide.question().contains("foot of pulley 1"), "{}", guide.question());
-    assert!(guide.answer("3.0 3.0 9.2").said.contains("Lines 1 and 2 cannot meet"));
+    assert!(guide.answer("3.0 3.0 9.2").said.contains("Cables 1 and 2 cannot meet"));
     assert!(guide.answer("3.0 9.6").said.contains("type 3"));
     assert!(guide.answer("done").said.contains("not enough"));
-    assert!(guide.answer("9.7 3.1 9.0").said.contains("Line 1 was expected"));
+    assert!(guide.answer("9.7 3.1 9.0").said.contains("Cable 1 was expected"));
 }
 
 #[test]
