@@ -5,7 +5,7 @@ mod file;
 pub mod places;
 mod text;
 
-pub use file::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
+pub use file::{Doubt, HeightBy, HeightEntry, MeasurementsFile, PointEntry, RangeEntry, Setup};
 
 use calibration::{self, AnchorCovariance, Calibration, Holdout, Method};
 use clap::ValueEnum;
@@ -49,34 +49,34 @@ pub enum CalibrationMethod {
 ///
 /// # Errors
 /// The file cannot be used, the measurements do not determine the anchors, or the result cannot be written.
-pub fn run(asked: &Args) -> Answer<Output> {
-    if let Some(out) = asked.out.as_deref().filter(|out| out.exists()) {
+pub fn run(args: &Args) -> Answer<Output> {
+    if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
         let out = out.display();
         return Err(Failure::BadInput(format!("{out} already exists; name a new file or move this one")));
     }
-    let path = asked.measurements.as_path();
-    let file: File = config::toml_file::load(path).map_err(Failure::bad)?;
-    let method = match asked.method {
+    let path = args.measurements.as_path();
+    let file: MeasurementsFile = config::toml_file::load(path).map_err(Failure::bad)?;
+    let method = match args.method {
         CalibrationMethod::Survey => Method::Survey,
         CalibrationMethod::Joint => Method::Joint,
         CalibrationMethod::Gps => Method::Gps,
     };
     let refuse = |why: String| Failure::bad(format!("{}: {why}", path.display()));
-    if let Some(count) = asked.plan {
+    if let Some(count) = args.plan {
         let measured = file.measurements(method).map_err(refuse)?;
-        let (value, words) = places::places(&measured, method, count.into(), asked.height)
+        let (value, words) = places::places(&measured, method, count.into(), args.height)
             .map_err(|refusal| Failure::bad(format!("{}: {refusal}", path.display())))?;
         return Ok(Output { aside: words, ..Output::json(value) });
     }
-    let Judged { value, words, covariance } = judge(&file, method).map_err(refuse)?;
-    if let Some(out) = &asked.out {
+    let CalibrationResult { value, words, covariance } = judge(&file, method).map_err(refuse)?;
+    if let Some(out) = &args.out {
         write(out, path, &value, &covariance)?;
     }
     Ok(Output { aside: words, ..Output::json(value) })
 }
 
 /// Result of a calibration.
-pub struct Judged {
+pub struct CalibrationResult {
     /// The result as JSON.
     pub value: Value,
     /// The result as text; the last line is the verdict.
@@ -89,7 +89,7 @@ pub struct Judged {
 ///
 /// # Errors
 /// One clause without the file name: what cannot be used, or why the measurements do not determine the anchors.
-pub fn judge(file: &File, method: Method) -> Result<Judged, String> {
+pub fn judge(file: &MeasurementsFile, method: Method) -> Result<CalibrationResult, String> {
     let measured = file.measurements(method)?;
     let numbers = file.used(method);
     let found = calibration::calibrate(&measured, method).map_err(|e| e.to_string())?;
@@ -98,7 +98,7 @@ pub fn judge(file: &File, method: Method) -> Result<Judged, String> {
     let mut value = answer(&found, &numbers, holdout.as_ref(), &verdict);
     value["counts_per_m"] = json!(file.counts_per_m);
     let words = text::words(&found, holdout.as_ref(), &verdict, file.counts_per_m.as_deref());
-    Ok(Judged { value, words, covariance: found.covariance })
+    Ok(CalibrationResult { value, words, covariance: found.covariance })
 }
 
 fn name(method: Method) -> &'static str {
@@ -231,15 +231,15 @@ mod tests {
         let (measurements, out) = (folder.path().join("site.toml"), folder.path().join("calibration.toml"));
         std::fs::write(&measurements, example()).unwrap();
         let method = CalibrationMethod::Survey;
-        let asked = Args { measurements, method, out: Some(out.clone()), plan: None, height: None };
-        run(&asked).unwrap();
+        let args = Args { measurements, method, out: Some(out.clone()), plan: None, height: None };
+        run(&args).unwrap();
         let written: toml::Table = toml::from_str(&std::fs::read_to_string(&out).unwrap()).unwrap();
         assert_eq!(written["method"].as_str(), Some("survey"));
         assert_eq!(written["covariance_m2"].as_array().unwrap().len(), 9);
         assert_eq!(written["measurements"]["point"].as_array().unwrap().len(), 4);
         assert!(written["date"].as_str().unwrap().ends_with("UTC"));
         let before = std::fs::read(&out).unwrap();
-        assert_eq!(run(&asked).unwrap_err().exit_code(), 2);
+        assert_eq!(run(&args).unwrap_err().exit_code(), 2);
         assert_eq!(std::fs::read(&out).unwrap(), before);
     }
 }

@@ -24,7 +24,7 @@ const BUS_SHARE: f64 = 0.8;
 /// Minimum width of the anchors' layout as a share of its length: below it, lengths that are 5 mm off move the node by
 /// more than
 /// 100 times as much.
-const SLENDER: f64 = 0.01;
+const MIN_WIDTH_SHARE: f64 = 0.01;
 
 /// Severity of a finding.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -109,18 +109,18 @@ pub fn errors(findings: &[Finding]) -> usize {
 /// # Errors
 /// A file that cannot be read or holds values that are not accepted.
 pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
-    match kind(path)? {
-        Kind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
-        Kind::Box => {
+    match config_kind(path)? {
+        ConfigKind::Robot => robot(&RobotFile::load(path).map_err(Failure::bad)?),
+        ConfigKind::System => {
             let file = SystemFile::load(path).map_err(Failure::bad)?;
             can_be_built(&file)?;
             let mut findings = robot(&file.robot_file().map_err(Failure::bad)?)?;
             findings.extend(system_file(&file)?);
             Ok(findings)
         }
-        Kind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
-        Kind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
-        Kind::Mission => {
+        ConfigKind::Sensor => Ok(vec![sensor(&SensorFile::load(path).map_err(Failure::bad)?)]),
+        ConfigKind::Ground => Ok(vec![ground(&GroundFile::load(path).map_err(Failure::bad)?)]),
+        ConfigKind::Mission => {
             let mission = Mission::read(path).map_err(Failure::bad)?;
             let Some(on) = on else {
                 let legs = mission.leg.len();
@@ -129,18 +129,18 @@ pub fn check(path: &Path, on: Option<&Path>) -> Answer<Vec<Finding>> {
                     mission.name
                 ))]);
             };
-            Ok(vec![match kind(on)? {
-                Kind::Box => {
+            Ok(vec![match config_kind(on)? {
+                ConfigKind::System => {
                     let file = SystemFile::load(on).map_err(Failure::bad)?;
                     let start = file.motor_box.as_ref().map(|section| section.start_m.position_m);
                     let robot = file.robot_file().map_err(Failure::bad)?;
                     let distribution = file.controller.distribution_for(&robot.robot().map_err(Failure::bad)?);
-                    flown(&mission, &robot, &file.planner, distribution, start)
+                    mission_finding(&mission, &robot, &file.planner, distribution, start)
                 }
                 _ => {
                     let robot = RobotFile::load(on).map_err(Failure::bad)?;
                     let distribution = robot.robot().map_err(Failure::bad)?.default_distribution();
-                    flown(&mission, &robot, &PlannerSection::default(), distribution, None)
+                    mission_finding(&mission, &robot, &PlannerSection::default(), distribution, None)
                 }
             }?])
         }
@@ -197,27 +197,27 @@ pub fn usable(findings: &[Finding]) -> bool {
     findings.iter().all(|finding| finding.level != Level::Error)
 }
 
-enum Kind {
+enum ConfigKind {
     Robot,
-    Box,
+    System,
     Mission,
     Sensor,
     Ground,
 }
 
 /// Determines the kind of a configuration file from the keys that only this kind has.
-fn kind(path: &Path) -> Answer<Kind> {
+fn config_kind(path: &Path) -> Answer<ConfigKind> {
     let table: toml::Table = toml_file::load(path).map_err(Failure::bad)?;
     if table.contains_key("leg") {
-        Ok(Kind::Mission)
+        Ok(ConfigKind::Mission)
     } else if table.contains_key("motor_io") || table.get("robot").is_some_and(toml::Value::is_str) {
-        Ok(Kind::Box)
+        Ok(ConfigKind::System)
     } else if table.contains_key("robot") {
-        Ok(Kind::Robot)
+        Ok(ConfigKind::Robot)
     } else if table.contains_key("port") {
-        Ok(Kind::Sensor)
+        Ok(ConfigKind::Sensor)
     } else if ["ground_m", "cylinder", "prism"].iter().any(|key| table.contains_key(*key)) {
-        Ok(Kind::Ground)
+        Ok(ConfigKind::Ground)
     } else {
         Err(Failure::BadInput(format!(
             "{} is not a configuration file of a known kind: a robot file has [robot], a system file [motor_io], a mission file [[leg]], a sensor file `port`, a ground file [[cylinder]] or [[prism]]",
@@ -259,11 +259,11 @@ fn middle(robot: &Robot) -> Vector3<f64> {
 }
 
 /// Warns of nearly collinear anchors, which leave one coordinate of the node poorly determined.
-fn slender(robot: &Robot) -> Option<Finding> {
+fn collinear_anchors(robot: &Robot) -> Option<Finding> {
     let [first, rest @ ..] = &robot.anchors()[..] else { return None };
     let along = rest.iter().map(|p| p - first).max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
     let beside = rest.iter().map(|p| along.cross(&(p - first)).norm() / along.norm_squared()).fold(0.0, f64::max);
-    (!robot.is_planar() && beside < SLENDER).then(|| {
+    (!robot.is_planar() && beside < MIN_WIDTH_SHARE).then(|| {
         let (off_m, long_m) = (beside * along.norm(), along.norm());
         warning(
             format!("the anchors lie within {off_m:.3} m of one straight line of {long_m:.1} m, so the position of the node across it is poorly determined"),
@@ -282,8 +282,8 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
         Ok(found) => {
             let list: Vec<String> = found.tensions_n.iter().map(|value| format!("{value:.1}")).collect();
             findings.push(note(format!("at rest in the middle, {place}, the cables carry {} N", list.join(", "))));
-            findings.push(sinking(&robot, &at, &found.tensions_n));
-            findings.push(ceiling(&robot, &at, distribution));
+            findings.push(sinking_finding(&robot, &at, &found.tensions_n));
+            findings.push(ceiling_finding(&robot, &at, distribution));
         }
         Err(why) => findings.push(error(
             format!("the cables cannot hold the node in the middle of the anchors, {place}: {why}"),
@@ -301,9 +301,9 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
             "give stiffness_n in [lines]; braided polyethylene of 0.33 mm has about 6000 N",
         ),
     });
-    findings.extend(slender(&robot));
-    findings.extend(file.calibration.as_ref().map(calibrated));
-    findings.extend(robot.motor_table().map(|table| measured(&robot, table)));
+    findings.extend(collinear_anchors(&robot));
+    findings.extend(file.calibration.as_ref().map(calibration_finding));
+    findings.extend(robot.motor_table().map(|table| motor_table_finding(&robot, table)));
     let (fastest, tightest) = (robot.speed_limit_m_s(), robot.tension_limits_n()[1]);
     let modelled = |_| robot.motor().current_a(tightest, fastest);
     let current = robot.current().current_a(tightest, fastest).unwrap_or_else(modelled);
@@ -322,7 +322,7 @@ fn robot(file: &RobotFile) -> Answer<Vec<Finding>> {
 }
 
 /// Describes the calibration of the anchors and its accuracy.
-fn calibrated(file: &CalibrationFile) -> Finding {
+fn calibration_finding(file: &CalibrationFile) -> Finding {
     let (anchor, axis, std_m) = file.worst();
     let mut sentence = format!(
         "the anchors come from the calibration of {} ({}); the least certain coordinate is {axis} of anchor {anchor}, ±{std_m:.3} m",
@@ -345,7 +345,7 @@ fn calibrated(file: &CalibrationFile) -> Finding {
 }
 
 /// Compares the range of the motor table with the limits of the robot.
-fn measured(robot: &Robot, table: &MotorTable) -> Finding {
+fn motor_table_finding(robot: &Robot, table: &MotorTable) -> Finding {
     let ends = |axis: &[f64]| [axis[0], axis[axis.len() - 1]];
     let ([slowest, fastest], [loosest, tightest]) = (ends(table.speeds_m_s()), ends(table.tensions_n()));
     let sentence = format!(
@@ -362,7 +362,7 @@ fn measured(robot: &Robot, table: &MotorTable) -> Finding {
 /// Computes how fast the node sinks when the drives stop powering the motors: their leads are shorted, so only gear
 /// friction and
 /// the motors' own braking hold the load.
-fn sinking(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
+fn sinking_finding(robot: &Robot, at: &Vector3<f64>, tensions_n: &[f64]) -> Finding {
     let pays_out: Vec<f64> = tensions_n.iter().map(|tension| unpowered_m_s(robot, *tension)).collect();
     let fastest = pays_out.iter().fold(0.0_f64, |most, speed| most.max(*speed));
     if fastest == 0.0 {
@@ -405,7 +405,7 @@ fn unpowered_m_s(robot: &Robot, tension_n: f64) -> f64 {
 }
 
 /// Finds the greatest feasible height of the node above `from`.
-fn ceiling(robot: &Robot, from: &Vector3<f64>, distribution: Distribution) -> Finding {
+fn ceiling_finding(robot: &Robot, from: &Vector3<f64>, distribution: Distribution) -> Finding {
     let mut at = *from;
     while tension::at(robot, &at, &Vector3::zeros(), distribution).is_ok() {
         at.z += 0.01;
@@ -524,7 +524,7 @@ fn plan(
     })
 }
 
-fn flown(
+fn mission_finding(
     mission: &Mission,
     robot: &RobotFile,
     section: &PlannerSection,

@@ -57,9 +57,9 @@ fn robot(path: &Path) -> Answer<Robot> {
 ///
 /// # Errors
 /// A robot file or a point that cannot be used.
-pub fn ik(asked: &IkArgs) -> Answer<Output> {
-    let robot = robot(&asked.config)?;
-    let lengths = kinematics::inverse_kinematics(robot.anchors(), &points::position(&robot, &asked.at)?.into());
+pub fn ik(args: &IkArgs) -> Answer<Output> {
+    let robot = robot(&args.config)?;
+    let lengths = kinematics::inverse_kinematics(robot.anchors(), &points::position(&robot, &args.at)?.into());
     Ok(Output::json(json!({ "lengths_m": lengths.to_vec() })))
 }
 
@@ -67,9 +67,9 @@ pub fn ik(asked: &IkArgs) -> Answer<Output> {
 ///
 /// # Errors
 /// A robot file that cannot be used, or lengths that match no position.
-pub fn fk(asked: &FkArgs) -> Answer<Output> {
-    let robot = robot(&asked.config)?;
-    let found = kinematics::forward_kinematics(robot.anchors(), &asked.lengths.0, None).map_err(Failure::bad)?;
+pub fn fk(args: &FkArgs) -> Answer<Output> {
+    let robot = robot(&args.config)?;
+    let found = kinematics::forward_kinematics(robot.anchors(), &args.lengths.0, None).map_err(Failure::bad)?;
     let position = points::written(&robot, &found.position);
     Ok(Output::json(json!({ "position_m": position, "residual_m": found.residual_rms_m })))
 }
@@ -78,11 +78,11 @@ pub fn fk(asked: &FkArgs) -> Answer<Output> {
 ///
 /// # Errors
 /// A robot file, pose or method that cannot be used.
-pub fn tension(asked: &TensionArgs) -> Answer<Output> {
-    let robot = robot(&asked.config)?;
-    let distribution = plan::distribution(asked.method, &robot);
-    let at = Vector3::from(points::position(&robot, &asked.at)?);
-    let acceleration = match &asked.accel {
+pub fn tension(args: &TensionArgs) -> Answer<Output> {
+    let robot = robot(&args.config)?;
+    let distribution = plan::distribution(args.method, &robot);
+    let at = Vector3::from(points::position(&robot, &args.at)?);
+    let acceleration = match &args.accel {
         Some(acceleration) => points::position(&robot, acceleration)?.into(),
         None => Vector3::zeros(),
     };

@@ -90,54 +90,54 @@ pub fn distribution(method: Option<Method>, robot: &Robot) -> Distribution {
 ///
 /// # Errors
 /// A robot file or arguments that cannot be used. An infeasible move is a result, not an error.
-pub fn run(asked: &Args) -> Answer<Output> {
-    planned(asked).map(Output::json)
+pub fn run(args: &Args) -> Answer<Output> {
+    plan_move(args).map(Output::json)
 }
 
-fn planned(asked: &Args) -> Answer<Value> {
-    let robot = RobotFile::load(&asked.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
-    let speed_m_s = asked.speed.unwrap_or(robot.speed_limit_m_s());
+fn plan_move(args: &Args) -> Answer<Value> {
+    let robot = RobotFile::load(&args.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
+    let speed_m_s = args.speed.unwrap_or(robot.speed_limit_m_s());
     if !(speed_m_s > 0.0 && speed_m_s <= robot.speed_limit_m_s()) {
         return Err(Failure::BadInput(format!(
             "--speed is {speed_m_s} m/s; accepted: above 0 and at most the robot's speed_limit_m_s of {} m/s",
             robot.speed_limit_m_s()
         )));
     }
-    if asked.path == Some(PathKind::Lateral) && asked.mu.is_some() {
+    if args.path == Some(PathKind::Lateral) && args.mu.is_some() {
         return Err(Failure::BadInput("--mu applies to a parabola only; omit it, or use --path parabola".to_owned()));
     }
-    let reckoning = Reckoning {
+    let move_cost = MoveCost {
         winch_energy: WinchEnergy {
             anchors: robot.anchors(),
             planar: robot.is_planar(),
             wrench_n: robot.wrench_n(&Vector3::zeros()),
             drag_n_s2_m2: robot.drag_n_s2_m2(),
             limits_n: robot.tension_limits_n(),
-            method: distribution(asked.method, &robot),
+            method: distribution(args.method, &robot),
             current: robot.current(),
         },
         robot: &robot,
         speed_m_s,
-        constant: asked.constant_speed,
+        constant: args.constant_speed,
     };
-    let ends = [points::position(&robot, &asked.from)?, points::position(&robot, &asked.to)?].map(Vector3::from);
-    let found = match asked.path {
-        Some(PathKind::Lateral) => reckoning.best_lateral(asked, ends),
-        _ => reckoning.best(asked, ends).map(|best| words(&best)),
+    let ends = [points::position(&robot, &args.from)?, points::position(&robot, &args.to)?].map(Vector3::from);
+    let found = match args.path {
+        Some(PathKind::Lateral) => move_cost.best_lateral(args, ends),
+        _ => move_cost.best(args, ends).map(|best| feasible_json(&best)),
     };
     match found {
         Ok(found) => Ok(found),
-        Err(error @ EnergyError::BelowGround { .. }) => Ok(impossible(&error)),
-        Err(error) if error.is_of_the_path() => Ok(impossible(&error)),
+        Err(error @ EnergyError::BelowGround { .. }) => Ok(infeasible_json(&error)),
+        Err(error) if error.is_of_the_path() => Ok(infeasible_json(&error)),
         Err(error) => Err(Failure::bad(error)),
     }
 }
 
-fn impossible(why: &EnergyError) -> Value {
+fn infeasible_json(why: &EnergyError) -> Value {
     json!({ "feasible": false, "why": why.to_string() })
 }
 
-fn words(best: &Best) -> Value {
+fn feasible_json(best: &Best) -> Value {
     let Cost { energy_j, duration_s, length_m, peak_tension_n, peak_current_a, margin_n } = best.cost;
     json!({
         "feasible": true,
@@ -155,7 +155,7 @@ fn words(best: &Best) -> Value {
 }
 
 /// Computes the cost of a move.
-struct Reckoning<'a> {
+struct MoveCost<'a> {
     winch_energy: WinchEnergy<'a>,
     robot: &'a Robot,
     speed_m_s: f64,
@@ -163,11 +163,11 @@ struct Reckoning<'a> {
     constant: bool,
 }
 
-impl Reckoning<'_> {
-    fn best(&self, asked: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Best, EnergyError> {
-        let bounds = Bounds { ground_m: Some(self.robot.ground_m()), time_weight_w: asked.time_weight };
+impl MoveCost<'_> {
+    fn best(&self, args: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Best, EnergyError> {
+        let bounds = Bounds { ground_m: Some(self.robot.ground_m()), time_weight_w: args.time_weight };
         let shape = |mu_per_m| Parabola { from, to, mu_per_m };
-        match (asked.path, asked.mu) {
+        match (args.path, args.mu) {
             (Some(PathKind::Parabola), None) => best(&from, &to, &bounds, |path, precision| self.cost(path, precision)),
             (_, mu) => {
                 parabola::mu_limit(&from, &to, self.robot.ground_m())?;
@@ -181,18 +181,18 @@ impl Reckoning<'_> {
 
     /// Finds the path that also deviates sideways, at constant speed as the planner does; returns the parabola where it
     /// costs less.
-    fn best_lateral(&self, asked: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Value, EnergyError> {
+    fn best_lateral(&self, args: &Args, [from, to]: [Vector3<f64>; 2]) -> Result<Value, EnergyError> {
         let found =
-            flight::best_lateral(self.robot, self.winch_energy.method, &from, &to, self.speed_m_s, asked.time_weight)?;
+            flight::best_lateral(self.robot, self.winch_energy.method, &from, &to, self.speed_m_s, args.time_weight)?;
         let shape = |mu_per_m| Parabola { from, to, mu_per_m };
         let line = self.cost(&shape(0.0), Precision::Fine).ok();
         let Some((bow, _)) = found.lateral else {
             let mu_per_m = found.parabola.mu_per_m;
-            return Ok(words(&Best { mu_per_m, cost: self.cost(&shape(mu_per_m), Precision::Fine)?, line }));
+            return Ok(feasible_json(&Best { mu_per_m, cost: self.cost(&shape(mu_per_m), Precision::Fine)?, line }));
         };
         let constant = || self.winch_energy.bow_at_constant_speed(&bow, self.speed_m_s, INTERVALS[0]);
         let cost = self.along(&Path::Lateral(Lateral::new(bow)), Precision::Fine, constant)?;
-        let mut value = words(&Best { mu_per_m: 0.0, cost, line });
+        let mut value = feasible_json(&Best { mu_per_m: 0.0, cost, line });
         value["mu_per_m"] = Value::Null;
         value["down_m"] = json!(bow.down_m);
         value["side_m"] = json!(bow.side_m);
@@ -215,16 +215,16 @@ impl Reckoning<'_> {
         constant: impl Fn() -> Result<Cost, EnergyError>,
     ) -> Result<Cost, EnergyError> {
         let coarse = usize::from(precision == Precision::Coarse);
-        let flown = |speed_m_s, acceleration_m_s2| {
+        let from_rest = |speed_m_s, acceleration_m_s2| {
             let limits = ProfileLimits::rest_to_rest(speed_m_s, acceleration_m_s2);
             flight::flown(self.robot, self.winch_energy.method, path, &limits, CHECK_M[coarse], INTERVALS[coarse])
         };
         if self.constant {
             // The path has no start and end: check it at a speed so low that the accelerations vanish.
-            flown(1e-3, 1e-3)?;
+            from_rest(1e-3, 1e-3)?;
             constant()
         } else {
-            flown(self.speed_m_s, self.robot.acceleration_limit_m_s2())
+            from_rest(self.speed_m_s, self.robot.acceleration_limit_m_s2())
         }
     }
 }

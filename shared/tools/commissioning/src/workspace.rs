@@ -38,7 +38,7 @@ const SLICES: usize = 6;
 struct Layer {
     z_m: f64,
     /// Centre of each feasible cell and its margin, N.
-    held: Vec<([f64; 2], f64)>,
+    feasible: Vec<([f64; 2], f64)>,
 }
 
 /// Grid of cells in the bounding box of the anchors, from the ground to the highest anchor. A planar robot has one
@@ -93,13 +93,13 @@ fn margin_n(robot: &Robot, at: &Vector3<f64>) -> Option<f64> {
     }
     let weight = robot.wrench_n(&Vector3::zeros());
     let limits = robot.tension_limits_n();
-    let held = general::hold(robot.anchors(), robot.is_planar(), at, &weight, limits, Distribution::Safest).ok()?;
-    if tension::worst_violation(&held.tensions_n, limits).is_some() {
+    let feasible = general::hold(robot.anchors(), robot.is_planar(), at, &weight, limits, Distribution::Safest).ok()?;
+    if tension::worst_violation(&feasible.tensions_n, limits).is_some() {
         return None;
     }
-    let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), at), &held.tensions_n);
+    let lengths = elastic::unstretched(robot, &inverse_kinematics(robot.anchors(), at), &feasible.tensions_n);
     let long_enough = lengths.iter().zip(robot.length_limits_m()).all(|(l, [min, max])| (*min..=*max).contains(l));
-    long_enough.then_some(held.margin_n)
+    long_enough.then_some(feasible.margin_n)
 }
 
 fn layers(robot: &Robot, grid: &Grid) -> Vec<Layer> {
@@ -107,11 +107,11 @@ fn layers(robot: &Robot, grid: &Grid) -> Vec<Layer> {
     (0..nz)
         .map(|k| {
             let cells = (0..nx).flat_map(|i| (0..ny).map(move |j| (i, j)));
-            let held = cells.filter_map(|(i, j)| {
+            let feasible = cells.filter_map(|(i, j)| {
                 let at = grid.centre(i, j, k);
                 margin_n(robot, &at).map(|margin| ([at.x, at.y], margin))
             });
-            Layer { z_m: grid.centre(0, 0, k).z, held: held.collect() }
+            Layer { z_m: grid.centre(0, 0, k).z, feasible: feasible.collect() }
         })
         .collect()
 }
@@ -120,33 +120,33 @@ fn layers(robot: &Robot, grid: &Grid) -> Vec<Layer> {
 ///
 /// # Errors
 /// A robot file or step that cannot be used, or a plot that cannot be written.
-pub fn run(asked: &Args) -> Answer<Output> {
-    measured(asked).map(Output::json)
+pub fn run(args: &Args) -> Answer<Output> {
+    evaluate(args).map(Output::json)
 }
 
-fn measured(asked: &Args) -> Answer<Value> {
-    let robot = RobotFile::load(&asked.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
-    let grid = Grid::new(&robot, asked.step)?;
+fn evaluate(args: &Args) -> Answer<Value> {
+    let robot = RobotFile::load(&args.config).map_err(Failure::bad)?.robot().map_err(Failure::bad)?;
+    let grid = Grid::new(&robot, args.step)?;
     let layers = layers(&robot, &grid);
     let cell = grid.cell();
-    let mut margins: Vec<f64> = layers.iter().flat_map(|layer| layer.held.iter().map(|(_, m)| *m)).collect();
+    let mut margins: Vec<f64> = layers.iter().flat_map(|layer| layer.feasible.iter().map(|(_, m)| *m)).collect();
     margins.sort_by(f64::total_cmp);
     let best = layers
         .iter()
-        .flat_map(|layer| layer.held.iter().map(move |([x, y], m)| (Vector3::new(*x, *y, layer.z_m), *m)))
+        .flat_map(|layer| layer.feasible.iter().map(move |([x, y], m)| (Vector3::new(*x, *y, layer.z_m), *m)))
         .max_by(|a, b| a.1.total_cmp(&b.1));
-    if let Some(path) = &asked.png {
+    if let Some(path) = &args.png {
         save_png(path, &picture(&robot, &grid, &layers))?;
     }
     let size = grid.step.component_mul(&Vector3::from(grid.counts.map(|n| n as f64)));
     let levels: Vec<Value> = layers
         .iter()
         .map(|layer| {
-            let best = layer.held.iter().map(|(_, m)| *m).fold(f64::NEG_INFINITY, f64::max);
+            let best = layer.feasible.iter().map(|(_, m)| *m).fold(f64::NEG_INFINITY, f64::max);
             json!({
                 "z_m": layer.z_m,
-                (if grid.planar { "width_m" } else { "area_m2" }): layer.held.len() as f64 * cell,
-                "best_margin_n": if layer.held.is_empty() { Value::Null } else { json!(best) },
+                (if grid.planar { "width_m" } else { "area_m2" }): layer.feasible.len() as f64 * cell,
+                "best_margin_n": if layer.feasible.is_empty() { Value::Null } else { json!(best) },
             })
         })
         .collect();
@@ -166,7 +166,7 @@ fn measured(asked: &Args) -> Answer<Value> {
 fn picture(robot: &Robot, grid: &Grid, layers: &[Layer]) -> Picture {
     let most = layers
         .iter()
-        .flat_map(|l| l.held.iter().map(|(_, m)| *m))
+        .flat_map(|l| l.feasible.iter().map(|(_, m)| *m))
         .fold(0.0f64, |a, m| if m.is_finite() { a.max(m) } else { a });
     if grid.planar {
         return picture_of_plane(robot, grid, layers, most);
@@ -174,12 +174,16 @@ fn picture(robot: &Robot, grid: &Grid, layers: &[Layer]) -> Picture {
     let shown = SLICES.min(layers.len());
     let charts = (0..shown).map(|s| {
         let layer = &layers[(s * layers.len() + layers.len() / 2) / shown];
-        let values = layer.held.iter().map(|(_, m)| share(*m, most)).collect();
-        let points = layer.held.iter().map(|(at, _)| *at).collect();
+        let values = layer.feasible.iter().map(|(_, m)| share(*m, most)).collect();
+        let points = layer.feasible.iter().map(|(at, _)| *at).collect();
         let anchors = robot.anchors().iter().map(|a| [a.x, a.y]).collect();
         let cells = Look::Cells([grid.step.x, grid.step.y], values);
         Chart {
-            caption: format!("z = {:.2} m: {:.1} m2", layer.z_m, layer.held.len() as f64 * grid.step.x * grid.step.y),
+            caption: format!(
+                "z = {:.2} m: {:.1} m2",
+                layer.z_m,
+                layer.feasible.len() as f64 * grid.step.x * grid.step.y
+            ),
             x: Axis::of("x, m"),
             y: Axis::of("y, m"),
             series: vec![
@@ -205,8 +209,8 @@ fn share(margin_n: f64, most_n: f64) -> f64 {
 
 /// Draws the plane of a planar robot, coloured by margin.
 fn picture_of_plane(robot: &Robot, grid: &Grid, layers: &[Layer], most_n: f64) -> Picture {
-    let held = || layers.iter().flat_map(|layer| layer.held.iter().map(|([x, _], m)| ([*x, layer.z_m], *m)));
-    let values: Vec<f64> = held().map(|(_, margin)| share(margin, most_n)).collect();
+    let feasible = || layers.iter().flat_map(|layer| layer.feasible.iter().map(|([x, _], m)| ([*x, layer.z_m], *m)));
+    let values: Vec<f64> = feasible().map(|(_, margin)| share(margin, most_n)).collect();
     let area_m2 = values.len() as f64 * grid.step.x * grid.step.z;
     let cells = Look::Cells([grid.step.x, grid.step.z], values);
     let anchors = robot.anchors().iter().map(|a| [a.x, a.z]).collect();
@@ -215,7 +219,7 @@ fn picture_of_plane(robot: &Robot, grid: &Grid, layers: &[Layer], most_n: f64) -
         x: Axis::of("x, m"),
         y: Axis::of("z, m"),
         series: vec![
-            Series::line("", 0, held().map(|(at, _)| at).collect()).looking(cells),
+            Series::line("", 0, feasible().map(|(at, _)| at).collect()).looking(cells),
             Series::line("", BLACK, anchors).looking(Look::Discs(4)),
         ],
         equal_scale: true,

@@ -15,7 +15,7 @@ const DEFAULT_SIGMA_HEIGHT_M: f64 = 0.01;
 /// The measurements file.
 #[derive(Debug, Clone, Default, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct File {
+pub struct MeasurementsFile {
     /// Side of the line from anchor 1 to 2 on which anchor 3 stands, and any other anchor without its own side: 1 left
     /// (default), -1 right.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -168,7 +168,7 @@ pub enum HeightBy {
     Laser,
 }
 
-impl File {
+impl MeasurementsFile {
     /// Returns the points that a method uses, from 0: the GPS method uses points with a known position; no method uses
     /// rejected points.
     #[must_use]

@@ -1,6 +1,6 @@
 //! Pure evaluation of the facts: findings with their remedies.
 
-use super::machine::{DomainFound, Machine, PortFound, Runs};
+use super::machine::{DomainFacts, Machine, PortFacts, Runs};
 use crate::check::{Finding, error, note, warning};
 use std::path::PathBuf;
 
@@ -30,11 +30,11 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
         ));
     }
     for domain in &machine.domains {
-        findings.extend(domain_found(domain));
+        findings.extend(domain_finding(domain));
     }
     limits(machine, &mut findings);
     for port in &machine.ports {
-        findings.push(serial_port(port));
+        findings.push(port_finding(port));
     }
     clocks(machine, &mut findings);
     if let Some(busy) = machine.busy {
@@ -48,7 +48,7 @@ pub fn judge(machine: &Machine) -> Vec<Finding> {
         });
     }
     if let Some(runs) = &machine.runs {
-        findings.push(disk(runs));
+        findings.push(disk_finding(runs));
         if !runs.open.is_empty() {
             let number = runs.open.len();
             findings.push(warning(
@@ -119,8 +119,8 @@ fn memory(machine: &Machine, findings: &mut Vec<Finding>) {
     }
 }
 
-fn domain_found(domain: &DomainFound) -> Option<Finding> {
-    let DomainFound { name, folder, open, alive, dead, is_run } = domain;
+fn domain_finding(domain: &DomainFacts) -> Option<Finding> {
+    let DomainFacts { name, folder, open, alive, dead, is_run } = domain;
     let folder = folder.display();
     if let Some(first) = open.first() {
         let more = if open.len() > 1 { format!(" and {} more", open.len() - 1) } else { String::new() };
@@ -177,8 +177,8 @@ fn limits(machine: &Machine, findings: &mut Vec<Finding>) {
     }
 }
 
-fn serial_port(port: &PortFound) -> Finding {
-    let PortFound { number, path, group, .. } = port;
+fn port_finding(port: &PortFacts) -> Finding {
+    let PortFacts { number, path, group, .. } = port;
     if !port.exists {
         return error(
             format!("port {number}: {path} does not exist"),
@@ -249,7 +249,7 @@ fn clocks(machine: &Machine, findings: &mut Vec<Finding>) {
     }
 }
 
-fn disk(runs: &Runs) -> Finding {
+fn disk_finding(runs: &Runs) -> Finding {
     let Runs { folder, is_writable, free_bytes, least_bytes, .. } = runs;
     let folder = folder.display();
     if !is_writable {
@@ -294,7 +294,7 @@ mod tests {
             user: 1000,
             memory: Memory { is_tmpfs: true, is_writable: true, size_bytes: 1 << 30, free_bytes: 1 << 30 },
             limits: Limits { open_files: Some(4096), realtime_priority: Some(95), processes: None },
-            ports: vec![PortFound {
+            ports: vec![PortFacts {
                 number: 1,
                 path: "/dev/ttyUSB0".to_owned(),
                 exists: true,
@@ -373,13 +373,13 @@ mod tests {
             machine.governors[2] = "powersave".to_owned();
         });
         found(Level::Warning, &["one processor"], |machine| machine.processors = 1);
-        let disk = |machine: &mut Machine, free: u64| {
+        let disk_finding = |machine: &mut Machine, free: u64| {
             if let Some(runs) = &mut machine.runs {
                 runs.free_bytes = free;
             }
         };
-        found(Level::Error, &["499 MB left", "nothing is recorded"], |machine| disk(machine, 499_000_000));
-        found(Level::Warning, &["60 minutes"], |machine| disk(machine, 500_000_000 + 3_600_000_000));
+        found(Level::Error, &["499 MB left", "nothing is recorded"], |machine| disk_finding(machine, 499_000_000));
+        found(Level::Warning, &["60 minutes"], |machine| disk_finding(machine, 500_000_000 + 3_600_000_000));
         found(Level::Error, &["cannot be written"], |machine| {
             if let Some(runs) = &mut machine.runs {
                 runs.is_writable = false;
@@ -392,30 +392,30 @@ mod tests {
 
     #[test]
     fn domains_are_told_apart() {
-        let domain = || DomainFound {
+        let domain = || DomainFacts {
             name: "demo3".to_owned(),
             folder: "/dev/shm/nims-1000-demo3".into(),
             ..Default::default()
         };
         let alive = || vec!["motor-io".to_owned()];
-        for quiet in [DomainFound { is_run: true, alive: alive(), ..domain() }, domain()] {
-            let finding = domain_found(&quiet).unwrap();
+        for quiet in [DomainFacts { is_run: true, alive: alive(), ..domain() }, domain()] {
+            let finding = domain_finding(&quiet).unwrap();
             assert_eq!(finding.level, Level::Note, "{finding:?}");
         }
         found(Level::Warning, &["without a supervisor: motor-io", "nims up"], |machine| {
-            machine.domains.push(DomainFound { alive: alive(), ..domain() });
+            machine.domains.push(DomainFacts { alive: alive(), ..domain() });
         });
         found(Level::Warning, &["2 killed processes", "nims up"], |machine| {
-            machine.domains.push(DomainFound { dead: 2, ..domain() });
+            machine.domains.push(DomainFacts { dead: 2, ..domain() });
         });
         found(Level::Warning, &["running domain", "1 dead"], |machine| {
-            machine.domains.push(DomainFound { dead: 1, alive: alive(), is_run: true, ..domain() });
+            machine.domains.push(DomainFacts { dead: 1, alive: alive(), is_run: true, ..domain() });
         });
         found(
             Level::Error,
             &["other users", "1 more of the domain `demo3`", "chmod go= /dev/shm/a /dev/pts/3"],
             |machine| {
-                machine.domains.push(DomainFound { open: vec!["/dev/shm/a".into(), "/dev/pts/3".into()], ..domain() });
+                machine.domains.push(DomainFacts { open: vec!["/dev/shm/a".into(), "/dev/pts/3".into()], ..domain() });
             },
         );
         found(Level::Error, &["other users", "chmod 700 /dev/shm/nims-1000-demo3"], |machine| {

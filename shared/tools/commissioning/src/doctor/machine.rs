@@ -11,7 +11,7 @@ pub struct Machine {
     /// Shared memory.
     pub memory: Memory,
     /// This user's domains.
-    pub domains: Vec<DomainFound>,
+    pub domains: Vec<DomainFacts>,
     /// Size in bytes and number of files of this user in shared memory that belong to no domain.
     pub ownerless: (u64, usize),
     /// Resource limits of a process.
@@ -19,7 +19,7 @@ pub struct Machine {
     /// Error of the operating system for a setting in `[realtime]` that it does not permit.
     pub realtime_refused: Option<String>,
     /// Serial devices of the system.
-    pub ports: Vec<PortFound>,
+    pub ports: Vec<PortFacts>,
     /// Clock source of the kernel; empty if unknown.
     pub clock_source: String,
     /// Available clock sources, separated by spaces.
@@ -55,7 +55,7 @@ pub struct Memory {
 
 /// Domain of a robot in shared memory.
 #[derive(Debug, Clone, Default)]
-pub struct DomainFound {
+pub struct DomainFacts {
     /// Name of the domain.
     pub name: String,
     /// Folder of the domain.
@@ -83,7 +83,7 @@ pub struct Limits {
 
 /// A serial device.
 #[derive(Debug, Clone, Default)]
-pub struct PortFound {
+pub struct PortFacts {
     /// Number in the system file, from 1.
     pub number: usize,
     /// Path in the system file.

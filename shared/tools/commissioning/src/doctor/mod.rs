@@ -4,7 +4,7 @@ mod judge;
 mod machine;
 mod probe;
 
-pub use probe::{TMPFS, where_it_will_be};
+pub use probe::{TMPFS_MAGIC, nearest_existing};
 
 use crate::check;
 use command::{Answer, Failure, Output};

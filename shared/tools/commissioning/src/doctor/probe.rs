@@ -1,6 +1,6 @@
 //! Collects the facts about this machine without changing anything.
 
-use super::machine::{DomainFound, Limits, Machine, Memory, PortFound, Runs};
+use super::machine::{DomainFacts, Limits, Machine, Memory, PortFacts, Runs};
 use bus::{Domain, clock};
 use client::Running;
 use config::{Role, SystemFile};
@@ -13,7 +13,7 @@ use std::path::{Path, PathBuf};
 
 const SHARED_MEMORY: &str = "/dev/shm";
 /// `f_type` of tmpfs, statfs(2).
-pub const TMPFS: u32 = 0x0102_1994;
+pub const TMPFS_MAGIC: u32 = 0x0102_1994;
 
 /// Collects what a system needs from this machine; without a system file, what every system needs.
 pub fn probe(file: Option<&SystemFile>) -> Machine {
@@ -23,7 +23,7 @@ pub fn probe(file: Option<&SystemFile>) -> Machine {
         user,
         memory: memory(),
         ownerless: ownerless(&domains, user),
-        domains: domains.iter().map(domain_found).collect(),
+        domains: domains.iter().map(domain_facts).collect(),
         limits: limits(),
         realtime_refused: file.and_then(realtime_refused),
         ports: file.map(ports).unwrap_or_default(),
@@ -46,7 +46,7 @@ fn kernel(file: &str) -> String {
 fn memory() -> Memory {
     let room = statvfs(SHARED_MEMORY).ok();
     Memory {
-        is_tmpfs: statfs(SHARED_MEMORY).is_ok_and(|found| found.f_type as u32 == TMPFS),
+        is_tmpfs: statfs(SHARED_MEMORY).is_ok_and(|found| found.f_type as u32 == TMPFS_MAGIC),
         is_writable: access(SHARED_MEMORY, Access::READ_OK | Access::WRITE_OK | Access::EXEC_OK).is_ok(),
         size_bytes: room.as_ref().map_or(0, |room| room.f_blocks.saturating_mul(room.f_frsize)),
         free_bytes: room.as_ref().map_or(0, |room| room.f_bavail.saturating_mul(room.f_frsize)),
@@ -72,10 +72,10 @@ fn ownerless(domains: &[Domain], user: u32) -> (u64, usize) {
     found
 }
 
-fn domain_found(domain: &Domain) -> DomainFound {
+fn domain_facts(domain: &Domain) -> DomainFacts {
     let runs =
         |running: Running| Pid::from_raw(running.pid.cast_signed()).is_some_and(|pid| test_kill_process(pid).is_ok());
-    DomainFound {
+    DomainFacts {
         name: domain.name().to_owned(),
         folder: domain.root().to_owned(),
         open: domain.open_to_others(),
@@ -103,7 +103,7 @@ fn realtime_refused(file: &SystemFile) -> Option<String> {
     tried.ok().flatten().or(awake)
 }
 
-fn ports(file: &SystemFile) -> Vec<PortFound> {
+fn ports(file: &SystemFile) -> Vec<PortFacts> {
     let ports = file.motor_io.ports.iter().enumerate();
     ports
         .filter(|(_, port)| !port.path.contains("{domain}"))
@@ -111,12 +111,12 @@ fn ports(file: &SystemFile) -> Vec<PortFound> {
         .collect()
 }
 
-fn serial_port(number: usize, path: &str) -> PortFound {
+fn serial_port(number: usize, path: &str) -> PortFacts {
     let found = fs::metadata(path).ok();
     let timer = fs::canonicalize(path)
         .ok()
         .and_then(|device| Some(Path::new("/sys/class/tty").join(device.file_name()?).join("device/latency_timer")));
-    PortFound {
+    PortFacts {
         number,
         path: path.to_owned(),
         exists: found.is_some(),
@@ -135,7 +135,7 @@ fn governors() -> Vec<String> {
 }
 
 /// Returns the runs folder or, if it does not exist yet, the nearest existing parent.
-pub fn where_it_will_be(runs: &Path) -> PathBuf {
+pub fn nearest_existing(runs: &Path) -> PathBuf {
     std::path::absolute(runs)
         .unwrap_or_else(|_| runs.to_owned())
         .ancestors()
@@ -145,7 +145,7 @@ pub fn where_it_will_be(runs: &Path) -> PathBuf {
 }
 
 fn runs(file: &SystemFile) -> Runs {
-    let there = where_it_will_be(&file.runs);
+    let there = nearest_existing(&file.runs);
     Runs {
         folder: file.runs.clone(),
         is_writable: there.is_dir() && access(&there, Access::WRITE_OK | Access::EXEC_OK).is_ok(),
@@ -190,11 +190,11 @@ mod tests {
     fn what_lives_and_what_is_left_over_is_told_apart() {
         let domain = Domain::for_test();
         let bus = bus::Bus::join(&domain, "process").unwrap();
-        let found = domain_found(&domain);
+        let found = domain_facts(&domain);
         assert_eq!(found.alive, ["process"]);
         assert!(found.open.is_empty() && !found.is_run, "{found:?}");
         drop(bus);
-        assert!(domain_found(&domain).alive.is_empty());
+        assert!(domain_facts(&domain).alive.is_empty());
     }
 
     #[test]

@@ -1,16 +1,16 @@
 //! Detects the point that does not fit the others.
 
-use crate::calibrate::File;
+use crate::calibrate::MeasurementsFile;
 use cable_robot::{Anchors, CableVec, kinematics};
 use calibration::{JointInput, Measurements, Method, calibrate, calibrate_joint, survey_network};
 use std::fmt::Write as _;
 
 /// Significance of a misfit, as the number of standard deviations of a normal variate with the same probability.
-const DEVIATIONS: f64 = 4.0;
+const SIGNIFICANCE_SIGMAS: f64 = 4.0;
 
 /// Difference in chi-squared below which two candidates for the wrong point cannot be distinguished: six is odds of
 /// twenty to one.
-const TELLING: f64 = 6.0;
+const MIN_GAIN: f64 = 6.0;
 
 /// Height of the intersection above or below the floor that is worth reporting, m.
 const NOTEWORTHY_M: f64 = 0.02;
@@ -21,12 +21,12 @@ pub struct Doubtful {
     /// Number in the file, from 1.
     pub point: usize,
     /// Its deviation from the others, one clause.
-    pub how: String,
+    pub description: String,
 }
 
 /// Finds the point that fits worst, if it does not fit and has no decision yet; of several equal candidates, the
 /// newest. Points that were kept despite their misfit are excluded, so that no other point is blamed for them.
-pub fn find(file: &File) -> Option<Doubtful> {
+pub fn find(file: &MeasurementsFile) -> Option<Doubtful> {
     let kept = |index: &usize| file.doubt.iter().any(|doubt| doubt.point == index + 1);
     let open: Vec<usize> = file.used(Method::Survey).into_iter().filter(|index| !kept(index)).collect();
     let mut measured = file.measurements(Method::Survey).ok()?;
@@ -34,13 +34,13 @@ pub fn find(file: &File) -> Option<Doubtful> {
         open.iter().map(|index| CableVec::from_slice(&file.point[*index].lengths_m).ok()).collect::<Option<_>>()?;
     // Each point adds `cable_count` lengths and two unknowns, x and y.
     let limit = quantile(measured.cable_count.checked_sub(2)?);
-    let all = misfit(&measured);
+    let all = best_fit(&measured);
     // Fewer than three remaining points determine nothing.
     if open.len() < 4 || all.is_some_and(|(all, _)| all <= limit) {
         return None;
     }
     // If the fit of all points fails, any point whose removal makes a fit possible may be the cause.
-    let gain = |rest: &Measurements| misfit(rest).map(|(rest, _)| all.map_or(f64::MAX, |(all, _)| all - rest));
+    let gain = |rest: &Measurements| best_fit(rest).map(|(rest, _)| all.map_or(f64::MAX, |(all, _)| all - rest));
     let without = |index: usize| {
         let mut rest = measured.clone();
         rest.lengths_m.remove(index);
@@ -48,28 +48,28 @@ pub fn find(file: &File) -> Option<Doubtful> {
     };
     let gains: Vec<(usize, f64)> = (0..open.len()).filter_map(|index| Some((index, gain(&without(index))?))).collect();
     let best = gains.iter().map(|(_, gain)| *gain).fold(0.0, f64::max);
-    let (index, most) = *gains.iter().rfind(|(_, gain)| *gain >= best - TELLING)?;
+    let (index, most) = *gains.iter().rfind(|(_, gain)| *gain >= best - MIN_GAIN)?;
     if most <= limit {
         return None;
     }
     let rest = without(index);
-    let mut how = how(&rest, &measured.lengths_m[index]);
+    let mut description = describe_misfit(&rest, &measured.lengths_m[index]);
     let height = (0..measured.heights.len()).find(|height| {
         let mut rest = measured.clone();
         rest.heights.remove(*height);
-        gain(&rest).is_some_and(|gain| gain >= best - TELLING)
+        gain(&rest).is_some_and(|gain| gain >= best - MIN_GAIN)
     });
     if let Some(height) = height {
-        let _ = write!(how, " (unless the height of pulley {} is wrong)", measured.heights[height].anchor + 1);
-    } else if misfit(&rest).is_some_and(|(rest, left)| left > 0.0 && rest > quantile(left as usize)) {
-        how.push_str(" (and the others do not fit each other either: a distance or a height may be wrong)");
+        let _ = write!(description, " (unless the height of pulley {} is wrong)", measured.heights[height].anchor + 1);
+    } else if best_fit(&rest).is_some_and(|(rest, left)| left > 0.0 && rest > quantile(left as usize)) {
+        description.push_str(" (and the others do not fit each other either: a distance or a height may be wrong)");
     }
-    Some(Doubtful { point: open[index] + 1, how })
+    Some(Doubtful { point: open[index] + 1, description })
 }
 
 /// Returns the sum of squared residuals of the best fit in units of variance, and its degrees of freedom; `None` if the
 /// fit fails.
-fn misfit(measured: &Measurements) -> Option<(f64, f64)> {
+fn best_fit(measured: &Measurements) -> Option<(f64, f64)> {
     let survey = survey_network(measured.cable_count, &measured.ranges, &measured.sides).ok()?;
     let best = calibrate_joint(&JointInput {
         ranges: &measured.ranges,
@@ -79,16 +79,16 @@ fn misfit(measured: &Measurements) -> Option<(f64, f64)> {
     best.ok().map(|best| (best.chi_squared, best.degrees_of_freedom))
 }
 
-/// Returns the quantile of chi-squared that is exceeded with the probability of [`DEVIATIONS`] (approximation of Wilson
+/// Returns the quantile of chi-squared that is exceeded with the probability of [`SIGNIFICANCE_SIGMAS`] (approximation of Wilson
 /// and Hilferty).
 fn quantile(degrees_of_freedom: usize) -> f64 {
     let k = degrees_of_freedom as f64;
     let spread = 2.0 / (9.0 * k);
-    k * (1.0 - spread + DEVIATIONS * spread.sqrt()).powi(3)
+    k * (1.0 - spread + SIGNIFICANCE_SIGMAS * spread.sqrt()).powi(3)
 }
 
 /// Describes where the cables of a point meet according to the calibration without it.
-fn how(rest: &Measurements, lengths_m: &[f64]) -> String {
+fn describe_misfit(rest: &Measurements, lengths_m: &[f64]) -> String {
     let vague = || "its cables do not meet in one place".to_owned();
     let Ok(found) = calibrate(rest, Method::Survey) else { return "the other points contradict each other".to_owned() };
     let Ok(anchors) = Anchors::new(&found.anchors_m) else { return vague() };

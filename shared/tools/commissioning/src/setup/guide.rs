@@ -6,7 +6,7 @@ use super::question::{self, POINTS, Question, pulleys};
 use super::shape;
 use super::text::metres;
 use super::undo::undo;
-use crate::calibrate::{Doubt, File, HeightBy, HeightEntry, PointEntry, RangeEntry, Setup};
+use crate::calibrate::{Doubt, HeightBy, HeightEntry, MeasurementsFile, PointEntry, RangeEntry, Setup};
 use calibration::{CalibrationError, DEFAULT_SIGMA_LENGTH_M, Method, calibrate};
 
 /// Standard deviation of a distance, m, written into a new file: a tape over ten metres between plumb lines, or a laser
@@ -25,11 +25,11 @@ const FAR_SHARE: f64 = 0.2;
 const FAR_M: f64 = 1.0;
 
 /// Amount by which two cables may be too short to meet, in standard deviations of a length.
-const SHORT: f64 = 6.0;
+const SHORT_SIGMAS: f64 = 6.0;
 
 /// What the caller does after an answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Then {
+pub enum NextStep {
     /// Ask the next question, or the same one again.
     Ask,
     /// Write the calibration: the measurements are complete and confirmed.
@@ -42,23 +42,27 @@ pub enum Then {
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Reply {
     /// Message to print; may be empty.
-    pub said: String,
+    pub message: String,
     /// Whether the measurements changed and must be saved.
     pub changed: bool,
     /// What the caller does next.
-    pub then: Then,
+    pub next_step: NextStep,
 }
 
 /// The measurements and the open question.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Guide {
-    file: File,
+    file: MeasurementsFile,
     question: Question,
 }
 
 impl Default for Guide {
     fn default() -> Self {
-        let file = File { setup: Some(Setup::default()), sigma_range_m: Some(SIGMA_RANGE_M), ..File::default() };
+        let file = MeasurementsFile {
+            setup: Some(Setup::default()),
+            sigma_range_m: Some(SIGMA_RANGE_M),
+            ..MeasurementsFile::default()
+        };
         Self { question: Question::next(&file), file }
     }
 }
@@ -68,7 +72,7 @@ impl Guide {
     ///
     /// # Errors
     /// One clause without the file name: why they cannot be continued.
-    pub fn resume(file: File) -> Result<Self, String> {
+    pub fn resume(file: MeasurementsFile) -> Result<Self, String> {
         let Some(setup) = &file.setup else {
             return Err(
                 "it has no [setup], so `nims setup` did not create it and would drop its comments; name a new file, \
@@ -95,8 +99,10 @@ impl Guide {
         }
         if count > 0 {
             let measured = file.measurements(Method::Survey)?;
-            let question =
-                Question::next(&File { setup: Some(Setup { plan: Vec::new(), ..setup.clone() }), ..file.clone() });
+            let question = Question::next(&MeasurementsFile {
+                setup: Some(Setup { plan: Vec::new(), ..setup.clone() }),
+                ..file.clone()
+            });
             let placed = !matches!(question, Question::Pulleys | Question::Distance { .. } | Question::Side { .. });
             if placed {
                 shape::survey(&file, count)?;
@@ -126,7 +132,7 @@ impl Guide {
     }
 
     /// Returns the measurements so far.
-    pub fn file(&self) -> &File {
+    pub fn file(&self) -> &MeasurementsFile {
         &self.file
     }
 
@@ -134,7 +140,7 @@ impl Guide {
     pub fn answer(&mut self, line: &str) -> Reply {
         let line = line.trim();
         match line.to_lowercase().as_str() {
-            "quit" | "exit" => return Reply { said: String::new(), changed: false, then: Then::Leave },
+            "quit" | "exit" => return Reply { message: String::new(), changed: false, next_step: NextStep::Leave },
             "undo" => {
                 return match undo(&mut self.file) {
                     Some(what) => self.changed(format!("Taken back: {what}.")),
@@ -146,7 +152,7 @@ impl Guide {
         }
         if self.question == Question::Finish && line.is_empty() {
             return match crate::calibrate::judge(&self.file, Method::Survey) {
-                Ok(_) => Reply { said: String::new(), changed: false, then: Then::Finish },
+                Ok(_) => Reply { message: String::new(), changed: false, next_step: NextStep::Finish },
                 Err(_) => refused(
                     "There is no calibration yet: type the number of further points that you will measure.".to_owned(),
                 ),
@@ -154,22 +160,23 @@ impl Guide {
         }
         // Apply the answer to a copy, so that a rejected one changes nothing.
         let mut tried = self.file.clone();
-        match take(&mut tried, &self.question, line) {
-            Ok(said) => {
+        match apply_answer(&mut tried, &self.question, line) {
+            Ok(message) => {
                 self.file = tried;
-                self.changed(said)
+                self.changed(message)
             }
             Err(why) => refused(sentence(&why)),
         }
     }
 
     /// Determines the next question and, while points are measured, the accuracy of the anchors so far.
-    fn changed(&mut self, said: String) -> Reply {
+    fn changed(&mut self, message: String) -> Reply {
         self.question = Question::next(&self.file);
-        let whole = told_by_points(&self.file) && matches!(self.question, Question::Lengths { .. });
+        let whole = points_complete(&self.file) && matches!(self.question, Question::Lengths { .. });
         let progress = if whole { progress(&self.file) } else { None };
-        let said: Vec<String> = [Some(said), progress].into_iter().flatten().filter(|said| !said.is_empty()).collect();
-        Reply { said: said.join("\n"), changed: true, then: Then::Ask }
+        let message: Vec<String> =
+            [Some(message), progress].into_iter().flatten().filter(|message| !message.is_empty()).collect();
+        Reply { message: message.join("\n"), changed: true, next_step: NextStep::Ask }
     }
 }
 
@@ -177,8 +184,8 @@ impl Guide {
 const HELP: &str = "Answer the question; lengths as 12.43, 12,43, 12.43 m or 1243 cm. undo takes back the last answer, done ends the \
                     points, quit stops. All answers are saved, and the same command continues.";
 
-fn refused(said: String) -> Reply {
-    Reply { said, changed: false, then: Then::Ask }
+fn refused(message: String) -> Reply {
+    Reply { message, changed: false, next_step: NextStep::Ask }
 }
 
 /// Adds a capital letter and a full stop.
@@ -189,12 +196,12 @@ fn sentence(clause: &str) -> String {
 }
 
 /// Returns whether the file has points and none of them is incomplete.
-fn told_by_points(file: &File) -> bool {
+fn points_complete(file: &MeasurementsFile) -> bool {
     !file.point.is_empty() && file.setup.as_ref().is_some_and(|setup| setup.lengths_so_far_m.is_empty())
 }
 
 /// Returns the accuracy of the anchors from the points so far as one line; `None` if too few points exist.
-fn progress(file: &File) -> Option<String> {
+fn progress(file: &MeasurementsFile) -> Option<String> {
     let measured = file.measurements(Method::Survey).ok()?;
     match calibrate(&measured, Method::Survey) {
         Ok(found) => {
@@ -211,7 +218,7 @@ fn progress(file: &File) -> Option<String> {
 }
 
 /// Applies an answer to the measurements and returns the message to print.
-fn take(file: &mut File, question: &Question, line: &str) -> Result<String, String> {
+fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) -> Result<String, String> {
     let done = line.eq_ignore_ascii_case("done");
     if done && !matches!(question, Question::Lengths { .. }) {
         return Err(match question {
@@ -249,7 +256,7 @@ fn take(file: &mut File, question: &Question, line: &str) -> Result<String, Stri
             file.height.push(HeightEntry { anchor: *pulley, m, sigma_m: None, by: Some(HeightBy::Tape) });
             Ok(String::new())
         }
-        Question::About => {
+        Question::ApproximateHeight => {
             if line.is_empty() {
                 return Err("a guess is needed to predict the cable lengths; e.g. 3".to_owned());
             }
@@ -298,7 +305,12 @@ fn whole(text: &str, least: usize, most: usize) -> Option<usize> {
     text.parse().ok().filter(|number| digits && (least..=most).contains(number))
 }
 
-fn distance(file: &mut File, (from, to): (usize, usize), needed: bool, line: &str) -> Result<String, String> {
+fn distance(
+    file: &mut MeasurementsFile,
+    (from, to): (usize, usize),
+    needed: bool,
+    line: &str,
+) -> Result<String, String> {
     if line.is_empty() {
         if needed {
             return Err(format!("the position of pulley {to} needs the distance {from}-{to}; measure it"));
@@ -318,7 +330,7 @@ fn distance(file: &mut File, (from, to): (usize, usize), needed: bool, line: &st
     Ok(shape::contradiction(file, &survey, to).unwrap_or_default())
 }
 
-fn lengths(file: &mut File, place: usize, line: &str) -> Result<String, String> {
+fn lengths(file: &mut MeasurementsFile, place: usize, line: &str) -> Result<String, String> {
     let count = pulleys(file);
     let so_far = file.setup.get_or_insert_default().lengths_so_far_m.clone();
     let open = count - so_far.len().min(count);
@@ -332,20 +344,20 @@ fn lengths(file: &mut File, place: usize, line: &str) -> Result<String, String> 
     let all: Vec<f64> = so_far.into_iter().chain(read).collect();
     let sigma_m = file.sigma_length_m.unwrap_or(DEFAULT_SIGMA_LENGTH_M);
     if let Some(anchors) = question::anchors(file) {
-        shape::check_lengths(&anchors, &all, SHORT * sigma_m)?;
+        shape::check_lengths(&anchors, &all, SHORT_SIGMAS * sigma_m)?;
     }
     if all.len() < count {
         file.setup.get_or_insert_default().lengths_so_far_m = all;
         return Ok(String::new());
     }
-    let hint = question::expected(file, place).and_then(|expected| far(&expected.lengths_m, &all));
+    let hint = question::expected(file, place).and_then(|expected| unexpected_length_hint(&expected.lengths_m, &all));
     file.setup.get_or_insert_default().lengths_so_far_m.clear();
     file.point.push(PointEntry { lengths_m: all, gps_m: None });
     Ok(hint.unwrap_or_default())
 }
 
 /// Returns a hint if a length is far from the expected one, because two cables may have been confused.
-fn far(expected_m: &[f64], read_m: &[f64]) -> Option<String> {
+fn unexpected_length_hint(expected_m: &[f64], read_m: &[f64]) -> Option<String> {
     let off = |(expected, read): &(&f64, &f64)| (*read - *expected).abs() > FAR_M.max(FAR_SHARE * **expected);
     let (line, (expected, read)) = expected_m.iter().zip(read_m).enumerate().find(|(_, pair)| off(pair))?;
     Some(format!(
@@ -356,7 +368,7 @@ fn far(expected_m: &[f64], read_m: &[f64]) -> Option<String> {
     ))
 }
 
-fn end_early(file: &mut File) -> Result<String, String> {
+fn end_early(file: &mut MeasurementsFile) -> Result<String, String> {
     if file.setup.as_ref().is_some_and(|setup| !setup.lengths_so_far_m.is_empty()) {
         return Err("this point is incomplete: type the other lengths, or take it back with undo".to_owned());
     }

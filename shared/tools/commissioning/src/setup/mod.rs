@@ -17,12 +17,12 @@ mod tests;
 mod text;
 mod undo;
 
-use crate::calibrate::{self, CalibrationMethod, File};
+use crate::calibrate::{self, CalibrationMethod, MeasurementsFile};
 use command::{Answer, Failure, Output};
 
 use config::file;
-use guide::{Guide, Then};
-use input::{Line, Lines};
+use guide::{Guide, NextStep};
+use input::{InputEvent, LineReader};
 use numbers::clean;
 use std::io::{self, IsTerminal, Write};
 use std::os::fd::AsFd;
@@ -47,48 +47,48 @@ const NAMES: usize = 1000;
 ///
 /// # Errors
 /// A file that cannot be continued or written, or input that ends early; saved answers are kept.
-pub fn run(asked: &Args) -> Answer<Output> {
-    let path = asked.measurements.as_path();
-    if let Some(out) = asked.out.as_deref().filter(|out| out.exists()) {
+pub fn run(args: &Args) -> Answer<Output> {
+    let path = args.measurements.as_path();
+    if let Some(out) = args.out.as_deref().filter(|out| out.exists()) {
         return Err(Failure::BadInput(format!("{} already exists; name a new file or move this one", out.display())));
     }
     let stop = command::stop_flag()?;
-    let mut kept = Kept::open(path)?;
-    let mut guide = match kept.file()? {
+    let mut stored = StoredMeasurements::open(path)?;
+    let mut guide = match stored.file()? {
         None => Guide::default(),
         Some(file) => Guide::resume(file).map_err(|why| Failure::bad(format!("{}: {why}", path.display())))?,
     };
-    say(&welcome(path, kept.text.is_some()));
+    print_message(&welcome(path, stored.text.is_some()));
     let stdin = io::stdin();
-    let mut lines = Lines::new(stdin.as_fd());
+    let mut lines = LineReader::new(stdin.as_fd());
     // A terminal echoes what is typed; input from a pipe is echoed here, so that answers appear between the questions.
     let echoes = stdin.is_terminal();
     loop {
-        ask(&guide.question());
-        let left = || Failure::NotNow(later(path));
+        print_question(&guide.question());
+        let left = || Failure::NotNow(continue_hint(path));
         let line = match lines.next(&|| stop.load(Ordering::Relaxed)).map_err(Failure::not_now)? {
-            Line::Typed(line) => {
+            InputEvent::Line(line) => {
                 if !echoes {
-                    say(&clean(&line));
+                    print_message(&clean(&line));
                 }
                 line
             }
-            Line::End | Line::Stopped => {
-                say("");
+            InputEvent::End | InputEvent::Stopped => {
+                print_message("");
                 return Err(left());
             }
         };
         let reply = guide.answer(&line);
         if reply.changed {
-            kept.keep(guide.file())?;
+            stored.save(guide.file())?;
         }
-        if !reply.said.is_empty() {
-            say(&reply.said);
+        if !reply.message.is_empty() {
+            print_message(&reply.message);
         }
-        match reply.then {
-            Then::Ask => {}
-            Then::Leave => return Err(left()),
-            Then::Finish => return finish(path, asked.out.as_deref()),
+        match reply.next_step {
+            NextStep::Ask => {}
+            NextStep::Leave => return Err(left()),
+            NextStep::Finish => return finish(path, args.out.as_deref()),
         }
     }
 }
@@ -104,7 +104,7 @@ fn welcome(path: &Path, again: bool) -> String {
     )
 }
 
-fn later(path: &Path) -> String {
+fn continue_hint(path: &Path) -> String {
     let file = path.display();
     if path.exists() {
         return format!("not finished: all answers are saved in {file}; `nims setup {file}` continues");
@@ -113,11 +113,11 @@ fn later(path: &Path) -> String {
 }
 
 /// Prints to stderr, because stdout carries the result.
-fn say(words: &str) {
+fn print_message(words: &str) {
     let _ = writeln!(io::stderr().lock(), "{words}");
 }
 
-fn ask(question: &str) {
+fn print_question(question: &str) {
     let mut err = io::stderr().lock();
     let _ = write!(err, "{question} ").and_then(|()| err.flush());
 }
@@ -126,8 +126,8 @@ fn ask(question: &str) {
 fn finish(measurements: &Path, out: Option<&Path>) -> Answer<Output> {
     let out = out.map_or_else(|| free_name(measurements), |out| Ok(out.to_owned()))?;
     let (method, measured) = (CalibrationMethod::Survey, measurements.to_owned());
-    let asked = calibrate::Args { measurements: measured, method, out: Some(out.clone()), plan: None, height: None };
-    let value = calibrate::run(&asked)?.value;
+    let args = calibrate::Args { measurements: measured, method, out: Some(out.clone()), plan: None, height: None };
+    let value = calibrate::run(&args)?.value;
     let words = format!(
         "The calibration is in {}. Next: in [robot] of the robot file write calibration = \"{}\" in place of anchors_m (the path from that \
          file to this one), then run `nims check ROBOT.toml`.",
@@ -151,13 +151,13 @@ fn free_name(measurements: &Path) -> Answer<PathBuf> {
 }
 
 /// Measurements file on the disk.
-struct Kept<'a> {
+struct StoredMeasurements<'a> {
     path: &'a Path,
     /// Text as last read or written; `None` if the file does not exist.
     text: Option<String>,
 }
 
-impl<'a> Kept<'a> {
+impl<'a> StoredMeasurements<'a> {
     /// Reads the file if it exists.
     fn open(path: &'a Path) -> Answer<Self> {
         let there = |why: String| Failure::bad(format!("{}: {why}", path.display()));
@@ -168,13 +168,13 @@ impl<'a> Kept<'a> {
         Ok(Self { path, text })
     }
 
-    fn file(&self) -> Answer<Option<File>> {
+    fn file(&self) -> Answer<Option<MeasurementsFile>> {
         let parsed = self.text.as_ref().map(|text| config::toml_file::parse(text, self.path));
         parsed.transpose().map_err(Failure::bad)
     }
 
     /// Writes the measurements atomically and syncs them to the disk.
-    fn keep(&mut self, measured: &File) -> Answer {
+    fn save(&mut self, measured: &MeasurementsFile) -> Answer {
         let cannot = |why: String| {
             Failure::NotNow(format!(
                 "{} cannot be written ({why}); it contains the answers before this one",
@@ -187,7 +187,7 @@ impl<'a> Kept<'a> {
                 "another program changed it; run the command again to continue with that version".to_owned(),
             ));
         }
-        let text = written(measured, self.path).map_err(|error| cannot(error.to_string()))?;
+        let text = to_toml(measured, self.path).map_err(|error| cannot(error.to_string()))?;
         file::replace(self.path, &text).map_err(|error| cannot(error.to_string()))?;
         self.text = Some(text);
         Ok(())
@@ -195,7 +195,7 @@ impl<'a> Kept<'a> {
 }
 
 /// Formats the measurements as a file with an explanatory header.
-fn written(file: &File, path: &Path) -> Result<String, toml::ser::Error> {
+fn to_toml(file: &MeasurementsFile, path: &Path) -> Result<String, toml::ser::Error> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let body = toml::to_string(file)?;
     Ok(format!(

@@ -71,7 +71,7 @@ pub fn lengths(text: &str, bounds: Bounds) -> Result<Vec<f64>, String> {
         return Err("some of these numbers have a unit and some do not; write cm after each of them".to_owned());
     }
     let value = |(digits, unit): (&str, Option<Unit>)| {
-        let number = plain(digits).ok_or_else(no_length)?;
+        let number = parse_digits(digits).ok_or_else(no_length)?;
         // Division gives 1243 cm the same bits as 12.43; multiplication by 0.01 does not.
         let m = if unit == Some(Unit::Centimetre) { number / 100.0 } else { number };
         if (bounds.least_m..=bounds.most_m).contains(&m) {
@@ -102,7 +102,7 @@ impl Unit {
 }
 
 /// Parses digits with at most one decimal sign between or after them; rejects signs and exponents.
-fn plain(digits: &str) -> Option<f64> {
+fn parse_digits(digits: &str) -> Option<f64> {
     let signs = digits.matches(['.', ',']).count();
     let only_digits = digits.chars().all(|c| c.is_ascii_digit() || c == '.' || c == ',');
     if signs > 1 || !only_digits || !digits.starts_with(|c: char| c.is_ascii_digit()) || digits.len() > 12 {

@@ -4,7 +4,7 @@ use super::doubt::{self, Doubtful};
 use super::shape;
 use super::text::{listed, metres};
 use crate::calibrate;
-use crate::calibrate::{File, Setup, places};
+use crate::calibrate::{MeasurementsFile, Setup, places};
 use calibration::{Method, calibrate};
 use std::fmt::Write as _;
 
@@ -40,7 +40,7 @@ pub enum Question {
         pulley: usize,
     },
     /// Approximate height of all pulleys.
-    About,
+    ApproximateHeight,
     /// Number of points at which the node is held.
     Points,
     /// Cable lengths at one place.
@@ -60,23 +60,23 @@ pub enum Question {
 }
 
 /// Returns the answers that are not measurements.
-pub fn told(file: &File) -> Setup {
+pub fn setup_answers(file: &MeasurementsFile) -> Setup {
     file.setup.clone().unwrap_or_default()
 }
 
 /// Returns the number of pulleys; 0 if it has not been answered.
-pub fn pulleys(file: &File) -> usize {
+pub fn pulleys(file: &MeasurementsFile) -> usize {
     file.setup.as_ref().and_then(|setup| setup.pulleys).unwrap_or(0)
 }
 
 /// Returns the total number of points wanted.
-pub fn wanted(file: &File) -> Option<usize> {
+pub fn wanted(file: &MeasurementsFile) -> Option<usize> {
     file.setup.as_ref().and_then(|setup| setup.plan.last()).map(|plan| plan[1])
 }
 
 /// Returns which point of the file belongs to each planned place: each point took the first place that was free when it
 /// was measured.
-pub fn at_places(file: &File) -> Vec<Option<usize>> {
+pub fn points_at_places(file: &MeasurementsFile) -> Vec<Option<usize>> {
     let mut places: Vec<Option<usize>> = Vec::new();
     for point in 0..file.point.len() {
         match places.iter_mut().find(|place| place.is_none()) {
@@ -92,11 +92,11 @@ pub fn at_places(file: &File) -> Vec<Option<usize>> {
 
 impl Question {
     /// Returns the first open question.
-    pub fn next(file: &File) -> Self {
-        let setup = told(file);
+    pub fn next(file: &MeasurementsFile) -> Self {
+        let setup = setup_answers(file);
         let Some(count) = setup.pulleys else { return Self::Pulleys };
         for to in 2..=count {
-            if let Some(question) = Self::about_place(file, &setup, to) {
+            if let Some(question) = Self::position_question(file, &setup, to) {
                 return question;
             }
         }
@@ -106,10 +106,10 @@ impl Question {
             return Self::Height { pulley };
         }
         if file.height.is_empty() && setup.about_m.is_none() {
-            return Self::About;
+            return Self::ApproximateHeight;
         }
         let Some(wanted) = wanted(file) else { return Self::Points };
-        let places = at_places(file);
+        let places = points_at_places(file);
         if setup.lengths_so_far_m.is_empty()
             && let Some(doubtful) = doubt::find(file)
         {
@@ -123,22 +123,22 @@ impl Question {
     }
 
     /// Returns the open question about the position of one pulley, if any.
-    fn about_place(file: &File, setup: &Setup, to: usize) -> Option<Self> {
+    fn position_question(file: &MeasurementsFile, setup: &Setup, to: usize) -> Option<Self> {
         let skipped = |from: usize| setup.skipped.contains(&[from, to]);
         let open = |from: &usize| shape::distance(file, *from, to).is_none() && !skipped(*from);
         if let Some(from) = (1..to).find(open) {
             let left = to - 1 - (1..to).filter(|from| skipped(*from)).count();
             return Some(Self::Distance { from, to, needed: left <= 2 });
         }
-        let said = file.range.iter().any(|r| r.from.max(r.to) == to && r.side.is_some()) || file.side.is_some();
+        let message = file.range.iter().any(|r| r.from.max(r.to) == to && r.side.is_some()) || file.side.is_some();
         match shape::reached(file, to).as_slice() {
-            [from, other] if !said => Some(Self::Side { pulley: to, from: *from, to: *other }),
+            [from, other] if !message => Some(Self::Side { pulley: to, from: *from, to: *other }),
             _ => None,
         }
     }
 
     /// Returns the text of the question.
-    pub fn text(&self, file: &File) -> String {
+    pub fn text(&self, file: &MeasurementsFile) -> String {
         match self {
             Self::Pulleys => "How many pulleys are there (3 to 8)?".to_owned(),
             Self::Distance { from, to, needed } => {
@@ -152,7 +152,7 @@ impl Question {
             Self::Height { pulley } => {
                 format!("How high above the floor is pulley {pulley} (Enter: not measured)?")
             }
-            Self::About => {
+            Self::ApproximateHeight => {
                 "About how high are the pulleys above the floor (a guess is enough; only the plan uses it)?".to_owned()
             }
             Self::Points => {
@@ -164,7 +164,7 @@ impl Question {
             Self::Doubt { place, doubtful } => format!(
                 "Point {} does not fit the others: {}.\nUse it anyway (keep), or measure it again (again)?",
                 place + 1,
-                doubtful.how
+                doubtful.description
             ),
             Self::Finish => match calibrate::judge(file, Method::Survey) {
                 Ok(judged) => format!(
@@ -180,8 +180,8 @@ impl Question {
     }
 }
 
-fn lengths_text(file: &File, place: usize) -> String {
-    let (setup, count) = (told(file), pulleys(file));
+fn lengths_text(file: &MeasurementsFile, place: usize) -> String {
+    let (setup, count) = (setup_answers(file), pulleys(file));
     let so_far = setup.lengths_so_far_m.len();
     if so_far > 0 {
         return format!("Point {}: how long is cable {}?", place + 1, so_far + 1);
@@ -213,20 +213,20 @@ pub struct Place {
 }
 
 /// Estimates the anchors: from the points where they determine it, otherwise with the measured or guessed heights.
-pub fn anchors(file: &File) -> Option<Vec<[f64; 3]>> {
+pub fn anchors(file: &MeasurementsFile) -> Option<Vec<[f64; 3]>> {
     let measured = file.measurements(Method::Survey).ok()?;
     if let Ok(found) = calibrate(&measured, Method::Survey) {
         return Some(found.anchors_m);
     }
     let survey = shape::survey(file, pulleys(file)).ok()?;
     let known: f64 = measured.heights.iter().map(|h| h.m).sum();
-    let about = told(file).about_m.unwrap_or(known / measured.heights.len().max(1) as f64);
+    let about = setup_answers(file).about_m.unwrap_or(known / measured.heights.len().max(1) as f64);
     let height = |i: usize| measured.heights.iter().find(|h| h.anchor == i).map_or(about, |h| h.m);
     Some(survey.anchors_xy_m.iter().enumerate().map(|(i, [x, y])| [*x, *y, height(i)]).collect())
 }
 
 /// Returns the expectation for a planned place.
-pub fn expected(file: &File, place: usize) -> Option<Place> {
+pub fn expected(file: &MeasurementsFile, place: usize) -> Option<Place> {
     let anchors = anchors(file)?;
     let at = places::spots(&anchors, place + 1).pop()?;
     let foot = place % anchors.len();

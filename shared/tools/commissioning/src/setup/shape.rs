@@ -1,22 +1,22 @@
 //! Plausibility of the distances between pulleys: triangles, and the shape that they form together.
 
 use super::text::{joined, metres};
-use crate::calibrate::File;
+use crate::calibrate::MeasurementsFile;
 use calibration::{Measurements, Method, Range, Side, Survey, survey_network};
 
 /// Tolerance of the triangle inequality for nearly collinear pulleys, in standard deviations of a distance.
-const SLACK: f64 = 7.0;
+const SLACK_SIGMAS: f64 = 7.0;
 
 /// Misfit of a distance to the best shape that is reported, in standard deviations.
-const MISFIT: f64 = 4.0;
+const MISFIT_SIGMAS: f64 = 4.0;
 
 /// Returns the measured distance between two plumb lines, m.
-pub fn distance(file: &File, a: usize, b: usize) -> Option<f64> {
+pub fn distance(file: &MeasurementsFile, a: usize, b: usize) -> Option<f64> {
     file.range.iter().find(|r| (r.from, r.to) == (a, b) || (r.from, r.to) == (b, a)).map(|r| r.m)
 }
 
 /// Returns the pulleys with a lower number whose distance to this one was measured.
-pub fn reached(file: &File, pulley: usize) -> Vec<usize> {
+pub fn reached(file: &MeasurementsFile, pulley: usize) -> Vec<usize> {
     (1..pulley).filter(|lower| distance(file, *lower, pulley).is_some()).collect()
 }
 
@@ -24,7 +24,7 @@ pub fn reached(file: &File, pulley: usize) -> Vec<usize> {
 ///
 /// # Errors
 /// One sentence that names the three distances.
-pub fn check_triangles(file: &File, a: usize, b: usize) -> Result<(), String> {
+pub fn check_triangles(file: &MeasurementsFile, a: usize, b: usize) -> Result<(), String> {
     let sigma_m = file.sigma_range_m.unwrap_or_default();
     for c in (1..b).filter(|c| *c != a) {
         let (Some(ab), Some(ac), Some(bc)) = (distance(file, a, b), distance(file, a, c), distance(file, b, c)) else {
@@ -36,7 +36,7 @@ pub fn check_triangles(file: &File, a: usize, b: usize) -> Result<(), String> {
         let longest = sides.iter().max_by(|p, q| p.0.total_cmp(&q.0)).map(|side| side.1.clone()).unwrap_or_default();
         let sum: f64 = sides.iter().map(|side| side.0).sum();
         let most = ab.max(ac).max(bc);
-        if most > sum - most + SLACK * sigma_m {
+        if most > sum - most + SLACK_SIGMAS * sigma_m {
             let all: Vec<String> = sides.iter().map(|(m, name)| format!("{name} ({})", metres(*m))).collect();
             return Err(format!(
                 "the distances {} do not fit: {longest} is longer than the other two together; measure {} again, or \
@@ -54,7 +54,7 @@ pub fn check_triangles(file: &File, a: usize, b: usize) -> Result<(), String> {
 ///
 /// # Errors
 /// One sentence: why they form no shape.
-pub fn survey(file: &File, count: usize) -> Result<Survey, String> {
+pub fn survey(file: &MeasurementsFile, count: usize) -> Result<Survey, String> {
     if count < 3 {
         return Err("two pulleys form no shape".to_owned());
     }
@@ -66,7 +66,7 @@ pub fn survey(file: &File, count: usize) -> Result<Survey, String> {
 }
 
 /// Returns a message if the distances to this pulley contradict each other.
-pub fn contradiction(file: &File, survey: &Survey, pulley: usize) -> Option<String> {
+pub fn contradiction(file: &MeasurementsFile, survey: &Survey, pulley: usize) -> Option<String> {
     let measured: Measurements = file.measurements(Method::Survey).ok()?;
     let xy = &survey.anchors_xy_m;
     let off = |r: &&Range| {
@@ -75,7 +75,7 @@ pub fn contradiction(file: &File, survey: &Survey, pulley: usize) -> Option<Stri
     };
     let within = measured.ranges.iter().filter(|r| r.from.max(r.to) < pulley);
     let worst = within.max_by(|p, q| (off(p) / p.sigma_m).total_cmp(&(off(q) / q.sigma_m)))?;
-    (survey.degrees_of_freedom > 0 && off(&worst) > MISFIT * worst.sigma_m).then(|| {
+    (survey.degrees_of_freedom > 0 && off(&worst) > MISFIT_SIGMAS * worst.sigma_m).then(|| {
         format!(
             "These distances do not quite fit: even in the best shape, {}-{} is off by {}. If one of them may be wrong, \
              take them back with undo.",
