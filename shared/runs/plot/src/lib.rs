@@ -1,7 +1,7 @@
-//! Pictures: charts described as data, drawn alike as SVG and as PNG, the same bytes on every machine.
+//! Charts described as data and drawn as SVG or PNG, with the same bytes on every machine.
 //!
-//! A PNG needs no font of the system: its letters come pre-rasterised (Noto Sans Mono). Where that font lacks a letter,
-//! such as a Greek one, its name is written instead.
+//! PNG needs no system font: its letters are pre-rasterised (Noto Sans Mono). A letter that this font lacks, such as a
+//! Greek one, is spelt out.
 #![forbid(unsafe_code)]
 
 mod canvas;
@@ -18,7 +18,7 @@ use std::error::Error;
 use std::fmt::Write as _;
 use std::path::Path;
 
-/// Colours of series, by number; they differ in lightness too, so that a print in grey keeps them apart.
+/// Colours of series by number. They also differ in lightness, so that they stay distinct in a grey print.
 pub const COLOURS: [RGBColor; 8] = [
     RGBColor(31, 119, 180),
     RGBColor(214, 39, 40),
@@ -30,42 +30,42 @@ pub const COLOURS: [RGBColor; 8] = [
     RGBColor(0, 0, 0),
 ];
 
-/// The number of grey among [`COLOURS`].
+/// Index of grey in [`COLOURS`].
 pub const GREY: usize = 5;
-/// The number of black among [`COLOURS`].
+/// Index of black in [`COLOURS`].
 pub const BLACK: usize = 7;
 
 const FRAME: RGBColor = RGBColor(200, 200, 200);
 const CAPTION_PX: u32 = 16;
 const TITLE_PX: u32 = 20;
 
-/// A title over a grid of charts.
+/// A titled grid of charts.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Picture {
-    /// Above all.
+    /// Title above the grid.
     pub title: String,
-    /// Width and height, pixels.
+    /// Width and height, px.
     pub size: (u32, u32),
-    /// Charts side by side; the rest goes below.
+    /// Number of charts per row.
     pub columns: usize,
-    /// The charts.
+    /// The charts, row by row.
     pub charts: Vec<Chart>,
 }
 
 /// One chart.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Chart {
-    /// Above it.
+    /// Caption above the chart.
     pub caption: String,
-    /// Below it.
+    /// Horizontal axis.
     pub x: Axis,
-    /// Left of it.
+    /// Vertical axis.
     pub y: Axis,
-    /// What is drawn, the first at the bottom.
+    /// Series, drawn in this order.
     pub series: Vec<Series>,
-    /// The same scale on both axes.
+    /// Whether both axes have the same scale.
     pub equal_scale: bool,
-    /// Where the names of series stand, if they have any.
+    /// Corner of the legend, which lists the named series.
     pub legend: Legend,
 }
 
@@ -74,25 +74,25 @@ pub struct Chart {
 pub struct Axis {
     /// Quantity and unit.
     pub label: String,
-    /// From and to; `None`: as the data need.
+    /// Limits; `None` derives them from the data.
     pub range: Option<[f64; 2]>,
-    /// Names in place of the numbers 0, 1, 2 .. ; only on pages.
+    /// Labels that replace the numbers 0, 1, 2 ..; only in HTML pages.
     pub names: Vec<String>,
 }
 
 impl Axis {
-    /// As wide as the data need.
+    /// Creates an axis with limits from the data.
     pub fn of(label: &str) -> Self {
         Self { label: label.to_owned(), ..Self::default() }
     }
 
-    /// With a fixed range.
+    /// Creates an axis with fixed limits.
     pub fn from_to(label: &str, from: f64, to: f64) -> Self {
         Self { label: label.to_owned(), range: Some([from, to]), names: Vec::new() }
     }
 }
 
-/// A corner for the names of series.
+/// Corner of the legend.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Legend {
     /// Upper right.
@@ -106,49 +106,49 @@ pub enum Legend {
     LowerLeft,
 }
 
-/// Points with one look.
+/// Points drawn in one style.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Series {
-    /// For the legend; empty: not named.
+    /// Name in the legend; empty for no entry.
     pub name: String,
-    /// Number among [`COLOURS`].
+    /// Index in [`COLOURS`].
     pub colour: usize,
-    /// How they look.
+    /// Drawing style.
     pub look: Look,
-    /// x and y. What is not finite interrupts a line.
+    /// x and y. A value that is not finite interrupts a line.
     pub points: Vec<[f64; 2]>,
 }
 
-/// How points look.
+/// Drawing style of a series.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Look {
-    /// A line, so many pixels wide.
+    /// A line of this width, px.
     Line(u32),
     /// A dashed line.
     Dashed,
-    /// A line with a disc at every point.
+    /// A line with a disc at each point.
     Marked,
-    /// Discs of this radius in pixels.
+    /// Discs of this radius, px.
     Discs(u32),
-    /// Bars of this width, in units of x, from y = 0.
+    /// Bars from y = 0 of this width in units of x.
     Bars(f64),
-    /// Rectangles of this size about the points, each in a colour of the scale for its value in 0..=1.
+    /// Rectangles of this size centred at the points, each in the colour of its value from 0 to 1 on the colour scale.
     Cells([f64; 2], Vec<f64>),
-    /// Discs of this radius in pixels, each in a colour of the scale for its value in 0..=1.
+    /// Discs of this radius in px, each in the colour of its value from 0 to 1 on the colour scale.
     Scaled(u32, Vec<f64>),
-    /// Filled from each point up to this other value of y.
+    /// Area between the points and these values of y.
     Band(Vec<f64>),
     /// Filled rectangles; two points each, opposite corners.
     Blocks,
 }
 
 impl Series {
-    /// A line.
+    /// Creates a line series of 2 px.
     pub fn line(name: &str, colour: usize, points: Vec<[f64; 2]>) -> Self {
         Self { name: name.to_owned(), colour, look: Look::Line(2), points }
     }
 
-    /// The same with another look.
+    /// Returns the series with another style.
     #[must_use]
     pub fn looking(self, look: Look) -> Self {
         Self { look, ..self }
@@ -191,7 +191,7 @@ pub fn save_png(path: &Path, picture: &Picture) -> Answer {
 }
 
 fn cannot(path: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::NotNow(format!("the picture {} cannot be written: {error}", path.display()))
+    Failure::NotNow(format!("the plot {} cannot be written: {error}", path.display()))
 }
 
 type Drawn = Result<(), String>;
@@ -215,7 +215,7 @@ fn draw<B: DrawingBackend>(root: &DrawingArea<B, Shift>, picture: &Picture) -> D
     root.present().map_err(words)
 }
 
-/// The range of an axis: the given one, or what the data need with a little air.
+/// Returns the limits of an axis: the given ones, or those of the data with a margin.
 fn range(axis: &Axis, values: impl Iterator<Item = f64>) -> [f64; 2] {
     if let Some(range) = axis.range {
         return range;
@@ -235,7 +235,7 @@ fn range(axis: &Axis, values: impl Iterator<Item = f64>) -> [f64; 2] {
     [low - air, high + air]
 }
 
-/// Widens the narrower of two ranges until both have the same scale on a plane of this size.
+/// Extends the narrower of two ranges until both have the same scale on an area of this size in px.
 pub fn equalise(x: &mut [f64; 2], y: &mut [f64; 2], (width, height): (u32, u32)) {
     let per_pixel = |range: &[f64; 2], pixels: u32| (range[1] - range[0]) / f64::from(pixels.max(1));
     let scale = per_pixel(x, width).max(per_pixel(y, height));
@@ -245,19 +245,20 @@ pub fn equalise(x: &mut [f64; 2], y: &mut [f64; 2], (width, height): (u32, u32))
     }
 }
 
-/// A number as short as it can be told apart from its neighbours on the axis.
+/// Formats a tick value with the fewest digits that distinguish it from its neighbours.
 pub fn tick(value: f64) -> String {
     let rounded = (value * 1e6).round() / 1e6;
     if rounded == 0.0 { "0".to_owned() } else { format!("{rounded}") }
 }
 
-/// The parts of a line that are inside the ranges: a chart that ends below a value shows the line leave, not a false value.
+/// Returns the parts of a line inside the ranges. A line that leaves the chart is cut at its edge, not at a false
+/// value.
 fn clipped(points: &[[f64; 2]], x: [f64; 2], y: [f64; 2]) -> Vec<Vec<(f64, f64)>> {
     let mut pieces: Vec<Vec<(f64, f64)>> = Vec::new();
     let mut open = false;
     for pair in points.windows(2) {
         let [a, b] = [pair[0], pair[1]];
-        // Liang and Barsky: the share of the segment that is inside.
+        // Clipping by Liang and Barsky: the share of the segment that is inside.
         let (mut enter, mut leave) = (0.0f64, 1.0f64);
         let mut inside = a.iter().chain(&b).all(|value| value.is_finite());
         for (k, range) in [x, y].iter().enumerate() {
@@ -382,7 +383,7 @@ fn draw_chart<B: DrawingBackend>(area: &DrawingArea<B, Shift>, chart: &Chart) ->
     name_series(&plane.plotting_area().strip_coord_spec(), chart)
 }
 
-/// Names and looks of the series in a corner of the plane.
+/// Draws the legend.
 fn name_series<B: DrawingBackend>(plane: &DrawingArea<B, Shift>, chart: &Chart) -> Drawn {
     const ROW_PX: i32 = 20;
     const SAMPLE_PX: i32 = 24;
@@ -431,7 +432,7 @@ fn name_series<B: DrawingBackend>(plane: &DrawingArea<B, Shift>, chart: &Chart) 
     Ok(())
 }
 
-/// Dark blue through green to yellow, as light as the value is large.
+/// Returns a colour of the scale from dark blue through green to yellow; lightness increases with the value.
 pub fn scale(value: f64) -> RGBColor {
     const STOPS: [[f64; 3]; 5] =
         [[68.0, 20.0, 95.0], [59.0, 82.0, 139.0], [33.0, 145.0, 140.0], [94.0, 201.0, 98.0], [253.0, 231.0, 37.0]];
@@ -442,7 +443,8 @@ pub fn scale(value: f64) -> RGBColor {
     RGBColor(channel(0), channel(1), channel(2))
 }
 
-/// The colour of a series, as pages write it. Black is what the page writes with: on dark paper it is not to be seen otherwise.
+/// Returns the CSS colour of a series. Black becomes `currentColor`, the text colour of the page, which stays visible
+/// in dark mode.
 pub fn colour_of(number: usize) -> String {
     if number == BLACK {
         return "currentColor".to_owned();
@@ -451,7 +453,7 @@ pub fn colour_of(number: usize) -> String {
     format!("#{r:02x}{g:02x}{b:02x}")
 }
 
-/// Text that HTML and SVG take literally.
+/// Escapes text for HTML and SVG.
 pub fn escape(text: &str) -> String {
     let mut escaped = String::with_capacity(text.len());
     for letter in text.chars() {

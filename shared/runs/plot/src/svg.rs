@@ -1,22 +1,22 @@
-//! A chart as an SVG element for a page: fine lines, coordinates between pixels, text in the page's own font.
+//! Renders a chart as an inline SVG element for a page: fine lines, fractional coordinates, and the font of the page.
 
 use super::{Chart, Look, Series, clipped, colour_of, equalise, range, scale, tick};
 use std::fmt::Write as _;
 
-/// Room for the numbers and the label of the y axis, pixels.
+/// Left margin for the labels of the y axis, px.
 const LEFT: f64 = 74.0;
-/// And right of the plane.
+/// Right margin, px.
 const RIGHT: f64 = 14.0;
-/// Above it.
+/// Top margin, px.
 const TOP: f64 = 10.0;
-/// For the numbers and the label of the x axis.
+/// Bottom margin for the labels of the x axis, px.
 const BELOW: f64 = 44.0;
-/// A band narrower than this is hidden by its line, pixels.
+/// Minimum height of a visible band, px; its line covers a narrower one.
 const BAND_PX: f64 = 1.2;
-/// Points closer to the last one than this are not drawn, pixels.
+/// Minimum distance between drawn points, px.
 const CLOSE_PX: f64 = 0.35;
 
-/// Where the chart's numbers lie on the plane.
+/// Mapping from chart coordinates to pixels.
 struct Plane {
     x: [f64; 2],
     y: [f64; 2],
@@ -38,7 +38,7 @@ impl Plane {
     }
 }
 
-/// The ranges of both axes as they are drawn on a plane of this size.
+/// Returns the limits of both axes as drawn on an area of this size in px.
 pub fn ranges(chart: &Chart, size: (u32, u32)) -> [[f64; 2]; 2] {
     let all = || chart.series.iter().flat_map(|series| series.points.iter());
     let high = || {
@@ -55,13 +55,13 @@ pub fn ranges(chart: &Chart, size: (u32, u32)) -> [[f64; 2]; 2] {
     [x, y]
 }
 
-/// The chart as an `<svg>` of this size; its caption is for the page.
+/// Renders the chart as an `<svg>` of this size in px, without its caption.
 pub fn svg(chart: &Chart, size: (u32, u32)) -> String {
     let [x, y] = ranges(chart, size);
     let (width, height) = (f64::from(size.0), f64::from(size.1));
     let plane = Plane { x, y, width: width - LEFT - RIGHT, height: height - TOP - BELOW };
     let mut out = String::new();
-    // Writing into a string cannot fail.
+    // Writing to a string cannot fail.
     let _ = write!(out, "<svg viewBox=\"0 0 {width} {height}\" role=\"img\">");
     grid(&mut out, &plane, chart);
     for series in &chart.series {
@@ -75,7 +75,7 @@ pub fn svg(chart: &Chart, size: (u32, u32)) -> String {
     out
 }
 
-/// About so many round numbers within a range.
+/// Returns round numbers within a range, about as many as requested.
 pub fn ticks(range: [f64; 2], about: f64) -> Vec<f64> {
     let span = range[1] - range[0];
     if !(span.is_finite() && span > 0.0) {
@@ -127,7 +127,7 @@ fn draw(out: &mut String, plane: &Plane, series: &Series) {
     let colour = colour_of(series.colour);
     let stroke = |width: f64, dash: &str| format!("fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{dash}");
     match &series.look {
-        // what lies under other lines is wide, and pale
+        // Background lines are wide and pale.
         Look::Line(width @ 5..) => lines(out, plane, series, &stroke(f64::from(*width), " stroke-opacity=\"0.35\"")),
         Look::Line(width) => lines(out, plane, series, &stroke(0.75 * f64::from(*width), "")),
         Look::Dashed => lines(out, plane, series, &stroke(1.2, " stroke-dasharray=\"5 4\"")),
@@ -146,7 +146,7 @@ fn draw(out: &mut String, plane: &Plane, series: &Series) {
             series.points.chunks_exact(2).for_each(|pair| rectangle(out, plane, [pair[0], pair[1]], &colour))
         }
         Look::Cells([width, height], values) => {
-            // without seams between neighbours
+            // crispEdges avoids seams between adjacent cells.
             out.push_str("<g shape-rendering=\"crispEdges\">");
             for (p, value) in series.points.iter().zip(values) {
                 let (w, h) = (0.5 * width, 0.5 * height);
@@ -187,7 +187,7 @@ fn lines(out: &mut String, plane: &Plane, series: &Series, style: &str) {
     }
 }
 
-/// Filled from each point up to its other value; the stretches in which it is wide enough to be seen.
+/// Draws a filled band between each point and its other value, where it is high enough to be visible.
 fn band(out: &mut String, plane: &Plane, series: &Series, high: &[f64], colour: &str) {
     let inside = |value: f64| plane.y(value).clamp(TOP, TOP + plane.height);
     let all: Vec<(f64, f64, f64)> =
@@ -200,7 +200,7 @@ fn band(out: &mut String, plane: &Plane, series: &Series, high: &[f64], colour: 
                 let _ = write!(path, "{}{x:.1} {low:.1}", if at == 0 { "M" } else { "L" });
             }
             if let [(x, low, high)] = part {
-                // one stretch alone: a stroke of a pixel
+                // A single point becomes a band of one pixel.
                 let _ = write!(path, "M{:.1} {low:.1}H{:.1}V{high:.1}H{:.1}Z", x - 0.5, x + 0.5, x - 0.5);
                 continue;
             }
@@ -222,13 +222,13 @@ fn discs(out: &mut String, plane: &Plane, series: &Series, radius: u32, colour: 
     }
 }
 
-/// Between two opposite corners, as far as it is on the plane.
+/// Draws the visible part of the rectangle with these opposite corners.
 fn rectangle(out: &mut String, plane: &Plane, [a, b]: [[f64; 2]; 2], colour: &str) {
     let clamp = |value: f64, range: [f64; 2]| value.clamp(range[0], range[1]);
     let (x0, x1) = (plane.x(clamp(a[0].min(b[0]), plane.x)), plane.x(clamp(a[0].max(b[0]), plane.x)));
     let (y0, y1) = (plane.y(clamp(a[1].max(b[1]), plane.y)), plane.y(clamp(a[1].min(b[1]), plane.y)));
     if x1 > x0 && y1 > y0 {
-        // what is shorter than a pixel is still seen
+        // A rectangle narrower than a pixel stays visible.
         let width = (x1 - x0).max(0.8);
         let _ = write!(
             out,

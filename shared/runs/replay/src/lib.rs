@@ -1,8 +1,9 @@
-//! `nims replay`: what was decided in a run, computed again from what was recorded, by the very same steps.
+//! `nims replay`: recomputes the decisions of a run from its recorded inputs with the same steps.
 //!
-//! motor-io's safety machine and arbiter work on `motor/input`, estimators on `motor/state` and the `motor/authority` that their estimates
-//! name, controllers on what `control/status` says they had seen, each with the parameters that it said it works with (`system/config/NAME`). Every part gets its recorded inputs, not what another part makes of them
-//! now: a difference stays where it arises. A process that was started on the way begins with its first sample.
+//! motor-io's safety machine and arbiter work on `motor/input`, estimators on `motor/state` and the `motor/authority`
+//! that their estimates name, controllers on the samples that `control/status` names, each with the parameters that it
+//! reported (`system/config/NAME`). Each part gets its recorded inputs, not the recomputed outputs of another part, so
+//! a difference stays where it arises. A process that was started during the run begins with its first sample.
 #![forbid(unsafe_code)]
 
 mod channel;
@@ -29,74 +30,74 @@ use runlog::{RecordedSample, RunReader};
 use std::path::Path;
 use used::Used;
 
-/// A sample is worked on when the run is read this far beyond it, ns: by then everything that it rests on has been read and worked on too.
-/// Samples of one cycle stand in the file within some milliseconds of each other, but in no certain order.
+/// Delay between reading and processing a sample, ns: by then all its inputs have been read and processed too. Samples
+/// of one cycle are within some milliseconds of each other in the file, in no particular order.
 const INPUTS_BEHIND_NS: u64 = 400_000_000;
-/// The same for estimates, on which controllers rest.
+/// The same delay for estimates, which controllers need.
 const ESTIMATES_BEHIND_NS: u64 = 700_000_000;
-/// The same for everything else.
+/// The same delay for all other samples.
 const BEHIND_NS: u64 = 1_000_000_000;
-/// Time of the run after which there is work again.
+/// Interval of run time between two passes of processing, ns.
 const EVERY_NS: u64 = 20_000_000;
 
-/// What is not as it was.
+/// Requested changes to the recorded configuration.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Changes {
-    /// Another law for every controller.
+    /// Law for all controllers.
     pub law: Option<String>,
     /// Keys of the system file or the robot file, each with its new value.
     pub set: Vec<(String, String)>,
 }
 
 impl Changes {
-    /// Whether everything is as it was.
+    /// Returns whether no change is requested.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         *self == Self::default()
     }
 }
 
-/// What came of it.
+/// Result of a replay.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Replayed {
-    /// Every channel of which something was recorded.
+    /// Channels with recorded samples.
     pub channels: Vec<Tally>,
-    /// Control cycles.
+    /// Number of control cycles.
     pub cycles: u64,
-    /// From the first to the last of them, s.
+    /// Time from the first to the last cycle, s.
     pub flown_s: f64,
-    /// What could not be read of the run, a sentence each.
+    /// Unreadable parts of the run, one sentence each.
     pub damage: Vec<String>,
-    /// With changes: what they would have done.
+    /// With changes: their effect.
     pub instead: Option<Instead>,
-    /// The build that recorded the run, as it named itself.
+    /// Version of the build that recorded the run.
     pub recorded_by: Option<String>,
 }
 
 impl Replayed {
-    /// Samples that are the same, bit for bit.
+    /// Returns the number of samples that are equal bit for bit.
     #[must_use]
     pub fn equal(&self) -> u64 {
         self.channels.iter().map(|tally| tally.equal).sum()
     }
 
-    /// Samples that are not the same.
+    /// Returns the number of samples that differ.
     #[must_use]
     pub fn different(&self) -> u64 {
         self.channels.iter().map(|tally| tally.different).sum()
     }
 }
 
-/// Computes a run again. `progress` is told now and then how much of it is done, 0 to 1.
+/// Replays a run; calls `progress` repeatedly with the completed share, 0 to 1.
 ///
 /// # Errors
-/// There is no run, it holds no configuration, or a change cannot be used.
+/// The run does not exist or has no configuration, or a change cannot be applied.
 pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Answer<Replayed> {
     if !path.exists() {
-        return Err(Failure::BadInput(format!("there is no run {}: give a run folder or a run file", path.display())));
+        return Err(Failure::BadInput(format!("{} does not exist; give a run folder or a run file", path.display())));
     }
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
-    // The configuration stands before the first sample.
+    // The attachments with the configuration precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
     let configuration = Configuration::of(reader.attachments(), changes)?;
     let recorded_by = reader.about().get("nims_version").cloned();
@@ -116,7 +117,7 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     Ok(Replayed { damage, recorded_by, ..machine.end() })
 }
 
-/// All parts and all channels.
+/// All deciding parts and all channels.
 struct Machine {
     configuration: Configuration,
     collector: Option<Collector>,
@@ -181,9 +182,9 @@ impl Machine {
         }
     }
 
-    /// The next sample of the run.
+    /// Processes the next sample of the run.
     fn take(&mut self, recorded: &RecordedSample<'_>) {
-        // A sample may repeat an old stamp (a cycle without a reading), so what counts is its place in the file.
+        // A sample may repeat an old stamp (a cycle without a reading), so the newest log time so far is used.
         self.newest_ns = self.newest_ns.max(recorded.log_time_ns);
         let time_ns = self.newest_ns;
         let t0_ns = *self.begin_ns.get_or_insert(time_ns);
@@ -261,7 +262,7 @@ impl Machine {
         }
     }
 
-    /// Works on everything that is far enough behind.
+    /// Processes everything that is far enough behind.
     fn work(&mut self, now_ns: u64) {
         while let Some((time_ns, input)) = self.input.due(now_ns.saturating_sub(INPUTS_BEHIND_NS)) {
             self.motor_io.step(time_ns, &input, &self.configuration);
@@ -315,7 +316,7 @@ impl Machine {
         }
     }
 
-    /// Compares an answer of motor-io; other processes answer on the same channel.
+    /// Compares an answer of motor-io; answers of other processes on the channel are skipped.
     fn answer(&mut self, time_ns: u64, request: &OperatorRequest) {
         let answer = self.motor_io.answer(request.id, time_ns);
         let Some(answer) = answer.filter(|answer| request.answered == 1 && answer.verb == request.verb) else { return };
@@ -331,11 +332,11 @@ impl Machine {
             let mut used = estimate;
             match again {
                 Ok(mut made) => {
-                    // The kernel's number of a thread is nothing that a step decides.
+                    // The kernel's thread id is not a result of the step.
                     made.thread = estimate.thread;
                     if let Some(collector) = &mut self.collector {
                         collector.estimate(&estimate, &made);
-                        // A changed estimator is a change for the controllers too.
+                        // A changed estimator also changes the inputs of the controllers.
                         used = made;
                     }
                     self.estimate[slot].compare(time_ns, &estimate, made);
@@ -373,7 +374,7 @@ impl Machine {
         }
     }
 
-    /// What is left, and the outcome.
+    /// Processes the remaining samples and returns the result.
     fn end(mut self) -> Replayed {
         self.work(u64::MAX);
         let Self { state, authority, slots, energy, request, estimate, command, control, .. } = self;

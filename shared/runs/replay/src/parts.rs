@@ -1,4 +1,4 @@
-//! The deciding parts, each one life of a process after the other, fed with what was recorded.
+//! The deciding parts, one instance per incarnation of a process, fed with the recorded inputs.
 
 use super::channel::{History, Why};
 use super::config::Configuration;
@@ -8,16 +8,16 @@ use estimator::Estimator;
 use messages::{ControlStatus, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, PlanMotion, SLOTS};
 use motor_io::{Answer, Core, Observation};
 
-/// The first sample of a process is not in the run, so nobody knows what it had learnt before.
-const BEGINNING: Why = "the beginning of its process's life was not recorded";
-/// The same behind a loss.
+/// The first sample of an incarnation is missing, so the state at its first recorded sample is unknown.
+const BEGINNING: Why = "the start of its process was not recorded";
+/// The same after a loss.
 const GAP: Why = "it follows a gap in the recording";
-/// Nothing of this build makes such samples.
-const FOREIGN: Why = "made by a program or a law of one's own";
-/// An input is not in the run.
-const INPUT: Why = "what it was made from was not recorded";
+/// This build has no code that computes such samples.
+const FOREIGN: Why = "computed by a custom program, law or estimator";
+/// An input is missing in the run.
+const INPUT: Why = "one of its inputs was not recorded";
 
-/// One process after the other in the same place.
+/// The incarnations of a process in one slot, one after the other.
 struct Life<P> {
     part: Option<P>,
     incarnation: u32,
@@ -30,15 +30,15 @@ impl<P> Life<P> {
         Self { part: None, incarnation: 0, seq: 0, why: BEGINNING }
     }
 
-    /// The part that makes the sample of this number: a new one for the first sample of a life, the same one for the next, and none behind
-    /// a gap.
+    /// Returns the part that computes the sample with this number: a new one for the first sample of an incarnation,
+    /// the same one for the next sample, and none after a gap.
     fn part(&mut self, incarnation: u32, seq: u64, begin: impl FnOnce() -> Option<P>) -> Result<&mut P, Why> {
         let same = incarnation == self.incarnation;
         if seq == 1 {
             (self.part, self.why) = (begin(), FOREIGN);
         } else if !same || seq != self.seq + 1 {
             let why = match self.why {
-                // What is nobody's stays so.
+                // A custom program stays one for its whole incarnation.
                 FOREIGN if same => FOREIGN,
                 _ if same && self.seq > 0 => GAP,
                 _ => BEGINNING,
@@ -49,14 +49,14 @@ impl<P> Life<P> {
         self.part.as_mut().ok_or(self.why)
     }
 
-    /// What the part missed it cannot make up for.
+    /// Discards the part, because it missed an input and cannot continue.
     fn lose(&mut self, why: Why) -> Why {
         (self.part, self.why) = (None, why);
         why
     }
 }
 
-/// What was recorded lately, for those who looked at it.
+/// Recently recorded samples, indexed for the parts that used them.
 pub(super) struct Recent {
     pub(super) states: History<MotorState>,
     pub(super) authorities: History<MotorAuthority>,
@@ -66,7 +66,7 @@ pub(super) struct Recent {
     pub(super) used: Used,
 }
 
-/// The sample of that cycle or beat; 0: nobody had seen one.
+/// Returns the sample of that cycle or beat; 0 means that the process had not received one.
 fn seen<T>(history: &History<T>, number: u64, time_ns: u64) -> Result<Option<&T>, Why> {
     match number {
         0 => Ok(None),
@@ -86,7 +86,7 @@ impl MotorIo {
         Self { life: Life::none(), made: History::new(), answers: History::new() }
     }
 
-    /// One cycle.
+    /// Computes one cycle.
     pub(super) fn step(&mut self, time_ns: u64, input: &MotorInput, configuration: &Configuration) {
         let core = self.life.part(0, input.header.seq, || Some(configuration.core()));
         let made = core.map(|core| {
@@ -99,12 +99,12 @@ impl MotorIo {
         self.made.push(input.header.cycle, time_ns, made);
     }
 
-    /// What the cycle came to.
+    /// Returns the outcome of a cycle.
     pub(super) fn made(&self, cycle: u64, time_ns: u64) -> Result<&Observation, Why> {
         self.made.find(cycle, time_ns).ok_or(INPUT)?.as_ref().map_err(|why| *why)
     }
 
-    /// What it answered to a request.
+    /// Returns the answer to a request.
     pub(super) fn answer(&self, id: u64, time_ns: u64) -> Option<&Answer> {
         self.answers.find(id, time_ns)
     }
@@ -120,7 +120,7 @@ impl Estimators {
         Self { life: Life::none() }
     }
 
-    /// The step that made `recorded`, again.
+    /// Recomputes the step that produced `recorded`.
     pub(super) fn step(
         &mut self,
         time_ns: u64,
@@ -154,7 +154,7 @@ impl Controllers {
         Self { life: Life::none() }
     }
 
-    /// The step that made `recorded` and the command of the same number, again.
+    /// Recomputes the step that produced `recorded` and the command of the same number.
     pub(super) fn step(
         &mut self,
         time_ns: u64,
@@ -172,7 +172,7 @@ impl Controllers {
         match inputs(time_ns, recorded, recent) {
             Ok(seen) => {
                 let (command, mut status) = controller.step(&seen);
-                // What had no say was not handed over.
+                // An estimate that had no effect was not passed to the step.
                 status.seen_estimate = recorded.seen_estimate;
                 Ok((command, status))
             }
@@ -181,14 +181,14 @@ impl Controllers {
     }
 }
 
-/// What the controller had seen when it made `recorded`.
+/// Returns the inputs that the controller had when it computed `recorded`.
 fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Inputs<'a>, Why> {
     let cycles = recorded.seen_estimate;
     let mut estimates = [None; SLOTS];
     for (slot, history) in recent.estimates.iter().enumerate() {
         let estimate = seen(history, cycles[slot], time_ns);
-        // Without the one that was answered there is no answer. The other one decides at most which is answered, and one of a dead
-        // estimator may be long ago.
+        // The estimate of the answered cycle is required. The other one only affects which is answered; that of a dead
+        // estimator may be too old to be found.
         estimates[slot] = if cycles[slot] == recorded.header.cycle { estimate? } else { estimate.ok().flatten() };
     }
     Ok(Inputs {

@@ -1,31 +1,31 @@
-//! What each process said it works with, from which of its answers on.
+//! Parameters that each process reported, with the first answer that used them.
 
 use messages::{SystemConfig, text_of};
 use std::collections::HashMap;
 
-/// Parameters as TOML by the life of a process, each with the number of the first answer that was made with them.
+/// Parameters as TOML by incarnation, each with the number of the first answer that was computed with them.
 #[derive(Debug, Default)]
 pub(super) struct Used(HashMap<u32, Vec<(u64, String)>>);
 
 impl Used {
     pub(super) fn note(&mut self, said: &SystemConfig) {
-        // Processes that answer no cycle are not computed again.
+        // from_seq is 0 for processes that answer no cycles; they are not recomputed.
         if said.from_seq > 0 {
             let parameters = (said.from_seq, text_of(&said.parameters));
             let of_life = self.0.entry(said.incarnation).or_default();
-            // A file that begins repeats what was said last.
+            // Each new run file repeats the last report.
             if !of_life.contains(&parameters) {
                 of_life.push(parameters);
             }
         }
     }
 
-    /// What a process began with; `None` where it did not say so, as before there was such a channel.
+    /// Returns the initial parameters of a process; `None` in runs without this channel.
     pub(super) fn at_start(&self, incarnation: u32) -> Option<&str> {
         self.at(incarnation, 1)
     }
 
-    /// What it works with from this answer on, if that is other than before.
+    /// Returns new parameters that take effect with this answer, if any.
     pub(super) fn from(&self, incarnation: u32, seq: u64) -> Option<&str> {
         if seq > 1 { self.at(incarnation, seq) } else { None }
     }
