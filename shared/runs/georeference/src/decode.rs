@@ -11,7 +11,7 @@ const VALUES: usize = 8;
 
 /// A decoded reading without its position.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Said {
+pub(crate) struct DecodedReading {
     /// The sample without its position.
     pub sample: Sample,
     /// Position of the sensor on the node, m.
@@ -21,16 +21,16 @@ pub(crate) struct Said {
 /// Decoder for the samples of one channel.
 #[derive(Debug, Clone)]
 pub struct Decoder {
-    kind: Kind,
+    format: Format,
     latency_ns: Option<u64>,
     lever_m: Option<[f64; 3]>,
 }
 
 #[derive(Debug, Clone)]
-enum Kind {
+enum Format {
     Reading,
     /// A custom type; `empty` is a sample with the names of its fields.
-    Own {
+    Custom {
         fields: Vec<SchemaField>,
         size: usize,
         empty: Box<Sample>,
@@ -43,27 +43,27 @@ impl Decoder {
     /// # Errors
     /// One sentence: why its samples cannot be decoded.
     pub fn of(config: &SensorConfig, type_name: &str, schema: &str, size: usize) -> Result<Self, String> {
-        let kind = if type_name == Reading::type_name() && size == size_of::<Reading>() {
-            Kind::Reading
+        let format = if type_name == Reading::type_name() && size == size_of::<Reading>() {
+            Format::Reading
         } else {
-            own(config, schema, size)?
+            custom_format(config, schema, size)?
         };
         let latency_ns = config.section.latency_s.map(|seconds| (seconds * 1e9) as u64);
-        Ok(Self { kind, latency_ns, lever_m: config.section.lever_m })
+        Ok(Self { format, latency_ns, lever_m: config.section.lever_m })
     }
 
     /// Returns the size of a sample of the channel, bytes; samples of another size are malformed.
     pub(crate) fn size(&self) -> usize {
-        match &self.kind {
-            Kind::Reading => size_of::<Reading>(),
-            Kind::Own { size, .. } => *size,
+        match &self.format {
+            Format::Reading => size_of::<Reading>(),
+            Format::Custom { size, .. } => *size,
         }
     }
 
     /// Decodes a reading; `None` if it is stale or malformed.
-    pub(crate) fn decode(&self, bytes: &[u8]) -> Option<Said> {
-        match &self.kind {
-            Kind::Reading => {
+    pub(crate) fn decode(&self, bytes: &[u8]) -> Option<DecodedReading> {
+        match &self.format {
+            Format::Reading => {
                 let reading: Reading = (bytes.len() == size_of::<Reading>()).then(|| pod_read_unaligned(bytes))?;
                 if reading.quality == Reading::QUALITY_STALE {
                     return None;
@@ -78,9 +78,9 @@ impl Decoder {
                     unit: reading.unit,
                     ..Sample::default()
                 };
-                Some(Said { sample, lever_m: self.lever_m.unwrap_or(reading.lever_m) })
+                Some(DecodedReading { sample, lever_m: self.lever_m.unwrap_or(reading.lever_m) })
             }
-            Kind::Own { fields, size, empty } => {
+            Format::Custom { fields, size, empty } => {
                 if bytes.len() != *size {
                     return None;
                 }
@@ -94,22 +94,22 @@ impl Decoder {
                 if sample.value[..usize::from(sample.count)].iter().any(|value| !value.is_finite()) {
                     sample.quality = Reading::QUALITY_INVALID;
                 }
-                Some(Said { sample, lever_m: self.lever_m.unwrap_or_default() })
+                Some(DecodedReading { sample, lever_m: self.lever_m.unwrap_or_default() })
             }
         }
     }
 
     /// Returns a header with the time of measurement.
     fn header(&self, header: &Header) -> Header {
-        let said_ns = match header.oldest_input_ns {
+        let measured_ns = match header.oldest_input_ns {
             oldest_ns if oldest_ns == 0 || oldest_ns > header.stamp_ns => header.stamp_ns,
             oldest_ns => oldest_ns,
         };
-        Header::at(self.latency_ns.map_or(said_ns, |latency_ns| header.stamp_ns.saturating_sub(latency_ns)))
+        Header::at(self.latency_ns.map_or(measured_ns, |latency_ns| header.stamp_ns.saturating_sub(latency_ns)))
     }
 }
 
-fn own(config: &SensorConfig, schema: &str, size: usize) -> Result<Kind, String> {
+fn custom_format(config: &SensorConfig, schema: &str, size: usize) -> Result<Format, String> {
     let schema = Schema::parse(schema).map_err(|error| format!("its definition cannot be read: {error}"))?;
     if schema.size() != size {
         return Err(format!("its samples have {size} bytes but its definition has {}", schema.size()));
@@ -117,16 +117,16 @@ fn own(config: &SensorConfig, schema: &str, size: usize) -> Result<Kind, String>
     if !schema.has_header() {
         return Err("its samples do not begin with a header, so their time of measurement is unknown".to_owned());
     }
-    let fields = chosen(&schema, &config.section.fields)?;
+    let fields = selected_fields(&schema, &config.section.fields)?;
     let count = fields.iter().map(|field| field.count.unwrap_or(1)).sum::<usize>().min(VALUES);
     let names: Vec<&str> = fields.iter().map(|field| field.path.as_str()).collect();
     let mut empty = Sample { count: count as u8, value: [f64::NAN; VALUES], ..Sample::default() };
     put_text(&mut empty.quantity, &names.join(","));
-    Ok(Kind::Own { fields, size, empty: Box::new(empty) })
+    Ok(Format::Custom { fields, size, empty: Box::new(empty) })
 }
 
 /// Returns the requested fields; without a request, the first floating-point fields or else the first numbers.
-fn chosen(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaField>, String> {
+fn selected_fields(schema: &Schema, wanted: &[String]) -> Result<Vec<SchemaField>, String> {
     if !wanted.is_empty() {
         return wanted
             .iter()

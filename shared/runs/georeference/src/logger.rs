@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 use survey::SurveyError;
 use survey::track::{Fix, Placing, Track, TrackOptions};
 
-use crate::decode::Said;
+use crate::decode::DecodedReading;
 use crate::{Decoder, LoggerConfig, SensorConfig};
 
 /// Maximum number of waiting readings per sensor: the capacity of its channel, 2.5 s at 100 Hz.
@@ -35,7 +35,7 @@ struct Sensor {
     decoder: Decoder,
     time_sigma_s: f64,
     /// Decoded readings with their time of arrival, ns.
-    waiting: VecDeque<(u64, Said)>,
+    waiting: VecDeque<(u64, DecodedReading)>,
     counts: Counts,
 }
 
@@ -111,7 +111,7 @@ impl Logger {
     pub fn reading(&mut self, sensor: usize, bytes: &[u8], now_ns: u64) {
         let Some(sensor) = self.sensors.get_mut(sensor) else { return };
         sensor.counts.readings += 1;
-        let Some(said) = sensor.decoder.decode(bytes) else {
+        let Some(reading) = sensor.decoder.decode(bytes) else {
             let malformed = bytes.len() != sensor.decoder.size();
             *(if malformed { &mut sensor.counts.malformed } else { &mut sensor.counts.passed_over }) += 1;
             return;
@@ -120,7 +120,7 @@ impl Logger {
             sensor.waiting.pop_front();
             sensor.counts.unplaced += 1;
         }
-        sensor.waiting.push_back((now_ns, said));
+        sensor.waiting.push_back((now_ns, reading));
     }
 
     /// Returns the next sample that is ready at `now_ns`, with the index of its sensor.
@@ -136,8 +136,8 @@ impl Logger {
 
     fn sample_of(&mut self, sensor: usize, now_ns: u64) -> Option<Sample> {
         let sensor = self.sensors.get_mut(sensor)?;
-        while let Some((arrived_ns, said)) = sensor.waiting.front() {
-            let placing = self.track.at(said.sample.header.stamp_ns, sensor.time_sigma_s, said.lever_m);
+        while let Some((arrived_ns, reading)) = sensor.waiting.front() {
+            let placing = self.track.at(reading.sample.header.stamp_ns, sensor.time_sigma_s, reading.lever_m);
             let place = match placing {
                 Placing::Early if now_ns < arrived_ns.saturating_add(self.wait_ns) => return None,
                 Placing::At(place) => Some(place),
@@ -154,7 +154,7 @@ impl Logger {
                     None
                 }
             };
-            let mut sample = said.sample;
+            let mut sample = reading.sample;
             sensor.waiting.pop_front();
             if let Some(place) = place {
                 sensor.counts.samples += 1;

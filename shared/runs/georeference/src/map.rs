@@ -57,8 +57,8 @@ impl Mapping {
         if sample.quality == Reading::QUALITY_INVALID || self.value >= usize::from(sample.count) {
             return None;
         }
-        let said = *sample.value.get(self.value)?;
-        let value = if self.looks_down { sample.position_m[2] - said } else { said };
+        let number = *sample.value.get(self.value)?;
+        let value = if self.looks_down { sample.position_m[2] - number } else { number };
         let [xx, yy] = self.plane.of(sample.position_std_m).map(|std_m| std_m * std_m);
         Some(GridSample {
             position_m: self.plane.of(sample.position_m),
@@ -79,7 +79,7 @@ pub struct SensorMap {
     /// in its map.
     heights_m2: (f64, u64),
     names: [String; 2],
-    fresh: bool,
+    updated: bool,
 }
 
 impl SensorMap {
@@ -91,31 +91,31 @@ impl SensorMap {
         let Some(mapping) = Mapping::of(config.plane, sensor) else { return Ok(None) };
         let spec = config.grid(side)?;
         let grid = GridMap::new(spec, config.options(sensor, spec.cell_m))?;
-        Ok(Some(Self { mapping, grid, heights_m2: (0.0, 0), names: Default::default(), fresh: false }))
+        Ok(Some(Self { mapping, grid, heights_m2: (0.0, 0), names: Default::default(), updated: false }))
     }
 
     /// Returns an empty map with the same settings on another grid.
     #[must_use]
     pub fn on(&self, grid: GridMap) -> Self {
-        Self { grid, heights_m2: (0.0, 0), fresh: false, ..self.clone() }
+        Self { grid, heights_m2: (0.0, 0), updated: false, ..self.clone() }
     }
 
     /// Adds a sample.
     pub fn add(&mut self, sample: &Sample) {
         let Some(point) = self.mapping.grid_sample(sample) else { return };
         self.grid.add(&point);
-        self.fresh = true;
+        self.updated = true;
         if self.mapping.looks_down {
             self.heights_m2.0 += sample.position_std_m[2] * sample.position_std_m[2];
             self.heights_m2.1 += 1;
         }
         if self.names[0].is_empty() {
-            self.names = self.named(sample);
+            self.names = self.names_from(sample);
         }
     }
 
     /// Returns quantity and unit of the map from a sample.
-    fn named(&self, sample: &Sample) -> [String; 2] {
+    fn names_from(&self, sample: &Sample) -> [String; 2] {
         if self.mapping.looks_down {
             return ["height".to_owned(), "m".to_owned()];
         }
@@ -182,10 +182,10 @@ impl SensorMap {
     /// [`FieldMap::SIDE`] cells along each side.
     pub fn publishable(&mut self, into: &mut FieldMap) -> bool {
         let spec = *self.grid.spec();
-        if !self.fresh || spec.columns > FieldMap::SIDE || spec.rows > FieldMap::SIDE {
+        if !self.updated || spec.columns > FieldMap::SIDE || spec.rows > FieldMap::SIDE {
             return false;
         }
-        self.fresh = false;
+        self.updated = false;
         self.grid.refresh();
         let counts = self.grid.counts();
         into.header = Header::at(counts.newest_ns);

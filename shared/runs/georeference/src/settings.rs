@@ -54,9 +54,9 @@ impl LoggerConfig {
         if excluded {
             return None;
         }
-        let own = self.section.sensor.iter().find(|sensor| sensor.name == name);
+        let entry = self.section.sensor.iter().find(|sensor| sensor.name == name);
         let section =
-            own.cloned().unwrap_or_else(|| LoggedSensorSection { name: name.to_owned(), ..Default::default() });
+            entry.cloned().unwrap_or_else(|| LoggedSensorSection { name: name.to_owned(), ..Default::default() });
         let time_sigma_s = section.time_sigma_s.unwrap_or(self.section.time_sigma_s);
         Some(SensorConfig { section, time_sigma_s })
     }

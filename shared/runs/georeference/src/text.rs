@@ -6,19 +6,19 @@ use crate::Counts;
 /// only stale.
 #[must_use]
 pub fn complaint(name: &str, now: &Counts, before: &Counts) -> Option<String> {
-    let kinds = [
+    let counts = [
         (now.unplaced - before.unplaced, "without a newer estimate"),
         (now.old - before.old, "older than any estimate"),
         (now.gaps - before.gaps, "in gaps of the estimates"),
         (now.malformed - before.malformed, "not of the type of the channel"),
     ];
-    let lost: u64 = kinds.iter().map(|(count, _)| count).sum();
-    let said = kinds.iter().filter(|(count, _)| *count > 0).map(|(count, kind)| format!("{count} {kind}"));
+    let lost: u64 = counts.iter().map(|(count, _)| count).sum();
+    let reasons = counts.iter().filter(|(count, _)| *count > 0).map(|(count, reason)| format!("{count} {reason}"));
     (lost > 0).then(|| {
         let all = now.readings - before.readings;
         format!(
             "sensor/{name}: {lost} of {all} readings did not become samples: {}",
-            said.collect::<Vec<_>>().join(", ")
+            reasons.collect::<Vec<_>>().join(", ")
         )
     })
 }

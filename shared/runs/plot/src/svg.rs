@@ -1,6 +1,6 @@
 //! Renders a chart as an inline SVG element for a page: fine lines, fractional coordinates, and the font of the page.
 
-use super::{Chart, Look, Series, clipped, colour_of, equalise, range, scale, tick};
+use super::{Chart, Series, SeriesStyle, axis_range, clip_line, css_colour, equalise, format_tick, scale_colour};
 use std::fmt::Write as _;
 
 /// Left margin for the labels of the y axis, px.
@@ -42,13 +42,13 @@ impl Plane {
 pub fn ranges(chart: &Chart, size: (u32, u32)) -> [[f64; 2]; 2] {
     let all = || chart.series.iter().flat_map(|series| series.points.iter());
     let high = || {
-        chart.series.iter().flat_map(|series| match &series.look {
-            Look::Band(high) => high.as_slice(),
+        chart.series.iter().flat_map(|series| match &series.style {
+            SeriesStyle::Band(high) => high.as_slice(),
             _ => &[],
         })
     };
-    let mut x = range(&chart.x, all().map(|point| point[0]));
-    let mut y = range(&chart.y, all().map(|point| point[1]).chain(high().copied()));
+    let mut x = axis_range(&chart.x, all().map(|point| point[0]));
+    let mut y = axis_range(&chart.y, all().map(|point| point[1]).chain(high().copied()));
     if chart.equal_scale {
         equalise(&mut x, &mut y, (size.0 - (LEFT + RIGHT) as u32, size.1 - (TOP + BELOW) as u32));
     }
@@ -93,8 +93,12 @@ fn grid(out: &mut String, plane: &Plane, chart: &Chart) {
     for value in ticks(plane.x, plane.width / 90.0) {
         let at = plane.x(value);
         let _ = write!(out, "<path class=\"grid\" d=\"M{at:.1} {TOP}V{bottom:.1}\"/>");
-        let _ =
-            write!(out, "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>", bottom + 16.0, tick(value));
+        let _ = write!(
+            out,
+            "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+            bottom + 16.0,
+            format_tick(value)
+        );
     }
     let names = chart.y.names.as_slice();
     let values = if names.is_empty() {
@@ -104,7 +108,8 @@ fn grid(out: &mut String, plane: &Plane, chart: &Chart) {
     };
     for value in values {
         let at = plane.y(value);
-        let text = names.get(value as usize).filter(|_| !names.is_empty()).cloned().unwrap_or_else(|| tick(value));
+        let text =
+            names.get(value as usize).filter(|_| !names.is_empty()).cloned().unwrap_or_else(|| format_tick(value));
         let _ = write!(out, "<path class=\"grid\" d=\"M{LEFT} {at:.1}H{right:.1}\"/>");
         let _ = write!(out, "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{text}</text>", LEFT - 6.0, at + 4.0);
     }
@@ -124,41 +129,46 @@ fn grid(out: &mut String, plane: &Plane, chart: &Chart) {
 }
 
 fn draw(out: &mut String, plane: &Plane, series: &Series) {
-    let colour = colour_of(series.colour);
+    let colour = css_colour(series.colour);
     let stroke = |width: f64, dash: &str| format!("fill=\"none\" stroke=\"{colour}\" stroke-width=\"{width}\"{dash}");
-    match &series.look {
+    match &series.style {
         // Background lines are wide and pale.
-        Look::Line(width @ 5..) => lines(out, plane, series, &stroke(f64::from(*width), " stroke-opacity=\"0.35\"")),
-        Look::Line(width) => lines(out, plane, series, &stroke(0.75 * f64::from(*width), "")),
-        Look::Dashed => lines(out, plane, series, &stroke(1.2, " stroke-dasharray=\"5 4\"")),
-        Look::Marked => {
+        SeriesStyle::Line(width @ 5..) => {
+            lines(out, plane, series, &stroke(f64::from(*width), " stroke-opacity=\"0.35\""))
+        }
+        SeriesStyle::Line(width) => lines(out, plane, series, &stroke(0.75 * f64::from(*width), "")),
+        SeriesStyle::Dashed => lines(out, plane, series, &stroke(1.2, " stroke-dasharray=\"5 4\"")),
+        SeriesStyle::Marked => {
             lines(out, plane, series, &stroke(1.5, ""));
             discs(out, plane, series, 3, &colour);
         }
-        Look::Discs(radius) => discs(out, plane, series, *radius, &colour),
-        Look::Band(high) => band(out, plane, series, high, &colour),
-        Look::Bars(width) => {
+        SeriesStyle::Discs(radius) => discs(out, plane, series, *radius, &colour),
+        SeriesStyle::Band(high) => band(out, plane, series, high, &colour),
+        SeriesStyle::Bars(width) => {
             for p in series.points.iter().filter(|p| p[0].is_finite() && p[1].is_finite()) {
                 rectangle(out, plane, [[p[0] - 0.5 * width, 0.0], [p[0] + 0.5 * width, p[1]]], &colour);
             }
         }
-        Look::Blocks => {
+        SeriesStyle::Blocks => {
             series.points.chunks_exact(2).for_each(|pair| rectangle(out, plane, [pair[0], pair[1]], &colour))
         }
-        Look::Cells([width, height], values) => {
+        SeriesStyle::Cells([width, height], values) => {
             // crispEdges avoids seams between adjacent cells.
             out.push_str("<g shape-rendering=\"crispEdges\">");
             for (p, value) in series.points.iter().zip(values) {
                 let (w, h) = (0.5 * width, 0.5 * height);
-                rectangle(out, plane, [[p[0] - w, p[1] - h], [p[0] + w, p[1] + h]], &hex(scale(*value)));
+                rectangle(out, plane, [[p[0] - w, p[1] - h], [p[0] + w, p[1] + h]], &hex(scale_colour(*value)));
             }
             out.push_str("</g>");
         }
-        Look::Scaled(radius, values) => {
+        SeriesStyle::Scaled(radius, values) => {
             for (p, value) in series.points.iter().zip(values).filter(|(p, _)| plane.shows(p)) {
                 let (x, y) = (plane.x(p[0]), plane.y(p[1]));
-                let _ =
-                    write!(out, "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{}\"/>", hex(scale(*value)));
+                let _ = write!(
+                    out,
+                    "<circle cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"{radius}\" fill=\"{}\"/>",
+                    hex(scale_colour(*value))
+                );
             }
         }
     }
@@ -170,7 +180,7 @@ fn hex(colour: plotters::style::RGBColor) -> String {
 
 fn lines(out: &mut String, plane: &Plane, series: &Series, style: &str) {
     let mut path = String::new();
-    for piece in clipped(&series.points, plane.x, plane.y) {
+    for piece in clip_line(&series.points, plane.x, plane.y) {
         let mut last = None;
         let end = piece.len() - 1;
         for (at, (x, y)) in piece.into_iter().map(|(x, y)| (plane.x(x), plane.y(y))).enumerate() {
@@ -255,13 +265,13 @@ mod tests {
         let points: Vec<[f64; 2]> = (0..50).map(|i| [f64::from(i), f64::from(i % 7)]).collect();
         let high = points.iter().map(|p| p[1] + 3.0).collect();
         let chart = Chart {
-            x: Axis::from_to("time, s", 5.0, 20.0),
-            y: Axis::from_to("µ & σ", 1.0, 5.0),
+            x: Axis::fixed("time, s", 5.0, 20.0),
+            y: Axis::fixed("µ & σ", 1.0, 5.0),
             series: vec![
-                Series::line("", 0, points.clone()).looking(Look::Band(high)),
+                Series::line("", 0, points.clone()).with_style(SeriesStyle::Band(high)),
                 Series::line("", 1, points.clone()),
-                Series::line("", 2, vec![[0.0, 0.0], [50.0, 2.0]]).looking(Look::Blocks),
-                Series::line("", 3, points).looking(Look::Scaled(2, vec![0.5; 50])),
+                Series::line("", 2, vec![[0.0, 0.0], [50.0, 2.0]]).with_style(SeriesStyle::Blocks),
+                Series::line("", 3, points).with_style(SeriesStyle::Scaled(2, vec![0.5; 50])),
             ],
             ..Chart::default()
         };

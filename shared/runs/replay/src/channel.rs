@@ -7,12 +7,12 @@ use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 /// Reason why a sample was not compared.
-pub(super) type Why = &'static str;
+pub(super) type SkipReason = &'static str;
 
 /// Its type is a different one or cannot be decoded.
-const DEFINITION: Why = "recorded by a build with another definition";
+const DEFINITION: SkipReason = "recorded by a build with another definition";
 /// The process or the recording ended before the sample that names its inputs.
-const ALONE: Why = "the sample that names its inputs was not recorded";
+const ALONE: SkipReason = "the sample that names its inputs was not recorded";
 
 /// The first sample that differs.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -41,7 +41,7 @@ pub struct Tally {
     /// Number of samples that differ.
     pub different: u64,
     /// Number of samples that were not compared, by reason.
-    pub not_compared: BTreeMap<Why, u64>,
+    pub not_compared: BTreeMap<SkipReason, u64>,
     /// First sample that differs.
     pub first: Option<Difference>,
     /// Whether the definition of the message has changed since; only common fields were compared.
@@ -88,18 +88,20 @@ impl<T: Message> Channel<T> {
 
     /// Stores a sample as [`Channel::wait`] does, in the order of publication within an incarnation. The file is sorted
     /// by stamps, and the first samples of a run may have none.
-    pub(super) fn wait_in_turn(&mut self, time_ns: u64, sample: T, life: impl Fn(&T) -> u32) {
-        let later = |(_, other): &&(u64, T)| life(other) == life(&sample) && other.header().seq > sample.header().seq;
+    pub(super) fn wait_in_order(&mut self, time_ns: u64, sample: T, incarnation: impl Fn(&T) -> u32) {
+        let later = |(_, other): &&(u64, T)| {
+            incarnation(other) == incarnation(&sample) && other.header().seq > sample.header().seq
+        };
         let behind = self.waiting.iter().rev().take_while(later).count();
         self.waiting.insert(self.waiting.len() - behind, (time_ns, sample));
     }
 
     /// Returns the next sample that was published by then.
-    pub(super) fn due(&mut self, until_ns: u64) -> Option<(u64, T)> {
+    pub(super) fn next_due(&mut self, until_ns: u64) -> Option<(u64, T)> {
         if self.waiting.front()?.0 > until_ns { None } else { self.waiting.pop_front() }
     }
 
-    pub(super) fn skip(&mut self, why: Why) {
+    pub(super) fn skip(&mut self, why: SkipReason) {
         *self.tally.not_compared.entry(why).or_default() += 1;
     }
 
@@ -151,9 +153,9 @@ impl<T: Message> Channel<T> {
     /// Returns the result, if anything was recorded.
     pub(super) fn end(mut self) -> Option<Tally> {
         let tally = &mut self.tally;
-        let said = tally.equal + tally.different + tally.not_compared.values().sum::<u64>();
-        if tally.recorded > said {
-            *tally.not_compared.entry(ALONE).or_default() += tally.recorded - said;
+        let accounted = tally.equal + tally.different + tally.not_compared.values().sum::<u64>();
+        if tally.recorded > accounted {
+            *tally.not_compared.entry(ALONE).or_default() += tally.recorded - accounted;
         }
         (tally.recorded > 0).then_some(self.tally)
     }

@@ -33,14 +33,14 @@ const STEPS: f64 = 1000.0;
 ///
 /// # Errors
 /// The run cannot be read; or, without changes, samples differ from the recorded ones or none could be compared.
-pub fn replay(asked: &Args) -> Answer<Output> {
-    let changes = Changes { law: asked.law.clone(), set: asked.set.clone() };
+pub fn replay(args: &Args) -> Answer<Output> {
+    let changes = Changes { law: args.law.clone(), set: args.set.clone() };
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(STEPS as u64) } else { ProgressBar::hidden() };
     let style = ProgressStyle::with_template("replaying the run {wide_bar} {percent:>3} %")
         .unwrap_or_else(|_| ProgressStyle::default_bar());
     bar.set_style(style);
     let began = Instant::now();
-    let replayed = run(&asked.run, &changes, &mut |share| bar.set_position((STEPS * share) as u64))?;
+    let replayed = run(&args.run, &changes, &mut |share| bar.set_position((STEPS * share) as u64))?;
     bar.finish_and_clear();
     let took_s = began.elapsed().as_secs_f64();
     // With changes everything differs, so only the size of the differences is reported.
@@ -51,27 +51,27 @@ pub fn replay(asked: &Args) -> Answer<Output> {
         replayed.flown_s,
         replayed.flown_s / took_s.max(1e-3)
     ));
-    if let (Some(instead), Some(path)) = (&replayed.instead, &asked.plot) {
-        instead.draw(path, &format!("{}: recorded, and with {}", asked.run.display(), changed(&changes)))?;
+    if let (Some(instead), Some(path)) = (&replayed.instead, &args.plot) {
+        instead.draw(path, &format!("{}: recorded, and with {}", args.run.display(), change_list(&changes)))?;
         words.push(format!("plot: {}", path.display()));
     }
     if let Some(instead) = &replayed.instead {
-        words.push(format!("with {}, {}", changed(&changes), instead.words()));
+        words.push(format!("with {}, {}", change_list(&changes), instead.words()));
     }
     let (equal, different) = (replayed.equal(), replayed.different());
     let verdict = match (&replayed.instead, different, equal) {
         (Some(_), ..) => None,
-        (None, 0, 0) => Some(format!("no sample in {} could be compared", asked.run.display())),
+        (None, 0, 0) => Some(format!("no sample in {} could be compared", args.run.display())),
         (None, 0, _) => None,
         (None, ..) => Some(format!("{different} samples differ from the recorded ones")),
     };
     if verdict.is_none() && replayed.instead.is_none() {
         words.push(format!("{equal} replayed samples are equal to the recorded ones, bit for bit"));
     }
-    Ok(Output::new(value(asked, &replayed, took_s), words.join("\n")).failing(verdict.map(Failure::NotNow)))
+    Ok(Output::new(value(args, &replayed, took_s), words.join("\n")).failing(verdict.map(Failure::NotNow)))
 }
 
-fn changed(changes: &Changes) -> String {
+fn change_list(changes: &Changes) -> String {
     let law = changes.law.iter().map(|law| format!("law {law}"));
     law.chain(changes.set.iter().map(|(key, value)| format!("{key} = {value}"))).collect::<Vec<_>>().join(", ")
 }
@@ -107,9 +107,9 @@ fn table(replayed: &Replayed) -> Vec<String> {
     lines
 }
 
-fn value(asked: &Args, replayed: &Replayed, took_s: f64) -> Value {
+fn value(args: &Args, replayed: &Replayed, took_s: f64) -> Value {
     let mut value = json!({
-        "run": asked.run,
+        "run": args.run,
         "cycles": replayed.cycles,
         "flown_s": replayed.flown_s,
         "took_s": took_s,

@@ -100,15 +100,15 @@ impl Configuration {
     }
 
     /// Returns the configuration of an estimator from the method in its estimates and its reported parameters.
-    pub(super) fn estimator(&self, incarnation: u32, method: u8, said: Option<&str>) -> Option<EstimatorConfig> {
+    pub(super) fn estimator(&self, incarnation: u32, method: u8, parameters: Option<&str>) -> Option<EstimatorConfig> {
         let method = Method::numbered(method)?;
-        self.with_sections(said)?.estimator_config(incarnation, Some(method)).ok()
+        self.with_sections(parameters)?.estimator_config(incarnation, Some(method)).ok()
     }
 
     /// Returns the configuration of a controller from the law in its answers and its reported parameters.
-    pub(super) fn controller(&self, incarnation: u32, law: u8, said: Option<&str>) -> Option<ControllerConfig> {
+    pub(super) fn controller(&self, incarnation: u32, law: u8, parameters: Option<&str>) -> Option<ControllerConfig> {
         let law = Law::numbered(law)?;
-        self.with_sections(said)?.controller_config(incarnation, Some(law)).ok()
+        self.with_sections(parameters)?.controller_config(incarnation, Some(law)).ok()
     }
 
     /// Returns the time in which a controller fades from old parameters to new ones, s.
@@ -117,22 +117,22 @@ impl Configuration {
     }
 
     /// Returns this configuration with reported sections and the requested changes; `None` if they are invalid.
-    fn with_sections(&self, said: Option<&str>) -> Option<Cow<'_, Self>> {
-        let Some(said) = said else { return Some(Cow::Borrowed(self)) };
-        let mut sections: Table = said.parse().ok()?;
+    fn with_sections(&self, parameters: Option<&str>) -> Option<Cow<'_, Self>> {
+        let Some(parameters) = parameters else { return Some(Cow::Borrowed(self)) };
+        let mut sections: Table = parameters.parse().ok()?;
         for (key, value) in &self.sections_changed {
             set(&mut sections, key, value).ok()?;
         }
         let mut with = self.clone();
-        let mut take = |name: &str| sections.remove(name);
-        if let Some(section) = take("controller") {
+        let mut remove = |name: &str| sections.remove(name);
+        if let Some(section) = remove("controller") {
             let law = with.file.controller.law;
             with.file.controller = section.try_into().ok()?;
             if self.law_changed {
                 with.file.controller.law = law;
             }
         }
-        if let Some(section) = take("estimator") {
+        if let Some(section) = remove("estimator") {
             let method = with.file.estimator.method;
             with.file.estimator = section.try_into().ok()?;
             if self.method_changed {

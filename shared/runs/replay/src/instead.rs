@@ -2,7 +2,7 @@
 
 use command::{Answer, Failure};
 use messages::{CABLES, MotorAuthority, MotorCommand, MotorState, NodeEstimate};
-use plot::{Axis, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 use serde::Serialize;
 use std::path::Path;
 
@@ -13,13 +13,13 @@ const PAUSE_S: f64 = 0.5;
 
 /// Accumulated difference of one quantity over many cycles.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
-struct Sum {
+struct DifferenceSum {
     squares: f64,
     max: f64,
     count: u64,
 }
 
-impl Sum {
+impl DifferenceSum {
     fn add(&mut self, difference: f64) {
         self.squares += difference * difference;
         self.max = self.max.max(difference.abs());
@@ -96,9 +96,9 @@ impl Curve {
 #[derive(Debug, Default)]
 pub(super) struct Collector {
     cables: usize,
-    command: [Sum; CABLES],
-    sent: [Sum; CABLES],
-    position: Sum,
+    command: [DifferenceSum; CABLES],
+    sent: [DifferenceSum; CABLES],
+    position: DifferenceSum,
     instead: Instead,
 }
 
@@ -163,7 +163,7 @@ impl Collector {
     }
 
     pub(super) fn end(self) -> Instead {
-        let spreads = |sums: &[Sum; CABLES]| sums[..self.cables].iter().map(Sum::spread).collect();
+        let spreads = |sums: &[DifferenceSum; CABLES]| sums[..self.cables].iter().map(DifferenceSum::spread).collect();
         Instead {
             command_m_s: spreads(&self.command),
             sent_m_s: spreads(&self.sent),
@@ -234,11 +234,11 @@ impl Instead {
             };
             Chart {
                 caption: format!("cable {}", i + 1),
-                x: Axis::of("time, s"),
-                y: Axis::of("velocity, mm/s"),
+                x: Axis::auto("time, s"),
+                y: Axis::auto("velocity, mm/s"),
                 series: vec![
                     Series::line("recorded", GREY, line(false)),
-                    Series::line("changed", i, line(true)).looking(Look::Line(1)),
+                    Series::line("changed", i, line(true)).with_style(SeriesStyle::Line(1)),
                 ],
                 legend: Legend::LowerLeft,
                 ..Chart::default()

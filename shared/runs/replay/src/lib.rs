@@ -11,7 +11,7 @@ mod command_line;
 mod config;
 mod instead;
 mod parts;
-mod used;
+mod reported;
 
 pub use channel::{Difference, Tally};
 pub use command_line::{Args, replay};
@@ -26,9 +26,9 @@ use messages::{
     OperatorRequest, PlanMotion, SLOT_NAMES, SLOTS, SystemConfig, text_of,
 };
 use parts::{Controllers, Estimators, MotorIo, Recent};
+use reported::ReportedParameters;
 use runlog::{RecordedSample, RunReader};
 use std::path::Path;
-use used::Used;
 
 /// Delay between reading and processing a sample, ns: by then all its inputs have been read and processed too. Samples
 /// of one cycle are within some milliseconds of each other in the file, in no particular order.
@@ -103,10 +103,10 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     let recorded_by = reader.about().get("nims_version").cloned();
     let total = reader.bytes().max(1) as f64;
     let mut reader = RunReader::open(path).map_err(Failure::bad)?;
-    let mut machine = Machine::new(configuration, !changes.is_empty());
+    let mut replay = Replay::new(configuration, !changes.is_empty());
     let mut count = 0_u64;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
-        machine.take(&recorded);
+        replay.add(&recorded);
         count += 1;
         if count.is_multiple_of(4096) {
             progress(reader.position() as f64 / total);
@@ -114,18 +114,18 @@ pub fn run(path: &Path, changes: &Changes, progress: &mut dyn FnMut(f64)) -> Ans
     }
     let damage = reader.damage().iter().map(|(file, damage)| format!("{}: {}", file.display(), damage.why));
     let damage: Vec<String> = damage.collect();
-    Ok(Replayed { damage, recorded_by, ..machine.end() })
+    Ok(Replayed { damage, recorded_by, ..replay.end() })
 }
 
 /// All deciding parts and all channels.
-struct Machine {
+struct Replay {
     configuration: Configuration,
     collector: Option<Collector>,
     motor_io: MotorIo,
     estimators: [Estimators; SLOTS],
     controllers: [Controllers; SLOTS],
     recent: Recent,
-    used: Channel<SystemConfig>,
+    reported: Channel<SystemConfig>,
     input: Channel<MotorInput>,
     motion: Channel<PlanMotion>,
     state: Channel<MotorState>,
@@ -138,16 +138,16 @@ struct Machine {
     control: [Channel<ControlStatus>; SLOTS],
     begin_ns: Option<u64>,
     newest_ns: u64,
-    worked_ns: u64,
+    processed_ns: u64,
     cycles: u64,
     first_and_last_ns: Option<(u64, u64)>,
 }
 
-fn slotted<T: messages::Message>(beginning: &str) -> [Channel<T>; SLOTS] {
+fn channel_per_slot<T: messages::Message>(beginning: &str) -> [Channel<T>; SLOTS] {
     SLOT_NAMES.map(|slot| Channel::new(&format!("{beginning}/{slot}")))
 }
 
-impl Machine {
+impl Replay {
     fn new(configuration: Configuration, changed: bool) -> Self {
         Self {
             collector: changed.then(|| Collector::new(configuration.cables())),
@@ -161,9 +161,9 @@ impl Machine {
                 motions: History::new(),
                 estimates: std::array::from_fn(|_| History::new()),
                 commands: std::array::from_fn(|_| History::new()),
-                used: Used::default(),
+                reported: ReportedParameters::default(),
             },
-            used: Channel::new("system/config"),
+            reported: Channel::new("system/config"),
             input: Channel::new("motor/input"),
             motion: Channel::new("plan/motion"),
             state: Channel::new("motor/state"),
@@ -171,23 +171,32 @@ impl Machine {
             slots: Channel::new("motor/slots"),
             energy: Channel::new("energy"),
             request: Channel::new("operator/request"),
-            estimate: slotted("node/estimate"),
-            command: slotted("motor/command"),
-            control: slotted("control/status"),
+            estimate: channel_per_slot("node/estimate"),
+            command: channel_per_slot("motor/command"),
+            control: channel_per_slot("control/status"),
             begin_ns: None,
             newest_ns: 0,
-            worked_ns: 0,
+            processed_ns: 0,
             cycles: 0,
             first_and_last_ns: None,
         }
     }
 
     /// Processes the next sample of the run.
-    fn take(&mut self, recorded: &RecordedSample<'_>) {
+    fn add(&mut self, recorded: &RecordedSample<'_>) {
         // A sample may repeat an old stamp (a cycle without a reading), so the newest log time so far is used.
         self.newest_ns = self.newest_ns.max(recorded.log_time_ns);
         let time_ns = self.newest_ns;
         let t0_ns = *self.begin_ns.get_or_insert(time_ns);
+        self.store(recorded, time_ns, t0_ns);
+        if time_ns >= self.processed_ns + EVERY_NS {
+            self.processed_ns = time_ns;
+            self.process(time_ns);
+        }
+    }
+
+    /// Decodes a sample and stores it until it is compared or used as an input.
+    fn store(&mut self, recorded: &RecordedSample<'_>, time_ns: u64, t0_ns: u64) {
         let (name, slot) = match recorded.channel.name.rsplit_once('/') {
             Some((name, slot)) if slot == SLOT_NAMES[0] => (name, 0),
             Some((name, slot)) if slot == SLOT_NAMES[1] => (name, 1),
@@ -236,7 +245,7 @@ impl Machine {
             }
             "node/estimate" => {
                 if let Some(estimate) = self.estimate[slot].read(recorded, t0_ns) {
-                    self.estimate[slot].wait_in_turn(time_ns, estimate, |estimate| estimate.incarnation);
+                    self.estimate[slot].wait_in_order(time_ns, estimate, |estimate| estimate.incarnation);
                 }
             }
             "motor/command" => {
@@ -246,38 +255,34 @@ impl Machine {
             }
             "control/status" => {
                 if let Some(status) = self.control[slot].read(recorded, t0_ns) {
-                    self.control[slot].wait_in_turn(time_ns, status, |status| status.incarnation);
+                    self.control[slot].wait_in_order(time_ns, status, |status| status.incarnation);
                 }
             }
             name if name.starts_with("system/config/") => {
-                if let Some(said) = self.used.read(recorded, t0_ns) {
-                    self.recent.used.note(&said);
+                if let Some(report) = self.reported.read(recorded, t0_ns) {
+                    self.recent.reported.record(&report);
                 }
             }
             _ => {}
         }
-        if time_ns >= self.worked_ns + EVERY_NS {
-            self.worked_ns = time_ns;
-            self.work(time_ns);
-        }
     }
 
     /// Processes everything that is far enough behind.
-    fn work(&mut self, now_ns: u64) {
-        while let Some((time_ns, input)) = self.input.due(now_ns.saturating_sub(INPUTS_BEHIND_NS)) {
+    fn process(&mut self, now_ns: u64) {
+        while let Some((time_ns, input)) = self.input.next_due(now_ns.saturating_sub(INPUTS_BEHIND_NS)) {
             self.motor_io.step(time_ns, &input, &self.configuration);
         }
         for slot in 0..SLOTS {
-            self.estimates(slot, now_ns.saturating_sub(ESTIMATES_BEHIND_NS));
+            self.compare_estimates(slot, now_ns.saturating_sub(ESTIMATES_BEHIND_NS));
         }
-        self.motor_io(now_ns.saturating_sub(BEHIND_NS));
+        self.compare_motor_io(now_ns.saturating_sub(BEHIND_NS));
         for slot in 0..SLOTS {
-            self.controls(slot, now_ns.saturating_sub(BEHIND_NS));
+            self.compare_controls(slot, now_ns.saturating_sub(BEHIND_NS));
         }
     }
 
-    fn motor_io(&mut self, until_ns: u64) {
-        while let Some((time_ns, state)) = self.state.due(until_ns) {
+    fn compare_motor_io(&mut self, until_ns: u64) {
+        while let Some((time_ns, state)) = self.state.next_due(until_ns) {
             match self.motor_io.made(state.header.cycle, time_ns) {
                 Ok(made) => {
                     if let Some(collector) = &mut self.collector {
@@ -288,7 +293,7 @@ impl Machine {
                 Err(why) => self.state.skip(why),
             }
         }
-        while let Some((time_ns, authority)) = self.authority.due(until_ns) {
+        while let Some((time_ns, authority)) = self.authority.next_due(until_ns) {
             match self.motor_io.made(authority.header.cycle, time_ns) {
                 Ok(made) => {
                     if let Some(collector) = &mut self.collector {
@@ -299,25 +304,25 @@ impl Machine {
                 Err(why) => self.authority.skip(why),
             }
         }
-        while let Some((time_ns, slots)) = self.slots.due(until_ns) {
+        while let Some((time_ns, slots)) = self.slots.next_due(until_ns) {
             match self.motor_io.made(slots.header.cycle, time_ns) {
                 Ok(made) => self.slots.compare(time_ns, &slots, made.slots),
                 Err(why) => self.slots.skip(why),
             }
         }
-        while let Some((time_ns, energy)) = self.energy.due(until_ns) {
+        while let Some((time_ns, energy)) = self.energy.next_due(until_ns) {
             match self.motor_io.made(energy.header.cycle, time_ns) {
                 Ok(made) => self.energy.compare(time_ns, &energy, made.energy),
                 Err(why) => self.energy.skip(why),
             }
         }
-        while let Some((time_ns, request)) = self.request.due(until_ns) {
-            self.answer(time_ns, &request);
+        while let Some((time_ns, request)) = self.request.next_due(until_ns) {
+            self.compare_answer(time_ns, &request);
         }
     }
 
     /// Compares an answer of motor-io; answers of other processes on the channel are skipped.
-    fn answer(&mut self, time_ns: u64, request: &OperatorRequest) {
+    fn compare_answer(&mut self, time_ns: u64, request: &OperatorRequest) {
         let answer = self.motor_io.answer(request.id, time_ns);
         let Some(answer) = answer.filter(|answer| request.answered == 1 && answer.verb == request.verb) else { return };
         let word = |accepted: bool| if accepted { "accepted" } else { "refused" };
@@ -326,10 +331,10 @@ impl Machine {
         self.request.compare_text(time_ns, request.header.cycle, "answer", &was, &is);
     }
 
-    fn estimates(&mut self, slot: usize, until_ns: u64) {
-        while let Some((time_ns, estimate)) = self.estimate[slot].due(until_ns) {
+    fn compare_estimates(&mut self, slot: usize, until_ns: u64) {
+        while let Some((time_ns, estimate)) = self.estimate[slot].next_due(until_ns) {
             let again = self.estimators[slot].step(time_ns, &estimate, &self.recent, &self.configuration);
-            let mut used = estimate;
+            let mut input = estimate;
             match again {
                 Ok(mut made) => {
                     // The kernel's thread id is not a result of the step.
@@ -337,18 +342,18 @@ impl Machine {
                     if let Some(collector) = &mut self.collector {
                         collector.estimate(&estimate, &made);
                         // A changed estimator also changes the inputs of the controllers.
-                        used = made;
+                        input = made;
                     }
                     self.estimate[slot].compare(time_ns, &estimate, made);
                 }
                 Err(why) => self.estimate[slot].skip(why),
             }
-            self.recent.estimates[slot].push(used.header.cycle, time_ns, used);
+            self.recent.estimates[slot].push(input.header.cycle, time_ns, input);
         }
     }
 
-    fn controls(&mut self, slot: usize, until_ns: u64) {
-        while let Some((time_ns, status)) = self.control[slot].due(until_ns) {
+    fn compare_controls(&mut self, slot: usize, until_ns: u64) {
+        while let Some((time_ns, status)) = self.control[slot].next_due(until_ns) {
             let again = self.controllers[slot].step(time_ns, &status, &self.recent, &self.configuration);
             let command = self.recent.commands[slot].find(status.header.seq, time_ns).copied();
             let command = command.filter(|command| command.incarnation == status.incarnation);
@@ -376,7 +381,7 @@ impl Machine {
 
     /// Processes the remaining samples and returns the result.
     fn end(mut self) -> Replayed {
-        self.work(u64::MAX);
+        self.process(u64::MAX);
         let Self { state, authority, slots, energy, request, estimate, command, control, .. } = self;
         let motor_io = [state.end(), authority.end(), slots.end(), energy.end(), request.end_of_some()];
         let estimators = estimate.map(Channel::end);

@@ -1,38 +1,38 @@
 //! The deciding parts, one instance per incarnation of a process, fed with the recorded inputs.
 
-use super::channel::{History, Why};
+use super::channel::{History, SkipReason};
 use super::config::Configuration;
-use super::used::Used;
+use super::reported::ReportedParameters;
 use controller::{Controller, Inputs};
 use estimator::Estimator;
 use messages::{ControlStatus, MotorAuthority, MotorCommand, MotorInput, MotorState, NodeEstimate, PlanMotion, SLOTS};
 use motor_io::{Answer, Core, Observation};
 
 /// The first sample of an incarnation is missing, so the state at its first recorded sample is unknown.
-const BEGINNING: Why = "the start of its process was not recorded";
+const BEGINNING: SkipReason = "the start of its process was not recorded";
 /// The same after a loss.
-const GAP: Why = "it follows a gap in the recording";
+const GAP: SkipReason = "it follows a gap in the recording";
 /// This build has no code that computes such samples.
-const FOREIGN: Why = "computed by a custom program, law or estimator";
+const FOREIGN: SkipReason = "computed by a custom program, law or estimator";
 /// An input is missing in the run.
-const INPUT: Why = "one of its inputs was not recorded";
+const INPUT: SkipReason = "one of its inputs was not recorded";
 
 /// The incarnations of a process in one slot, one after the other.
-struct Life<P> {
+struct Incarnations<P> {
     part: Option<P>,
     incarnation: u32,
     seq: u64,
-    why: Why,
+    why: SkipReason,
 }
 
-impl<P> Life<P> {
-    fn none() -> Self {
+impl<P> Incarnations<P> {
+    fn new() -> Self {
         Self { part: None, incarnation: 0, seq: 0, why: BEGINNING }
     }
 
     /// Returns the part that computes the sample with this number: a new one for the first sample of an incarnation,
     /// the same one for the next sample, and none after a gap.
-    fn part(&mut self, incarnation: u32, seq: u64, begin: impl FnOnce() -> Option<P>) -> Result<&mut P, Why> {
+    fn part(&mut self, incarnation: u32, seq: u64, begin: impl FnOnce() -> Option<P>) -> Result<&mut P, SkipReason> {
         let same = incarnation == self.incarnation;
         if seq == 1 {
             (self.part, self.why) = (begin(), FOREIGN);
@@ -50,7 +50,7 @@ impl<P> Life<P> {
     }
 
     /// Discards the part, because it missed an input and cannot continue.
-    fn lose(&mut self, why: Why) -> Why {
+    fn lose(&mut self, why: SkipReason) -> SkipReason {
         (self.part, self.why) = (None, why);
         why
     }
@@ -63,11 +63,11 @@ pub(super) struct Recent {
     pub(super) motions: History<PlanMotion>,
     pub(super) estimates: [History<NodeEstimate>; SLOTS],
     pub(super) commands: [History<MotorCommand>; SLOTS],
-    pub(super) used: Used,
+    pub(super) reported: ReportedParameters,
 }
 
 /// Returns the sample of that cycle or beat; 0 means that the process had not received one.
-fn seen<T>(history: &History<T>, number: u64, time_ns: u64) -> Result<Option<&T>, Why> {
+fn received<T>(history: &History<T>, number: u64, time_ns: u64) -> Result<Option<&T>, SkipReason> {
     match number {
         0 => Ok(None),
         _ => history.find(number, time_ns).map(Some).ok_or(INPUT),
@@ -76,19 +76,19 @@ fn seen<T>(history: &History<T>, number: u64, time_ns: u64) -> Result<Option<&T>
 
 /// motor-io: safety machine and arbiter.
 pub(super) struct MotorIo {
-    life: Life<Core>,
-    made: History<Result<Observation, Why>>,
+    incarnations: Incarnations<Core>,
+    made: History<Result<Observation, SkipReason>>,
     answers: History<Answer>,
 }
 
 impl MotorIo {
     pub(super) fn new() -> Self {
-        Self { life: Life::none(), made: History::new(), answers: History::new() }
+        Self { incarnations: Incarnations::new(), made: History::new(), answers: History::new() }
     }
 
     /// Computes one cycle.
     pub(super) fn step(&mut self, time_ns: u64, input: &MotorInput, configuration: &Configuration) {
-        let core = self.life.part(0, input.header.seq, || Some(configuration.core()));
+        let core = self.incarnations.part(0, input.header.seq, || Some(configuration.core()));
         let made = core.map(|core| {
             core.decide(input);
             for answer in core.answers() {
@@ -100,7 +100,7 @@ impl MotorIo {
     }
 
     /// Returns the outcome of a cycle.
-    pub(super) fn made(&self, cycle: u64, time_ns: u64) -> Result<&Observation, Why> {
+    pub(super) fn made(&self, cycle: u64, time_ns: u64) -> Result<&Observation, SkipReason> {
         self.made.find(cycle, time_ns).ok_or(INPUT)?.as_ref().map_err(|why| *why)
     }
 
@@ -112,12 +112,12 @@ impl MotorIo {
 
 /// The estimators of a slot.
 pub(super) struct Estimators {
-    life: Life<Estimator>,
+    incarnations: Incarnations<Estimator>,
 }
 
 impl Estimators {
     pub(super) fn new() -> Self {
-        Self { life: Life::none() }
+        Self { incarnations: Incarnations::new() }
     }
 
     /// Recomputes the step that produced `recorded`.
@@ -127,31 +127,33 @@ impl Estimators {
         recorded: &NodeEstimate,
         recent: &Recent,
         configuration: &Configuration,
-    ) -> Result<NodeEstimate, Why> {
+    ) -> Result<NodeEstimate, SkipReason> {
         let NodeEstimate { header, incarnation, method, seen_authority, .. } = *recorded;
-        let config = |said: Option<&str>| configuration.estimator(incarnation, method, said);
-        let begin = || config(recent.used.at_start(incarnation)).map(|config| Estimator::new(&config));
-        let estimator = self.life.part(incarnation, header.seq, begin)?;
-        if let Some(config) = recent.used.from(incarnation, header.seq).and_then(|said| config(Some(said))) {
+        let config = |parameters: Option<&str>| configuration.estimator(incarnation, method, parameters);
+        let begin = || config(recent.reported.at_start(incarnation)).map(|config| Estimator::new(&config));
+        let estimator = self.incarnations.part(incarnation, header.seq, begin)?;
+        if let Some(config) =
+            recent.reported.from(incarnation, header.seq).and_then(|parameters| config(Some(parameters)))
+        {
             estimator.configure(&config);
         }
         let state = recent.states.find(header.cycle, time_ns).ok_or(INPUT);
-        let inputs = state.and_then(|state| Ok((state, seen(&recent.authorities, seen_authority, time_ns)?)));
+        let inputs = state.and_then(|state| Ok((state, received(&recent.authorities, seen_authority, time_ns)?)));
         match inputs {
             Ok((state, authority)) => Ok(estimator.step(state, authority)),
-            Err(why) => Err(self.life.lose(why)),
+            Err(why) => Err(self.incarnations.lose(why)),
         }
     }
 }
 
 /// The controllers of a slot.
 pub(super) struct Controllers {
-    life: Life<Controller>,
+    incarnations: Incarnations<Controller>,
 }
 
 impl Controllers {
     pub(super) fn new() -> Self {
-        Self { life: Life::none() }
+        Self { incarnations: Incarnations::new() }
     }
 
     /// Recomputes the step that produced `recorded` and the command of the same number.
@@ -161,40 +163,42 @@ impl Controllers {
         recorded: &ControlStatus,
         recent: &Recent,
         configuration: &Configuration,
-    ) -> Result<(MotorCommand, ControlStatus), Why> {
+    ) -> Result<(MotorCommand, ControlStatus), SkipReason> {
         let ControlStatus { header, incarnation, chosen_law, .. } = *recorded;
-        let config = |said: Option<&str>| configuration.controller(incarnation, chosen_law, said);
-        let begin = || config(recent.used.at_start(incarnation)).map(Controller::new);
-        let controller = self.life.part(incarnation, header.seq, begin)?;
-        if let Some(config) = recent.used.from(incarnation, header.seq).and_then(|said| config(Some(said))) {
+        let config = |parameters: Option<&str>| configuration.controller(incarnation, chosen_law, parameters);
+        let begin = || config(recent.reported.at_start(incarnation)).map(Controller::new);
+        let controller = self.incarnations.part(incarnation, header.seq, begin)?;
+        if let Some(config) =
+            recent.reported.from(incarnation, header.seq).and_then(|parameters| config(Some(parameters)))
+        {
             controller.configure(config, configuration.fade_s());
         }
         match inputs(time_ns, recorded, recent) {
-            Ok(seen) => {
-                let (command, mut status) = controller.step(&seen);
+            Ok(inputs) => {
+                let (command, mut status) = controller.step(&inputs);
                 // An estimate that had no effect was not passed to the step.
                 status.seen_estimate = recorded.seen_estimate;
                 Ok((command, status))
             }
-            Err(why) => Err(self.life.lose(why)),
+            Err(why) => Err(self.incarnations.lose(why)),
         }
     }
 }
 
 /// Returns the inputs that the controller had when it computed `recorded`.
-fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Inputs<'a>, Why> {
+fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Inputs<'a>, SkipReason> {
     let cycles = recorded.seen_estimate;
     let mut estimates = [None; SLOTS];
     for (slot, history) in recent.estimates.iter().enumerate() {
-        let estimate = seen(history, cycles[slot], time_ns);
+        let estimate = received(history, cycles[slot], time_ns);
         // The estimate of the answered cycle is required. The other one only affects which is answered; that of a dead
         // estimator may be too old to be found.
         estimates[slot] = if cycles[slot] == recorded.header.cycle { estimate? } else { estimate.ok().flatten() };
     }
     Ok(Inputs {
         estimates,
-        motion: seen(&recent.motions, recorded.seen_motion, time_ns)?,
-        authority: seen(&recent.authorities, recorded.seen_authority, time_ns)?,
-        state: seen(&recent.states, recorded.seen_state, time_ns)?,
+        motion: received(&recent.motions, recorded.seen_motion, time_ns)?,
+        authority: received(&recent.authorities, recorded.seen_authority, time_ns)?,
+        state: received(&recent.states, recorded.seen_state, time_ns)?,
     })
 }

@@ -7,7 +7,7 @@ use cable_robot::{Distribution, Robot, Vector3, elastic};
 use command::values::finite;
 use command::{Answer, Failure, Output, points};
 use config::RobotFile;
-use plot::{Axis, BLACK, Chart, Legend, Look, Picture, Series, save_png};
+use plot::{Axis, BLACK, Chart, Legend, Picture, Series, SeriesStyle, save_png};
 use serde_json::{Value, json};
 use std::path::PathBuf;
 
@@ -177,18 +177,18 @@ fn picture(robot: &Robot, grid: &Grid, layers: &[Layer]) -> Picture {
         let values = layer.feasible.iter().map(|(_, m)| share(*m, most)).collect();
         let points = layer.feasible.iter().map(|(at, _)| *at).collect();
         let anchors = robot.anchors().iter().map(|a| [a.x, a.y]).collect();
-        let cells = Look::Cells([grid.step.x, grid.step.y], values);
+        let cells = SeriesStyle::Cells([grid.step.x, grid.step.y], values);
         Chart {
             caption: format!(
                 "z = {:.2} m: {:.1} m2",
                 layer.z_m,
                 layer.feasible.len() as f64 * grid.step.x * grid.step.y
             ),
-            x: Axis::of("x, m"),
-            y: Axis::of("y, m"),
+            x: Axis::auto("x, m"),
+            y: Axis::auto("y, m"),
             series: vec![
-                Series::line("", 0, points).looking(cells),
-                Series::line("", BLACK, anchors).looking(Look::Discs(4)),
+                Series::line("", 0, points).with_style(cells),
+                Series::line("", BLACK, anchors).with_style(SeriesStyle::Discs(4)),
             ],
             equal_scale: true,
             legend: Legend::UpperRight,
@@ -212,15 +212,15 @@ fn picture_of_plane(robot: &Robot, grid: &Grid, layers: &[Layer], most_n: f64) -
     let feasible = || layers.iter().flat_map(|layer| layer.feasible.iter().map(|([x, _], m)| ([*x, layer.z_m], *m)));
     let values: Vec<f64> = feasible().map(|(_, margin)| share(margin, most_n)).collect();
     let area_m2 = values.len() as f64 * grid.step.x * grid.step.z;
-    let cells = Look::Cells([grid.step.x, grid.step.z], values);
+    let cells = SeriesStyle::Cells([grid.step.x, grid.step.z], values);
     let anchors = robot.anchors().iter().map(|a| [a.x, a.z]).collect();
     let chart = Chart {
         caption: format!("{area_m2:.1} m2"),
-        x: Axis::of("x, m"),
-        y: Axis::of("z, m"),
+        x: Axis::auto("x, m"),
+        y: Axis::auto("z, m"),
         series: vec![
-            Series::line("", 0, feasible().map(|(at, _)| at).collect()).looking(cells),
-            Series::line("", BLACK, anchors).looking(Look::Discs(4)),
+            Series::line("", 0, feasible().map(|(at, _)| at).collect()).with_style(cells),
+            Series::line("", BLACK, anchors).with_style(SeriesStyle::Discs(4)),
         ],
         equal_scale: true,
         legend: Legend::UpperRight,

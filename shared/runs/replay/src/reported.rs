@@ -5,17 +5,17 @@ use std::collections::HashMap;
 
 /// Parameters as TOML by incarnation, each with the number of the first answer that was computed with them.
 #[derive(Debug, Default)]
-pub(super) struct Used(HashMap<u32, Vec<(u64, String)>>);
+pub(super) struct ReportedParameters(HashMap<u32, Vec<(u64, String)>>);
 
-impl Used {
-    pub(super) fn note(&mut self, said: &SystemConfig) {
+impl ReportedParameters {
+    pub(super) fn record(&mut self, report: &SystemConfig) {
         // from_seq is 0 for processes that answer no cycles; they are not recomputed.
-        if said.from_seq > 0 {
-            let parameters = (said.from_seq, text_of(&said.parameters));
-            let of_life = self.0.entry(said.incarnation).or_default();
+        if report.from_seq > 0 {
+            let parameters = (report.from_seq, text_of(&report.parameters));
+            let of_process = self.0.entry(report.incarnation).or_default();
             // Each new run file repeats the last report.
-            if !of_life.contains(&parameters) {
-                of_life.push(parameters);
+            if !of_process.contains(&parameters) {
+                of_process.push(parameters);
             }
         }
     }
@@ -31,7 +31,7 @@ impl Used {
     }
 
     fn at(&self, incarnation: u32, seq: u64) -> Option<&str> {
-        let of_life = self.0.get(&incarnation)?;
-        of_life.iter().rev().find(|(from, _)| *from == seq).map(|(_, parameters)| parameters.as_str())
+        let of_process = self.0.get(&incarnation)?;
+        of_process.iter().rev().find(|(from, _)| *from == seq).map(|(_, parameters)| parameters.as_str())
     }
 }
