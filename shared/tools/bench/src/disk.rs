@@ -123,7 +123,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
 }
 
 fn in_memory(folder: &Path) -> bool {
-    statfs(folder).is_ok_and(|found| found.f_type as u32 == commissioning::doctor::TMPFS)
+    statfs(folder).is_ok_and(|found| found.f_type as u32 == commissioning::doctor::TMPFS_MAGIC)
 }
 
 fn refused(error: std::io::Error) -> Failure {

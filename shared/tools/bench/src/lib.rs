@@ -79,7 +79,7 @@ impl Settings {
             let path = std::path::absolute(path).map_err(Failure::bad)?;
             let file = SystemFile::load(&path).map_err(Failure::bad)?;
             settings.rate_hz = file.rate_hz;
-            settings.runs = commissioning::doctor::where_it_will_be(&file.runs);
+            settings.runs = commissioning::doctor::nearest_existing(&file.runs);
             settings.least_bytes = file.recorder.min_free_bytes;
             settings.flush_s = file.recorder.flush_s;
             (settings.realtime, settings.controller, settings.estimator) =

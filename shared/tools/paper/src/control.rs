@@ -5,7 +5,7 @@ use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use anyhow::Result;
 use cable_control::motor_model::{PRIOR, PhiModel, RIDGE};
-use plot::{Axis, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 
 /// Control period of these flights, s. The paper gives none; ten iterations a second is what its serial link allows.
 const PERIOD_S: f64 = 0.1;
@@ -93,11 +93,11 @@ fn sweep_chart(quick: &[(u32, Track)], slow: &[(u32, Track)]) -> Chart {
     };
     Chart {
         caption: "RMS error over the horizon Delta".into(),
-        x: Axis::of("Delta, cycles of 0.1 s"),
-        y: Axis::of("mm"),
+        x: Axis::auto("Delta, cycles of 0.1 s"),
+        y: Axis::auto("mm"),
         series: vec![
-            Series::line(DRIVES[0].name, 0, curve(quick)).looking(Look::Marked),
-            Series::line(DRIVES[1].name, 1, curve(slow)).looking(Look::Marked),
+            Series::line(DRIVES[0].name, 0, curve(quick)).with_style(SeriesStyle::Marked),
+            Series::line(DRIVES[1].name, 1, curve(slow)).with_style(SeriesStyle::Marked),
         ],
         legend: Legend::UpperLeft,
         ..Chart::default()
@@ -138,12 +138,12 @@ pub fn fig7(effort: Effort) -> Result<Section> {
     let [estimate, truth] = [millimetres(track, Track::by_estimate), millimetres(track, Track::by_truth)];
     let trace = Chart {
         caption: format!("x along straight lines, Delta = {horizon}"),
-        x: Axis::of("time, s"),
-        y: Axis::of("x, m"),
+        x: Axis::auto("time, s"),
+        y: Axis::auto("x, m"),
         series: vec![
-            track.over_time("setpoint", GREY, |at| at.setpoint.x).looking(Look::Line(5)),
+            track.over_time("setpoint", GREY, |at| at.setpoint.x).with_style(SeriesStyle::Line(5)),
             track.over_time("estimate", 0, |at| at.estimate.x),
-            track.over_time("truth", 1, |at| at.truth.x).looking(Look::Dashed),
+            track.over_time("truth", 1, |at| at.truth.x).with_style(SeriesStyle::Dashed),
         ],
         ..Chart::default()
     };
@@ -193,11 +193,11 @@ pub fn fig8(effort: Effort) -> Result<Section> {
     };
     let spiral = Chart {
         caption: format!("the spiral from the side, Delta = {horizon}"),
-        x: Axis::of("m"),
-        y: Axis::of("m"),
+        x: Axis::auto("m"),
+        y: Axis::auto("m"),
         series: vec![
-            track.path("setpoint", GREY, |at| at.setpoint, oblique).looking(Look::Line(5)),
-            track.path("truth", 1, |at| at.truth, oblique).looking(Look::Line(1)),
+            track.path("setpoint", GREY, |at| at.setpoint, oblique).with_style(SeriesStyle::Line(5)),
+            track.path("truth", 1, |at| at.truth, oblique).with_style(SeriesStyle::Line(1)),
         ],
         equal_scale: true,
         legend: Legend::LowerRight,

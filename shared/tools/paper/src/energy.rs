@@ -8,7 +8,7 @@ use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, WinchEnergy
 use cable_robot::motor::Motor;
 use cable_robot::{Distribution, Matrix3, Vector3};
 use plant::{Plant, PlantConfig};
-use plot::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, BLACK, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 
 /// Intervals of Simpson's rule: an error of 3e-6.
 const INTERVALS: usize = 64;
@@ -148,12 +148,12 @@ pub fn fig11(effort: Effort) -> Result<Section> {
     }
     let map = Chart {
         caption: format!("I², from 0 (dark) to {} A² (bright)", fixed(top, 1)),
-        x: Axis::from_to("reel-in speed, m/s", speeds[0], fastest),
-        y: Axis::from_to("tension, N", tensions[0], tensions[tensions.len() - 1]),
+        x: Axis::fixed("reel-in speed, m/s", speeds[0], fastest),
+        y: Axis::fixed("tension, N", tensions[0], tensions[tensions.len() - 1]),
         series: vec![Series {
             name: String::new(),
             colour: 0,
-            look: Look::Cells([cell_v, cell_t], values),
+            style: SeriesStyle::Cells([cell_v, cell_t], values),
             points: cells,
         }],
         ..Chart::default()
@@ -166,15 +166,15 @@ pub fn fig11(effort: Effort) -> Result<Section> {
     };
     let lines = Chart {
         caption: "I² over tension".into(),
-        x: Axis::of("tension, N"),
-        y: Axis::of("A²"),
+        x: Axis::auto("tension, N"),
+        y: Axis::auto("A²"),
         series: [
             (fastest, 1, "raising at 0.3 m/s"),
             (0.1, 3, "raising at 0.1 m/s"),
             (speeds[0], 0, "lowering at 0.3 m/s"),
         ]
         .into_iter()
-        .map(|(speed, colour, name)| Series::line(name, colour, curve(speed)).looking(Look::Marked))
+        .map(|(speed, colour, name)| Series::line(name, colour, curve(speed)).with_style(SeriesStyle::Marked))
         .filter(|series| !series.points.is_empty())
         .collect(),
         legend: Legend::UpperLeft,
@@ -289,8 +289,8 @@ pub fn fig12(effort: Effort) -> Result<Section> {
         // Names stand in one of the two views, where there is room.
         let named = y == "z, m";
         let mut series = vec![
-            Series::line(if named { "anchors" } else { "" }, BLACK, anchors).looking(Look::Discs(5)),
-            Series::line("", GREY, outline).looking(Look::Dashed),
+            Series::line(if named { "anchors" } else { "" }, BLACK, anchors).with_style(SeriesStyle::Discs(5)),
+            Series::line("", GREY, outline).with_style(SeriesStyle::Dashed),
         ];
         for (k, tracks) in moves.flown.iter().enumerate() {
             let name = |text: &str| if k == 0 && named { text.to_owned() } else { String::new() };
@@ -299,8 +299,8 @@ pub fn fig12(effort: Effort) -> Result<Section> {
         }
         Chart {
             caption: caption.into(),
-            x: Axis::of("x, m"),
-            y: Axis::of(y),
+            x: Axis::auto("x, m"),
+            y: Axis::auto(y),
             series,
             equal_scale: true,
             legend: Legend::UpperLeft,
@@ -395,10 +395,10 @@ pub fn fig13(effort: Effort) -> Result<Section> {
         powers.push(motor.resistance_ohm * mean(&pick(&mut measured.iter().map(|i| i * i))));
         charts.push(Chart {
             caption: caption.into(),
-            x: Axis::of("time, s"),
-            y: Axis::of("current of motor 2, A"),
+            x: Axis::auto("time, s"),
+            y: Axis::auto("current of motor 2, A"),
             series: vec![
-                track.over_time("measured by the drive", 0, |at| at.current_a[cable]).looking(Look::Line(1)),
+                track.over_time("measured by the drive", 0, |at| at.current_a[cable]).with_style(SeriesStyle::Line(1)),
                 Series::line("expected", 1, expected),
             ],
             legend: Legend::LowerRight,
@@ -491,9 +491,9 @@ pub fn table5(effort: Effort) -> Result<Section> {
     let (top, bottom) = (regions[0][1], regions[regions.len() - 1][1]);
     let chart = Chart {
         caption: "energy of the optimal parabola over that of the line, ideal motors".into(),
-        x: Axis::of("height of the move, m (anchors at 3.2 m)"),
-        y: Axis::from_to("E", 0.0, 1.0),
-        series: vec![Series::line("", 0, regions).looking(Look::Marked)],
+        x: Axis::auto("height of the move, m (anchors at 3.2 m)"),
+        y: Axis::fixed("E", 0.0, 1.0),
+        series: vec![Series::line("", 0, regions).with_style(SeriesStyle::Marked)],
         ..Chart::default()
     };
     Ok(Section {

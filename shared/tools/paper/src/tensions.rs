@@ -7,7 +7,7 @@ use cable_robot::energy::parabola::at_fraction;
 use cable_robot::path::Parabola;
 use cable_robot::tension::FourCables;
 use cable_robot::{Anchors, CableVec, StructureMatrix, Vector3};
-use plot::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, BLACK, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 
 /// µ of the parabola of Figures 14 to 16, 1/m: a sag of 0.6 m on 5 m.
 const MU_PER_M: f64 = 0.1;
@@ -70,7 +70,7 @@ fn stand_in_words() -> String {
 }
 
 fn tension_axis() -> Axis {
-    Axis::of("tension, N")
+    Axis::auto("tension, N")
 }
 
 /// The same curve in two pieces where it jumps, so that no line is drawn through the jump.
@@ -103,11 +103,11 @@ pub fn fig14(effort: Effort) -> Result<Section> {
 
     let sums = Chart {
         caption: "sum of tensions".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
         y: tension_axis(),
         series: vec![
             Series::line("least norm", 0, along.curve(|i| along.least_norm[i].sum())),
-            Series::line("least sum (LP)", 1, along.curve(|i| along.min_sum[i].sum())).looking(Look::Dashed),
+            Series::line("least sum (LP)", 1, along.curve(|i| along.min_sum[i].sum())).with_style(SeriesStyle::Dashed),
         ],
         ..Chart::default()
     };
@@ -117,12 +117,13 @@ pub fn fig14(effort: Effort) -> Result<Section> {
         series.push(Series::line(&format!("cable {}, least sum", cable + 1), cable, lines));
     }
     for cable in 0..4 {
-        series.push(Series::line("", cable, along.curve(|i| along.least_norm[i][cable])).looking(Look::Dashed));
+        series
+            .push(Series::line("", cable, along.curve(|i| along.least_norm[i][cable])).with_style(SeriesStyle::Dashed));
     }
     let single = Chart {
         caption: "single cables: least sum (solid), least norm (dashed)".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::from_to("tension, N", 0.0, 40.0),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
+        y: Axis::fixed("tension, N", 0.0, 40.0),
         series,
         legend: Legend::UpperRight,
         ..Chart::default()
@@ -192,8 +193,8 @@ pub fn fig15(effort: Effort) -> Result<Section> {
     let never_more = ratios.iter().all(|r| *r <= 1.0 + 1e-12);
     let chart = Chart {
         caption: "sum of squares of tensions".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::from_to("N²", 0.0, 1800.0),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
+        y: Axis::fixed("N²", 0.0, 1800.0),
         series: vec![
             Series::line("least sum (LP)", 1, along.curve(|i| along.min_sum[i].norm_squared())),
             Series::line("least norm", 0, along.curve(|i| along.least_norm[i].norm_squared())),
@@ -232,21 +233,21 @@ pub fn fig16(effort: Effort) -> Result<Section> {
     let jump = Some(at);
     let operating = Chart {
         caption: "tension of cable 4 within what is feasible".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::from_to("tension, N", 0.0, 36.0),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
+        y: Axis::fixed("tension, N", 0.0, 36.0),
         series: vec![
             Series::line("feasible from", GREY, along.curve(|i| along.interval_n[i][0])),
             Series::line("feasible to", BLACK, along.curve(|i| along.interval_n[i][1])),
             Series::line("least sum (LP)", 1, broken(along.curve(|i| last(&along.min_sum, i)), jump))
-                .looking(Look::Dashed),
+                .with_style(SeriesStyle::Dashed),
             Series::line("least norm", 0, along.curve(|i| last(&along.least_norm, i))),
         ],
         ..Chart::default()
     };
     let slope = Chart {
         caption: "c of (37): how the sum changes with that tension".into(),
-        x: Axis::from_to("fraction of the way", 0.0, 1.0),
-        y: Axis::of("c"),
+        x: Axis::fixed("fraction of the way", 0.0, 1.0),
+        y: Axis::auto("c"),
         series: vec![Series::line("", 2, along.curve(|i| along.c[i]))],
         ..Chart::default()
     };

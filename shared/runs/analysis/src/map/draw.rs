@@ -3,7 +3,7 @@
 use crate::map::contour::numbers as numbers_of;
 use crate::map::{contours, levels};
 use command::{Answer, Failure};
-use plot::{Canvas, equalise, scale, tick};
+use plot::{Canvas, equalise, format_tick, scale_colour};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use std::path::Path;
@@ -143,7 +143,7 @@ fn plane<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Re
                 column += 1;
             }
             let corners = [(end(x0, first), top), (end(x0, column), bottom)];
-            plane.draw_series([Rectangle::new(corners, scale(shade).filled())]).map_err(words)?;
+            plane.draw_series([Rectangle::new(corners, scale_colour(shade).filled())]).map_err(words)?;
         }
     }
     let at = |[column, row]: [f64; 2]| (x0 + (column + 0.5) * plot.cell_m, y0 + (row + 0.5) * plot.cell_m);
@@ -160,8 +160,8 @@ fn plane<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Re
         .axis_style(FRAME)
         .x_labels(9)
         .y_labels(8)
-        .x_label_formatter(&|value| tick(*value))
-        .y_label_formatter(&|value| tick(*value))
+        .x_label_formatter(&|value| format_tick(*value))
+        .y_label_formatter(&|value| format_tick(*value))
         .label_style(("sans-serif", TEXT_PX))
         .x_desc(format!("{}, m", plot.axes[0]))
         .y_desc(format!("{}, m", plot.axes[1]))
@@ -182,7 +182,7 @@ fn bar<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Resu
     let value = |step: usize| low + (high - low) * step as f64 / steps as f64;
     let steps_of_colour = (0..steps).map(|step| {
         let shade = Plot::shade(range, 0.5 * (value(step) + value(step + 1)));
-        Rectangle::new([(0.0, value(step + 1)), (1.0, value(step))], scale(shade).filled())
+        Rectangle::new([(0.0, value(step + 1)), (1.0, value(step))], scale_colour(shade).filled())
     });
     bar.draw_series(steps_of_colour).map_err(words)?;
     for level in levels(range) {
@@ -195,7 +195,7 @@ fn bar<B: DrawingBackend>(area: &DrawingArea<B, Shift>, plot: &Plot<'_>) -> Resu
     let (left, middle) = ((BAR_PX - numbers) as i32, f64::from(MARGIN_PX));
     for level in numbers_of(range) {
         let y = middle + tall * (high - level) / (high - low);
-        let text = Text::new(tick(level), (left, y as i32 - TEXT_PX as i32 / 2), style.clone());
+        let text = Text::new(format_tick(level), (left, y as i32 - TEXT_PX as i32 / 2), style.clone());
         area.draw(&text).map_err(words)?;
     }
     let (wide, _) = area.estimate_text_size(&plot.label, &style).map_err(words)?;

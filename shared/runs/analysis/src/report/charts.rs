@@ -4,7 +4,7 @@ use super::gather::{Gathered, Place};
 use super::trace::Trace;
 use cable_robot::Vector3;
 use messages::MotorAuthority;
-use plot::{Axis, BLACK, COLOURS, Chart, GREY, Look, Series, colour_of, ranges, svg};
+use plot::{Axis, BLACK, COLOURS, Chart, GREY, Series, SeriesStyle, css_colour, ranges, svg};
 use robot_state::sentences::mode_name;
 
 /// Teal, for what is estimated: no cable of three or four has it.
@@ -42,7 +42,7 @@ impl Figure {
     /// Of a chart.
     pub(super) fn new(caption: &str, size: (u32, u32), chart: Chart) -> Self {
         let named = chart.series.iter().filter(|series| !series.name.is_empty());
-        let key = named.map(|series| (colour_of(series.colour), series.name.clone())).collect();
+        let key = named.map(|series| (css_colour(series.colour), series.name.clone())).collect();
         Self { caption: caption.to_owned(), key, half: size.0 < WIDE.0, same_y: true, size, chart }
     }
 
@@ -99,13 +99,13 @@ impl Clock {
     }
 
     fn axis(&self) -> Axis {
-        Axis::from_to(self.label, 0.0, self.end)
+        Axis::fixed(self.label, 0.0, self.end)
     }
 
     /// Curves over time, the first at the bottom.
     fn chart(&self, label: &str, traces: &[(&str, usize, &Trace)], factor: f64) -> Chart {
         let series = traces.iter().flat_map(|(name, colour, trace)| trace.series(name, *colour, [self.factor, factor]));
-        Chart { x: self.axis(), y: Axis::of(label), series: series.collect(), ..Chart::default() }
+        Chart { x: self.axis(), y: Axis::auto(label), series: series.collect(), ..Chart::default() }
     }
 }
 
@@ -120,7 +120,7 @@ pub fn path(run: &Gathered) -> Vec<Figure> {
     let view = |caption: &str, labels: [&str; 2], onto: fn(&Vector3<f64>) -> [f64; 2]| {
         let curve = |which: usize| thinned(run.path.iter().map(|place: &Place| place[which].as_ref().map(onto)));
         let series = vec![
-            Series::line("set points", SETPOINT, curve(0)).looking(Look::Line(6)),
+            Series::line("set points", SETPOINT, curve(0)).with_style(SeriesStyle::Line(6)),
             Series::line("truth", TRUTH, curve(2)),
             Series::line("estimate", ESTIMATE, curve(1)),
         ];
@@ -178,8 +178,8 @@ pub fn site(run: &Gathered) -> Vec<Figure> {
     let last = run.path.iter().rev().find_map(|place| place[1]);
     for (i, anchor) in robot.anchors().iter().enumerate() {
         let line = last.map_or_else(Vec::new, |node| vec![onto(anchor), onto(&node)]);
-        series.push(Series::line("", i, line).looking(Look::Line(1)));
-        series.push(Series::line(&cable_name(i), i, vec![onto(anchor)]).looking(Look::Discs(5)));
+        series.push(Series::line("", i, line).with_style(SeriesStyle::Line(1)));
+        series.push(Series::line(&cable_name(i), i, vec![onto(anchor)]).with_style(SeriesStyle::Discs(5)));
     }
     let labels = if planar { ["x, m", "z, m"] } else { ["x, m", "y, m"] };
     let [x, y] = labels.map(Axis::of);
@@ -215,7 +215,7 @@ pub fn cables(run: &Gathered) -> Vec<Figure> {
             run.cables.iter().filter_map(|cable| cable.tension.extremes()).map(|[_, high]| high).fold(0.0, f64::max);
         for limit in robot.tension_limits_n().into_iter().filter(|limit| *limit < 1.3 * highest) {
             let ends = vec![[0.0, limit], [clock.end, limit]];
-            tensions.series.push(Series::line("limit", BLACK, ends).looking(Look::Dashed));
+            tensions.series.push(Series::line("limit", BLACK, ends).with_style(SeriesStyle::Dashed));
         }
     }
     vec![
@@ -274,7 +274,7 @@ pub fn timeline(run: &Gathered) -> Vec<Figure> {
         let at = series.iter().position(|series| series.name == name && series.colour == colour);
         match at {
             Some(at) => series[at].points.extend(blocks),
-            None => series.push(Series { name, colour, look: Look::Blocks, points: blocks }),
+            None => series.push(Series { name, colour, style: SeriesStyle::Blocks, points: blocks }),
         }
     };
     // from below: the slots, the legs, the mode
@@ -333,9 +333,9 @@ pub fn sensors(run: &Gathered) -> Vec<Figure> {
         let views = [("from above", ["x, m", "y, m"], 1), ("from the side", ["x, m", "z, m"], 2)];
         for (view, labels, axis) in views {
             let points = shown().map(|(place, _)| [place[0], place[axis]]).collect();
-            let scaled = Look::Scaled(4, shown().map(|(_, value)| share(*value)).collect());
+            let scaled = SeriesStyle::Scaled(4, shown().map(|(_, value)| share(*value)).collect());
             let [x, y] = labels.map(Axis::of);
-            let series = vec![Series::line("", 0, points).looking(scaled)];
+            let series = vec![Series::line("", 0, points).with_style(scaled)];
             let caption = format!("{name} over the path, {view}: {what} from {low:.4} (dark) to {high:.4} (light)");
             figures.push(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }));
         }

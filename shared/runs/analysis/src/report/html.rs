@@ -6,7 +6,7 @@ use super::legs::LegReport;
 use super::verdict::{Grade, Verdict};
 use messages::CABLES;
 use plot::page::{Table, html_table};
-use plot::{colour_of, escape};
+use plot::{css_colour, escape};
 use std::fmt::Write as _;
 
 const STYLE: &str = "\
@@ -378,7 +378,7 @@ fn cable_table(run: &Gathered) -> String {
     let mut html = html_table(&table);
     for i in 0..run.cables.len() {
         let name = cable_name(i);
-        let chip = format!("<td><span class=\"key\"><i style=\"background:{}\"></i></span>{name}</td>", colour_of(i));
+        let chip = format!("<td><span class=\"key\"><i style=\"background:{}\"></i></span>{name}</td>", css_colour(i));
         html = html.replacen(&format!("<td>{name}</td>"), &chip, 1);
     }
     scroll(&html)

@@ -1,6 +1,6 @@
 //! Curves of any length in bounded memory: least, greatest and mean of every stretch of time.
 
-use plot::{Look, Series};
+use plot::{Series, SeriesStyle};
 
 /// Stretches of one curve at most; a page shows about so many pixels.
 const STRETCHES: usize = 1000;
@@ -92,8 +92,8 @@ impl Trace {
             high.push(value * one.high);
         }
         vec![
-            Series { name: String::new(), colour, look: Look::Band(high), points: low },
-            Series { name: name.to_owned(), colour, look: Look::Line(2), points: middle },
+            Series { name: String::new(), colour, style: SeriesStyle::Band(high), points: low },
+            Series { name: name.to_owned(), colour, style: SeriesStyle::Line(2), points: middle },
         ]
     }
 }
@@ -149,7 +149,7 @@ mod tests {
         let count: u32 = trace.stretches.iter().map(|one| one.count).sum();
         assert_eq!(count, 1_000_000);
         let series = trace.series("x", 0, [1.0, 1.0]);
-        let Look::Band(high) = &series[0].look else { panic!("the first is the band") };
+        let SeriesStyle::Band(high) = &series[0].style else { panic!("the first is the band") };
         assert!(high.iter().any(|value| *value > 48.9));
         let at = high.iter().position(|value| *value > 48.9).unwrap();
         assert!((series[0].points[at][0] - 6543.21).abs() <= trace.stretch_s);

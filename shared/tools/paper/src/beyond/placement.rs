@@ -7,7 +7,7 @@ use super::super::stand_in;
 use super::{span, times};
 use anyhow::Result;
 use calibration::placement::corners;
-use plot::{Axis, Chart, Look, Picture, Series};
+use plot::{Axis, Chart, Picture, Series, SeriesStyle};
 
 /// Points at the corners instead of anywhere.
 pub fn placement(effort: Effort) -> Result<Section> {
@@ -42,13 +42,13 @@ pub fn placement(effort: Effort) -> Result<Section> {
     let (three_cornered, twenty_spread) = (curves[1][0][1], curves[0][curves[0].len() - 1][1]);
     let chart = Chart {
         caption: "mean error of the heights".into(),
-        x: Axis::of("number of points M"),
-        y: Axis::from_to("mm", 0.0, 60.0),
+        x: Axis::auto("number of points M"),
+        y: Axis::fixed("mm", 0.0, 60.0),
         series: curves
             .into_iter()
             .zip(["anywhere", "at the corners"])
             .enumerate()
-            .map(|(k, (points, name))| Series::line(name, 1 - k, points).looking(Look::Marked))
+            .map(|(k, (points, name))| Series::line(name, 1 - k, points).with_style(SeriesStyle::Marked))
             .collect(),
         ..Chart::default()
     };

@@ -7,7 +7,7 @@ use super::{span, times};
 use anyhow::{Context, Result};
 use config::{ControlLaw, ControllerSection};
 use controller::Law;
-use plot::{Axis, Chart, Look, Picture};
+use plot::{Axis, Chart, Picture, SeriesStyle};
 
 /// The lag-aware law with what it is told of the drives.
 fn preview_law(lag_s: Option<[f64; 2]>) -> Result<Law> {
@@ -140,9 +140,9 @@ pub fn preview(effort: Effort) -> Result<Section> {
     }
     let chart = Chart {
         caption: format!("distance from the setpoint by measured lengths on straight lines, {}", drives[0].name),
-        x: Axis::of("time, s"),
-        y: Axis::of("mm"),
-        series: traces.into_iter().map(|series| series.looking(Look::Line(1))).collect(),
+        x: Axis::auto("time, s"),
+        y: Axis::auto("mm"),
+        series: traces.into_iter().map(|series| series.with_style(SeriesStyle::Line(1))).collect(),
         ..Chart::default()
     };
     let [by_lengths, by_truth] = &ratios;

@@ -4,7 +4,7 @@ use super::super::flight::{DRIVES, Flight, Track};
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::{control, stand_in};
 use anyhow::Result;
-use plot::{Axis, Chart, Legend, Look, Picture, Series};
+use plot::{Axis, Chart, Legend, Picture, Series, SeriesStyle};
 
 /// Deflection of the node after a climb, with lines that are this much stiffer than the robot file says: mm, positive is too low.
 fn deflection(stretch: bool, stiffness_share: f64, height_m: f64) -> Result<(f64, Track)> {
@@ -74,13 +74,13 @@ pub fn stretch(effort: Effort) -> Result<Section> {
     let names = ["rigid lines assumed", "corrected", "corrected, believed 20 % too stiff"];
     let chart = Chart {
         caption: "deflection of the node".into(),
-        x: Axis::of("height after the climb, m"),
-        y: Axis::of("mm too low"),
+        x: Axis::auto("height after the climb, m"),
+        y: Axis::auto("mm too low"),
         series: curves
             .into_iter()
             .zip(names)
             .zip([1, 0, 3])
-            .map(|((points, name), colour)| Series::line(name, colour, points).looking(Look::Marked))
+            .map(|((points, name), colour)| Series::line(name, colour, points).with_style(SeriesStyle::Marked))
             .collect(),
         legend: Legend::UpperLeft,
         ..Chart::default()

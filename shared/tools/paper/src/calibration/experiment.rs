@@ -6,7 +6,7 @@ use super::super::stand_in;
 use super::{Encoders, SIGMA_LASER_M, anywhere, calibrate, survey};
 use anyhow::Result;
 use cable_robot::{Anchors, CableVec, kinematics};
-use plot::{Axis, Chart, GREY, Look, Picture, Series};
+use plot::{Axis, Chart, GREY, Picture, Series, SeriesStyle};
 
 /// Points of the experiment: the paper's text.
 const POINTS: usize = 43;
@@ -92,12 +92,12 @@ pub fn fig5(effort: Effort) -> Result<Section> {
         |curve: &[f64]| counts.iter().zip(curve).map(|(m, sigma)| [*m as f64, 1e3 * sigma]).collect::<Vec<_>>();
     let chart = Chart {
         caption: format!("standard deviation of the norm of the heights over {subsets} subsets"),
-        x: Axis::of("points in a subset, m"),
-        y: Axis::from_to("mm", 0.0, 40.0),
+        x: Axis::auto("points in a subset, m"),
+        y: Axis::fixed("mm", 0.0, 40.0),
         series: vec![
             Series::line("worst run", 1, points(&worst)),
             Series::line("median run", 0, points(&middle)),
-            Series::line("10 mm", GREY, vec![[3.0, 10.0], [POINTS as f64, 10.0]]).looking(Look::Dashed),
+            Series::line("10 mm", GREY, vec![[3.0, 10.0], [POINTS as f64, 10.0]]).with_style(SeriesStyle::Dashed),
         ],
         ..Chart::default()
     };
@@ -180,9 +180,9 @@ pub fn fig6(effort: Effort) -> Result<Section> {
         .collect();
     let chart = Chart {
         caption: "heights of the 43 points after calibration".into(),
-        x: Axis::of("mm"),
-        y: Axis::of("points"),
-        series: vec![Series::line("", 0, bins).looking(Look::Bars(0.9 * width))],
+        x: Axis::auto("mm"),
+        y: Axis::auto("points"),
+        series: vec![Series::line("", 0, bins).with_style(SeriesStyle::Bars(0.9 * width))],
         ..Chart::default()
     };
     let mut table = Table::new(

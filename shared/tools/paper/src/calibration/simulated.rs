@@ -6,7 +6,7 @@ use super::super::stand_in;
 use super::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors, shrunk, survey};
 use anyhow::Result;
 use calibration::gps_anchor;
-use plot::{Axis, Chart, GREY, Look, Picture, Series};
+use plot::{Axis, Chart, GREY, Picture, Series, SeriesStyle};
 
 /// What many simulated calibrations come to.
 #[derive(Debug, Clone, Copy)]
@@ -28,11 +28,11 @@ fn simulate(seed: u64, trials: usize, points: usize, sigma_length: f64) -> Resul
         let anchors = survey(&mut random, SIGMA_RANGE_M)?;
         let places = anywhere(&mut random, points);
         let lengths = Encoders::noisy(sigma_length).measure(&mut random, &places);
-        let (found, clipped) = calibrate(&anchors, &lengths)?;
+        let (found, clip_line) = calibrate(&anchors, &lengths)?;
         let [ez, e3] = errors(&found);
         z.push(ez);
         full.push(e3);
-        unreal += usize::from(clipped);
+        unreal += usize::from(clip_line);
     }
     Ok(Cell { mean_z: mean(&z), median_z: median(&z), mean_3d: mean(&full), unreal: unreal as f64 / trials as f64 })
 }
@@ -68,12 +68,12 @@ pub fn fig3(effort: Effort) -> Result<Section> {
     }
     let series = SIGMAS_M.iter().enumerate().rev().map(|(k, sigma)| {
         let points = counts.iter().zip(&cells).map(|(count, row)| [*count as f64, row[k].mean_z]).collect();
-        Series::line(&format!("σ_L = {sigma:.2} m"), k, points).looking(Look::Marked)
+        Series::line(&format!("σ_L = {sigma:.2} m"), k, points).with_style(SeriesStyle::Marked)
     });
     let chart = Chart {
         caption: "mean error of the heights".into(),
-        x: Axis::of("number of points M"),
-        y: Axis::from_to("m", 0.0, 1.3),
+        x: Axis::auto("number of points M"),
+        y: Axis::fixed("m", 0.0, 1.3),
         series: series.collect(),
         ..Chart::default()
     };
@@ -194,15 +194,15 @@ pub fn fig4(effort: Effort) -> Result<Section> {
         .enumerate()
         .map(|(colour, i)| {
             let points = (0..sigmas.len()).map(|k| [sigmas[k], ours[i][k].mean_3d]).collect();
-            Series::line(&format!("M = {}", counts[i]), colour, points).looking(Look::Marked)
+            Series::line(&format!("M = {}", counts[i]), colour, points).with_style(SeriesStyle::Marked)
         })
         .collect();
     let known = (0..sigmas.len()).map(|k| [sigmas[k], at_08[k][1]]).collect();
-    series.push(Series::line("three known points", GREY, known).looking(Look::Dashed));
+    series.push(Series::line("three known points", GREY, known).with_style(SeriesStyle::Dashed));
     let chart = Chart {
         caption: "mean error of anchor positions".into(),
-        x: Axis::of("σ_L, m"),
-        y: Axis::of("m"),
+        x: Axis::auto("σ_L, m"),
+        y: Axis::auto("m"),
         series,
         legend: plot::Legend::UpperLeft,
         ..Chart::default()

@@ -6,7 +6,7 @@ use super::section::{Check, Effort, Section, Table, fixed};
 use super::stand_in;
 use anyhow::Result;
 use plant::ground::Ground;
-use plot::{Axis, BLACK, Chart, GREY, Legend, Look, Picture, Series};
+use plot::{Axis, BLACK, Chart, GREY, Legend, Picture, Series, SeriesStyle};
 use scan::{Area, Errors, Scan};
 use survey::grid::GridSpec;
 
@@ -173,9 +173,14 @@ fn cells(area: &Area, spec: &GridSpec, caption: String, value: impl Fn(usize, [f
     let side = spec.cell_m * 1.02;
     Chart {
         caption,
-        x: Axis::from_to("x, m", area.low_m[0], area.high_m[0]),
-        y: Axis::from_to("y, m", area.low_m[1], area.high_m[1]),
-        series: vec![Series { name: String::new(), colour: 0, look: Look::Cells([side, side], values), points }],
+        x: Axis::fixed("x, m", area.low_m[0], area.high_m[0]),
+        y: Axis::fixed("y, m", area.low_m[1], area.high_m[1]),
+        series: vec![Series {
+            name: String::new(),
+            colour: 0,
+            style: SeriesStyle::Cells([side, side], values),
+            points,
+        }],
         equal_scale: true,
         ..Chart::default()
     }
@@ -207,12 +212,12 @@ fn course(flown: &[(&str, f64, &Scan)], errors: &[Errors], adaptive: &Scan) -> P
     let (coarse, patches) = adaptive.way.split_at(adaptive.second);
     let way = Chart {
         caption: "the way of the adaptive scan".into(),
-        x: Axis::from_to("x, m", low[0] - 0.1, high[0] + 0.1),
+        x: Axis::fixed("x, m", low[0] - 0.1, high[0] + 0.1),
         // room for the legend
-        y: Axis::from_to("y, m", low[1] - 0.1, high[1] + 1.0),
+        y: Axis::fixed("y, m", low[1] - 0.1, high[1] + 1.0),
         series: vec![
             Series::line("coarse", GREY, coarse.to_vec()),
-            Series::line("fine, where it changes", 1, patches.to_vec()).looking(Look::Line(1)),
+            Series::line("fine, where it changes", 1, patches.to_vec()).with_style(SeriesStyle::Line(1)),
         ],
         equal_scale: true,
         legend: Legend::UpperLeft,
@@ -228,12 +233,12 @@ fn course(flown: &[(&str, f64, &Scan)], errors: &[Errors], adaptive: &Scan) -> P
     let course = adaptive.course.iter().map(|[length_m, rmse_m]| [*length_m, 1e3 * rmse_m]).collect();
     let error = Chart {
         caption: "RMSE everywhere over the length of the way".into(),
-        x: Axis::of("path, m"),
-        y: Axis::of("mm"),
+        x: Axis::auto("path, m"),
+        y: Axis::auto("mm"),
         series: vec![
             Series::line("as good as the fine raster", BLACK, vec![[0.0, level], [longest, level]])
-                .looking(Look::Dashed),
-            Series::line("uniform rasters", 0, uniform).looking(Look::Marked),
+                .with_style(SeriesStyle::Dashed),
+            Series::line("uniform rasters", 0, uniform).with_style(SeriesStyle::Marked),
             Series::line("adaptive", 1, course),
         ],
         ..Chart::default()
