@@ -108,7 +108,7 @@ pub fn status(bus: &Bus) -> Answer<Output> {
     let mut lines = vec![format!("domain     {}", bus.domain().name())];
     if let Some(running) = Running::of(bus.domain()) {
         value["run"] = json!(running.run);
-        value["box"] = json!(running.system_file);
+        value["system"] = json!(running.system_file);
         lines.push(format!("run        {}", running.run.display()));
     }
     if let Some(set) = set.sample.filter(|set| set.changes > 0) {

@@ -73,7 +73,7 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
         assert!(report.channels.iter().any(|channel| channel.name == "motor/state"), "{report}");
         let mut reader = runlog::RunReader::open(&robot.run()).unwrap();
         while reader.next_sample().unwrap().is_some() {}
-        for name in ["box.toml", "robot.toml", "resolved.toml"] {
+        for name in ["system.toml", "robot.toml", "resolved.toml"] {
             assert!(reader.attachments().iter().any(|file| file.name == name), "{name} is not in the run file");
         }
         let command::Output { words, .. } = analysis::report::report(&[robot.run()], None).unwrap();

@@ -118,7 +118,7 @@ impl Told<'_> {
         let page = run.join(analysis::report::PAGE);
         let verdict = analysis::report::report(std::slice::from_ref(run), Some(&page))?.words;
         let value = json!({
-            "mission": mission.name, "box": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
+            "mission": mission.name, "system": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
             "recorded": { "messages": report.messages, "channels": report.channels.len(), "lost": lost(&report), "healthy": report.healthy },
             "mode": ending.mode, "run": run, "picture": analysis.as_ref().map(|_| &picture), "page": page, "died": ending.value["died"],
             "unrecorded": ending.value["unrecorded"], "broken_off": broken_off,

@@ -141,7 +141,7 @@ mod tests {
             assert_eq!(path, folder.path().join(format!("{expected}.mcap")));
             fs::write(if expected == "run" { path } else { part_of(&path) }, "").unwrap();
         }
-        fs::write(folder.path().join("box.toml"), "").unwrap();
+        fs::write(folder.path().join("system.toml"), "").unwrap();
         let names: Vec<_> =
             segments(folder.path()).unwrap().iter().map(|path| path.file_name().unwrap().to_owned()).collect();
         assert_eq!(names, ["run.mcap", "run-0002.mcap.part", "run-0003.mcap.part"]);

@@ -125,7 +125,7 @@ pub fn path(run: &Gathered) -> Vec<Figure> {
             Series::line("estimate", ESTIMATE, curve(1)),
         ];
         let series = series.into_iter().filter(|series| !series.points.is_empty()).collect();
-        let [x, y] = labels.map(Axis::of);
+        let [x, y] = labels.map(Axis::auto);
         Figure::new(caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() })
     };
     let side = view("Path from the side", ["x, m", "z, m"], |p| [p.x, p.z]);
@@ -182,7 +182,7 @@ pub fn site(run: &Gathered) -> Vec<Figure> {
         series.push(Series::line(&cable_name(i), i, vec![onto(anchor)]).with_style(SeriesStyle::Discs(5)));
     }
     let labels = if planar { ["x, m", "z, m"] } else { ["x, m", "y, m"] };
-    let [x, y] = labels.map(Axis::of);
+    let [x, y] = labels.map(Axis::auto);
     vec![Figure::new(
         "The robot: anchors, lines at the end of the run, path",
         VIEW,
@@ -334,7 +334,7 @@ pub fn sensors(run: &Gathered) -> Vec<Figure> {
         for (view, labels, axis) in views {
             let points = shown().map(|(place, _)| [place[0], place[axis]]).collect();
             let scaled = SeriesStyle::Scaled(4, shown().map(|(_, value)| share(*value)).collect());
-            let [x, y] = labels.map(Axis::of);
+            let [x, y] = labels.map(Axis::auto);
             let series = vec![Series::line("", 0, points).with_style(scaled)];
             let caption = format!("{name} over the path, {view}: {what} from {low:.4} (dark) to {high:.4} (light)");
             figures.push(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }));
