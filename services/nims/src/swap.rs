@@ -98,7 +98,7 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
             slot: Some(name_of(slot)),
             law: (law != DEFAULT).then(|| law.clone()),
         };
-        robot.tell(&processes::tell(bus, &start)?.words);
+        robot.tell(&processes::send_and_follow(bus, &start)?.words);
     }
     let outcome = robot.qualify(slot, &new).and_then(|()| robot.take_over(slot));
     if let Err(failure) = outcome {
@@ -221,7 +221,7 @@ impl<'a> Robot<'a> {
         if !self.runs(process) {
             return Ok(());
         }
-        self.tell(&processes::tell(self.bus, &SupervisorCommand::Stop { name })?.words);
+        self.tell(&processes::send_and_follow(self.bus, &SupervisorCommand::Stop { name })?.words);
         Ok(())
     }
 
