@@ -53,7 +53,8 @@ pub enum Command {
     Processes(processes::Command),
     /// Replace the controller or estimator in charge while the robot moves.
     Swap(swap::Args),
-    /// Set a parameter of all controllers or estimators while the robot runs, until the run ends; without a value, show it.
+    /// Set a parameter of all controllers or estimators while the robot runs, until the run ends; without a value, show
+    /// it.
     #[command(after_help = set::help())]
     Set(set::Args),
     /// Cause a fault in the virtual motor box or in a process; `nims fault list` lists the faults.
@@ -77,7 +78,8 @@ pub enum Command {
     Analysis(analysis::Command),
     /// Write the channels of a run, of any type, as tables for other tools: one file per channel.
     Export(ExportArgs),
-    /// Compute a recorded run again and compare every bit; with --law or --set: compute the commands of another law or parameter.
+    /// Compute a recorded run again and compare every bit; with --law or --set: compute the commands of another law or
+    /// parameter.
     Replay(replay::Args),
     /// Run the program nims-X as `nims X`.
     #[command(external_subcommand)]

@@ -1,7 +1,8 @@
 //! `nims fault`: causes faults in the virtual motor box or in a process.
 //!
-//! [`ROWS`] is the only specification of how and how soon the robot detects each fault, and of its reaction: `nims fault list`
-//! prints it, `docs/faults.md` is that output, and the tests cause the faults and compare the robot's behaviour with it.
+//! [`ROWS`] is the only specification of how and how soon the robot detects each fault, and of its reaction: `nims
+//! fault list` prints it, `docs/faults.md` is that output, and the tests cause the faults and compare the robot's
+//! behaviour with it.
 
 use bus::Bus;
 use command::{Answer, Failure, Output};

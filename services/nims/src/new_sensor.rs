@@ -92,7 +92,8 @@ fn rust(name: &str, nims: Option<&Path>) -> Answer<(Vec<PathBuf>, Vec<String>)> 
     Ok((written, next))
 }
 
-/// Returns the folder of the libraries that a Rust sensor depends on: in `nims`, or in the folder from which this program was built.
+/// Returns the folder of the libraries that a Rust sensor depends on: in `nims`, or in the folder from which this
+/// program was built.
 fn shared_of(nims: Option<&Path>) -> Answer<PathBuf> {
     let built_from = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
     let root = nims.unwrap_or(&built_from);

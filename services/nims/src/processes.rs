@@ -1,5 +1,5 @@
-//! `nims start`, `stop-process`, `restart`, `plug`, `unplug`: sends a request to the supervisor and waits until the process table
-//! shows the change.
+//! `nims start`, `stop-process`, `restart`, `plug`, `unplug`: sends a request to the supervisor and waits until the
+//! process table shows the change.
 
 use command::{Answer, Failure, Output};
 
@@ -75,16 +75,18 @@ pub struct StartArgs {
 pub struct PlugArgs {
     /// Name of the process: 1 to 16 of a-z, 0-9, dash.
     pub name: String,
-    /// If a process of this name runs: start the new one beside it, and end the old one at the first valid sample of the new one.
+    /// If a process of this name runs: start the new one beside it, and end the old one at the first valid sample of
+    /// the new one.
     #[arg(long)]
     pub replace: bool,
-    /// Program and arguments, after `--`; {name}, {domain}, {system} and {run} are replaced by the name of the process, the domain, the
-    /// system file and the run folder.
+    /// Program and arguments, after `--`; {name}, {domain}, {system} and {run} are replaced by the name of the process,
+    /// the domain, the system file and the run folder.
     #[arg(last = true, required = true)]
     pub command: Vec<String>,
 }
 
-/// Sends a request to the supervisor, waits until the process table shows the change, and returns the result as a sentence.
+/// Sends a request to the supervisor, waits until the process table shows the change, and returns the result as a
+/// sentence.
 ///
 /// # Errors
 /// As [`follow`].

@@ -1,5 +1,5 @@
-//! Programs in the same folder as `nims`: `nims up` runs the supervisor, and `nims X` runs `nims-X` if X is not built in, as git
-//! and cargo do.
+//! Programs in the same folder as `nims`: `nims up` runs the supervisor, and `nims X` runs `nims-X` if X is not built
+//! in, as git and cargo do.
 
 use command::{Answer, Failure};
 use std::ffi::{OsStr, OsString};

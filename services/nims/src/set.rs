@@ -24,7 +24,8 @@ pub struct Args {
     pub value: Option<String>,
 }
 
-/// Longest time in which a process applies a change, ns; the supervisor announces a change 0.1 s before it takes effect.
+/// Longest time in which a process applies a change, ns; the supervisor announces a change 0.1 s before it takes
+/// effect.
 const APPLY_NS: u64 = 5_000_000_000;
 /// The parameter for which `nims check` warns if it does not suit the drives.
 const HORIZON: &str = "controller.horizon_cycles";
@@ -81,8 +82,8 @@ fn changed(bus: &Bus, key: &str, value: &str) -> Answer<(SystemFile, SystemFile,
     Ok((before, after, robot))
 }
 
-/// Returns remarks on a change: running laws that do not use the parameter, and a warning about a horizon that does not suit the
-/// drives.
+/// Returns remarks on a change: running laws that do not use the parameter, and a warning about a horizon that does not
+/// suit the drives.
 fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Answer<String> {
     let role = key.split('.').next().unwrap_or_default();
     let mut idle: Vec<String> = Vec::new();
@@ -100,7 +101,8 @@ fn remarks(bus: &Bus, key: &str, before: &SystemFile, after: &SystemFile, robot:
     Ok(idle + &warning)
 }
 
-/// Returns the law or method of each running process of a role, from the process table; an empty string means "as configured".
+/// Returns the law or method of each running process of a role, from the process table; an empty string means "as
+/// configured".
 fn laws_of(bus: &Bus, role: &str) -> Answer<Vec<String>> {
     let mut rows = bus.subscriber::<ProcessState>("system/process")?;
     let alive = bus.domain().alive();
@@ -125,8 +127,8 @@ fn role_of(name: &str) -> Option<Role> {
     [Role::Controller, Role::Estimator].into_iter().find(|role| role.name() == name)
 }
 
-/// Returns the name of the law or method if the change does not alter its configuration. `None` also for custom programs, whose
-/// parameters are unknown.
+/// Returns the name of the law or method if the change does not alter its configuration. `None` also for custom
+/// programs, whose parameters are unknown.
 fn unchanged(role: &str, law: &str, before: &SystemFile, after: &SystemFile, robot: &RobotFile) -> Option<String> {
     match role {
         "controller" => {
@@ -174,7 +176,8 @@ fn followers(bus: &Bus, key: &str) -> Answer<Vec<Follower>> {
     Ok(followers)
 }
 
-/// Waits until each process reports that it has applied the change. Processes that have ended are ignored: they start with it.
+/// Waits until each process reports that it has applied the change. Processes that have ended are ignored: they start
+/// with it.
 fn follow(bus: &Bus, followers: &mut [Follower], changes: u32) -> Answer {
     let give_up = clock::now_ns() + APPLY_NS;
     loop {

@@ -14,7 +14,8 @@ use std::collections::BTreeMap;
 
 pub use robot_state::sentences::mode_name;
 
-/// Longest time to wait for a sample of every channel, ns: the slowest publish once a second, and the machine may stall.
+/// Longest time to wait for a sample of every channel, ns: the slowest publish once a second, and the machine may
+/// stall.
 const TIMEOUT_NS: u64 = 1_500_000_000;
 /// Time between two polls of the channels, ns.
 const POLL_NS: u64 = 20_000_000;
@@ -24,7 +25,8 @@ const OLD_S: f64 = 2.5;
 const SILENT_S: f64 = 1.0;
 /// Time to wait for a valid estimate if the position is known, ns: a cycle without readings has none, a later one may.
 const ESTIMATE_NS: u64 = 300_000_000;
-/// Time in which a new subscriber receives the stored log, ns: a process sends it with its next heartbeat, five times a second.
+/// Time in which a new subscriber receives the stored log, ns: a process sends it with its next heartbeat, five times a
+/// second.
 const LOG_NS: u64 = 500_000_000;
 
 /// Why no mission runs.
@@ -235,8 +237,8 @@ fn port_warning(bus: &Bus) -> Answer<Option<String>> {
     Ok(warning)
 }
 
-/// Returns how reliable the position is. For a position that was restored at a start of motor-io, `row`, the row of motor-io in the
-/// process table, adds the time of that start.
+/// Returns how reliable the position is. For a position that was restored at a start of motor-io, `row`, the row of
+/// motor-io in the process table, adds the time of that start.
 pub(crate) fn position_words(position_known: u8, row: Option<&ProcessState>, now_ns: u64) -> String {
     let sentence = sentences::position_sentence(position_known);
     let Some(row) = row.filter(|_| position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT) else {
@@ -279,8 +281,8 @@ fn slots(slots: &MotorSlots, processes: &BTreeMap<String, ProcessState>, value: 
     }
 }
 
-/// Returns `authority` if motor-io runs and publishes, otherwise why the motors are not controlled: the last sample remains in shared
-/// memory after motor-io has ended.
+/// Returns `authority` if motor-io runs and publishes, otherwise why the motors are not controlled: the last sample
+/// remains in shared memory after motor-io has ended.
 fn steering<'a>(
     authority: Option<&'a MotorAuthority>,
     row: Option<&ProcessState>,
@@ -328,8 +330,8 @@ pub(crate) fn mission_words(plan: &PlanStatus, authority: Option<&MotorAuthority
     steered_words(plan, authority.ok_or_else(|| WITHOUT_MOTOR_IO.to_owned()))
 }
 
-/// As [`mission_words`], with the reason why the motors are not controlled: without motor-io no mission runs, even if the planner
-/// still reports one.
+/// As [`mission_words`], with the reason why the motors are not controlled: without motor-io no mission runs, even if
+/// the planner still reports one.
 fn steered_words(plan: &PlanStatus, steered: Result<&MotorAuthority, String>) -> String {
     let (name, reason) = (text_of(&plan.mission), text_of(&plan.reason));
     let slows = steered.as_ref().is_ok_and(|authority| {

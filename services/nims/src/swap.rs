@@ -1,7 +1,8 @@
 //! `nims swap`: another controller or estimator takes over while the robot moves.
 //!
-//! The new one is started in the slot that is not in charge, qualifies beside the one in charge, and takes over in a cycle that motor-io
-//! announces; the old one stays for a second, in case the new one fails, and is then ended, unless the box keeps a standby.
+//! The new one is started in the slot that is not in charge, qualifies beside the one in charge, and takes over in a
+//! cycle that motor-io announces; the old one stays for a second, in case the new one fails, and is then ended, unless
+//! the box keeps a standby.
 
 use crate::processes;
 use bus::{Bus, Subscriber, Waiter, clock};
@@ -39,7 +40,8 @@ pub struct Args {
     /// Whose.
     #[arg(value_enum)]
     pub role: SlottedRole,
-    /// Law or method, or the name of a `[[process]]` of that role; it is started in the free slot. Default: the standby that runs there.
+    /// Law or method, or the name of a `[[process]]` of that role; it is started in the free slot. Default: the standby
+    /// that runs there.
     pub name: Option<String>,
     /// Slot of the new one. Default: the one that is not in charge.
     #[arg(long, value_enum)]

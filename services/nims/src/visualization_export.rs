@@ -1,4 +1,5 @@
-//! `nims export RUN --visualization OUT`: draws a recorded run in three dimensions, with the code that draws a running robot.
+//! `nims export RUN --visualization OUT`: draws a recorded run in three dimensions, with the code that draws a running
+//! robot.
 
 use analysis::report::robot_of;
 use command::{Answer, Failure, Output};
@@ -70,7 +71,8 @@ struct Film {
 }
 
 impl Film {
-    /// Creates the file. `known` is a stamp with its UNIX time, for run files from other programs, which do not store the clock.
+    /// Creates the file. `known` is a stamp with its UNIX time, for run files from other programs, which do not store
+    /// the clock.
     fn begin(run: &Path, out: &Path, reader: &RunReader, known: Option<(u64, u64)>) -> Answer<Self> {
         let Some(robot) = robot_of(run, reader.attachments()) else {
             return Err(Failure::NotNow(format!(

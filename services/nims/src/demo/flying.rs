@@ -1,5 +1,5 @@
-//! The flight of the demonstration: arms the robot, sets the position, flies the mission, and resumes it after stops that were caused
-//! by a lack of CPU time.
+//! The flight of the demonstration: arms the robot, sets the position, flies the mission, and resumes it after stops
+//! that were caused by a lack of CPU time.
 
 use super::robot::Robot;
 use bus::clock;
@@ -81,7 +81,8 @@ pub fn fly(robot: &mut Robot, mission: &Path, start: &[f64; 3], planned_s: f64) 
     })
 }
 
-/// Returns why a mission was aborted or refused: the faults if there are any, because the planner's reason does not name them.
+/// Returns why a mission was aborted or refused: the faults if there are any, because the planner's reason does not
+/// name them.
 fn abort_reason(robot: &Robot, plan: &PlanStatus) -> String {
     let faults = robot.authority().map(robot_state::sentences::faults_of).unwrap_or_default();
     match faults.is_empty() {
@@ -93,7 +94,8 @@ fn abort_reason(robot: &Robot, plan: &PlanStatus) -> String {
 /// Shortest time between two messages about a resumed mission, ns: an overloaded machine causes a stop every second.
 const REPORT_NS: u64 = 10_000_000_000;
 
-/// Resumes the mission after stops that no operator requested and no process death explains: the machine lacked CPU time.
+/// Resumes the mission after stops that no operator requested and no process death explains: the machine lacked CPU
+/// time.
 #[derive(Debug, Default)]
 struct Resumes {
     count: u32,
@@ -133,8 +135,8 @@ impl Resumes {
     }
 }
 
-/// Time limits of a mission. A stalled machine only delays the mission, so the limit on the total time is generous; the limit on the
-/// time without progress detects a mission that never ends.
+/// Time limits of a mission. A stalled machine only delays the mission, so the limit on the total time is generous; the
+/// limit on the time without progress detects a mission that never ends.
 #[derive(Debug)]
 struct TimeLimits {
     planned_s: f64,

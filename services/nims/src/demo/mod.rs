@@ -33,8 +33,8 @@ const DEFAULT_SYSTEM: &str = "configs/systems/demo3.toml";
 /// Runs the demonstration and writes the report.
 ///
 /// # Errors
-/// Everything that failed, in one sentence. Before it returns, the processes are ended, the run file is closed and the report is
-/// written.
+/// Everything that failed, in one sentence. Before it returns, the processes are ended, the run file is closed and the
+/// report is written.
 pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
     let config = match &args.config {
         Some(config) => config.clone(),
@@ -104,8 +104,8 @@ struct Report<'a> {
 }
 
 impl Report<'_> {
-    /// Writes the report into the run folder. Returns the output, and what is damaged in the run file, if anything. `aborted` is the
-    /// reason why the mission was not completed.
+    /// Writes the report into the run folder. Returns the output, and what is damaged in the run file, if anything.
+    /// `aborted` is the reason why the mission was not completed.
     fn write(&self, aborted: Option<&str>) -> Answer<(Output, Option<String>)> {
         let Self { mission, flight, file, ending } = self;
         let run = &ending.run;

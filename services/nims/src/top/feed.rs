@@ -16,8 +16,8 @@ const NAME: &str = "nims-top";
 const OBSERVERS: [&str; 2] = [NAME, "nims-command"];
 /// Time between two checks whether the robot still runs, ns.
 const CHECK_NS: u64 = 1_000_000_000;
-/// Number of rows over which a rate is averaged. The recorder publishes one row per channel and second; an average over fewer
-/// flickers.
+/// Number of rows over which a rate is averaged. The recorder publishes one row per channel and second; an average over
+/// fewer flickers.
 const RATE_ROWS: usize = 4;
 
 /// Subscriptions to everything that `nims top` shows, with the newest sample of each.
@@ -201,7 +201,8 @@ fn is_alive(domain: &Domain) -> bool {
     domain.alive().iter().any(|node| !OBSERVERS.contains(&node.name.as_str()))
 }
 
-/// Returns the full scale from the robot file; the longest possible cable joins the two anchors that are farthest apart.
+/// Returns the full scale from the robot file; the longest possible cable joins the two anchors that are farthest
+/// apart.
 fn scale(bus: &Bus) -> Option<Scale> {
     let file = client::box_of(bus).ok()?.robot_file().ok()?;
     let robot = file.robot().ok()?;
