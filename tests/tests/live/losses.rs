@@ -151,7 +151,7 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         let said = std::fs::read_to_string(folder.path().join("stderr")).unwrap();
         let last = said.trim_end().lines().last().unwrap();
         assert!(
-            last.contains("broken off") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()),
+            last.contains("aborted") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()),
             "{said}"
         );
         assert!(
