@@ -144,7 +144,7 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         }
         let command::Output { value, words, .. } =
             analysis::report::report(std::slice::from_ref(&run), Some(&folder.path().join("live.html"))).unwrap();
-        assert!(words.contains("being flown") && words.contains("being recorded"), "{words}");
+        assert!(words.contains("is running") && words.contains("being recorded"), "{words}");
         assert!(value["runs"][0]["flown_m"].as_f64().unwrap() > 0.0 && !words.contains("-0.0"), "{words}");
         rustix::process::kill_process(rustix::process::Pid::from_child(&demo), Signal::INT).unwrap();
         assert_eq!(demo.wait().unwrap().code(), Some(1));
@@ -158,7 +158,7 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
             run.join("report.html").is_file() && run.join("report.svg").is_file() && run.join("report.json").is_file()
         );
         let command::Output { value, words, .. } = analysis::report::report(std::slice::from_ref(&run), None).unwrap();
-        assert!(words.contains("was broken off at") && !words.contains("-0.0"), "{words}");
+        assert!(words.contains("was aborted at") && !words.contains("-0.0"), "{words}");
         let legs = value["runs"][0]["legs"].as_array().unwrap();
         let (flown, sum) = (
             value["runs"][0]["flown_m"].as_f64().unwrap(),

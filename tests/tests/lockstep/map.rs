@@ -206,7 +206,7 @@ fn the_report_of_the_flight_shows_the_map() {
     analysis::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
     let text = std::fs::read_to_string(&page).unwrap();
     assert!(
-        text.contains("range as a map: distance from 0.") && text.contains("soil as a map: moisture_percent from ")
+        text.contains("Map of range: distance from 0.") && text.contains("Map of soil: moisture_percent from ")
     );
 }
 

@@ -62,9 +62,9 @@ fn one_run_several_and_a_torn_one() {
     assert_eq!(one["sensors"][0]["channel"], "sensor/height");
     for seen in [
         "Path from above",
-        "Tension, by truth",
+        "Tension (truth)",
         "Power of all motors",
-        "sensor/height over the path",
+        "sensor/height along the path",
         "cable 3",
         "Following",
     ] {
@@ -83,9 +83,9 @@ fn one_run_several_and_a_torn_one() {
     assert_eq!(value["runs"][1]["recording"]["healthy"], false);
     assert!(value["runs"][1]["analysis"]["truth"].is_null());
     assert!(
-        page.contains("three beside four") && page.contains("cable 4") && page.contains("There is no truth in the run")
+        page.contains("three and four") && page.contains("cable 4") && page.contains("The run has no truth")
     );
-    assert!(words.contains("four: ") && words.contains("the recording is not whole"), "{words}");
+    assert!(words.contains("four: ") && words.contains("the recording is incomplete"), "{words}");
     // The same axes on both sides.
     let ticks = |caption: &str, which: usize| -> String {
         let figure = page.split(&format!("<b>{caption}</b>")).nth(which).unwrap();

@@ -1,4 +1,4 @@
-//! How well a run followed its setpoints, from the run file alone.
+//! Tracking accuracy of a run, from the run file alone.
 
 use crate::counters::Count;
 use crate::tracker::{Cycle, Tracker};
@@ -9,51 +9,52 @@ use robot_state::Periods;
 use serde::Serialize;
 use std::path::Path;
 
-/// Deviation of a tension from the chosen one that counts as the same: this share of it, or the next constant.
+/// Relative deviation of a tension from the chosen one that counts as equal.
 const TENSION_SHARE: f64 = 0.15;
-/// See above, N.
+/// Absolute deviation that counts as equal, N.
 const TENSION_N: f64 = 2.0;
 
-/// Root mean square and maximum of an error.
+/// Root mean square and maximum of a position error.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Error {
     /// Root mean square, m.
     pub rms_m: f64,
     /// Maximum, m.
     pub max_m: f64,
-    /// How many samples.
+    /// Number of samples.
     pub samples: usize,
 }
 
-/// Tensions that really were, against those that were chosen.
+/// True tensions compared with the chosen ones.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Tensions {
-    /// Part of the samples in which every line is within 15 % or 2 N of the chosen tension.
+    /// Share of the samples in which every cable is within 15 % or 2 N of the chosen tension.
     pub as_chosen: f64,
     /// Largest deviation, N.
     pub worst_n: f64,
-    /// Least tension of any line, N.
+    /// Least tension of a cable, N.
     pub least_n: f64,
-    /// Largest tension of any line, N.
+    /// Greatest tension of a cable, N.
     pub greatest_n: f64,
 }
 
-/// What a run comes to.
+/// Accuracy of a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Analysis {
     /// Time in which the setpoint moved, s.
     pub moving_s: f64,
-    /// Estimate against setpoint, over moving cycles.
+    /// Error of the estimate from the setpoint, over moving cycles.
     pub estimate: Error,
-    /// Truth against setpoint, over moving cycles, also those without a valid estimate; only the virtual box knows it.
+    /// Error of the truth from the setpoint, over moving cycles, including those without a valid estimate; only the
+    /// virtual motor box publishes the truth.
     pub truth: Option<Error>,
-    /// Tensions by truth, over moving cycles.
+    /// True tensions over moving cycles.
     pub tensions: Option<Tensions>,
-    /// Control cycles that ran.
+    /// Number of control cycles.
     pub cycles: u64,
     /// Periods of missions: steered, paused, and lost by cause.
     pub periods: Periods,
-    /// For plots.
+    /// Points for plots.
     #[serde(skip)]
     pub track: Vec<Point>,
 }
@@ -61,19 +62,19 @@ pub struct Analysis {
 /// One moving cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Point {
-    /// Time since the first one, s.
+    /// Time since the first moving cycle, s.
     pub time_s: f64,
-    /// Where the node should be, m.
+    /// Setpoint, m.
     pub setpoint: Vector3<f64>,
-    /// Where it was estimated, m.
+    /// Estimated position, m.
     pub estimate: Vector3<f64>,
-    /// Where it was at the next true sample, m.
+    /// True position at the next sample of the truth, m.
     pub truth: Option<Vector3<f64>>,
-    /// How far that is from the set point of that sample's own time, m.
+    /// Distance of the true position from the setpoint at the time of its own sample, m.
     pub truth_off_m: Option<f64>,
 }
 
-/// Sums up what the cycles of a run come to.
+/// Accumulates the cycles of a run.
 #[derive(Default)]
 pub struct Tally {
     first: Option<MotorAuthority>,
@@ -86,13 +87,14 @@ pub struct Tally {
 }
 
 impl Tally {
-    /// Takes the next cycle in; a point for plots if the node was to move in it.
+    /// Adds the next cycle; returns a point for plots if the setpoint moves.
     pub fn add(&mut self, cycle: &Cycle<'_>) -> Option<Point> {
         let now = cycle.authority;
         self.first.get_or_insert(*now);
         self.last = Some(*now);
         let (Some(setpoint), Some(_), true) = (cycle.setpoint, cycle.next, cycle.moving) else { return None };
-        // Every true position between this cycle and the next, against the setpoint of its own time; also while there is no estimate.
+        // Compare every true position between this cycle and the next with the setpoint of its own time, also without
+        // an estimate.
         let mut nearest = None;
         for truth in cycle.truth {
             let Some(target) = cycle.setpoint_at(truth.header.stamp_ns) else { continue };
@@ -118,7 +120,7 @@ impl Tally {
         Some(point)
     }
 
-    /// The result; `None` if there was no cycle, or nothing moved.
+    /// Returns the accuracy; `None` without cycles or motion.
     #[must_use]
     pub fn result(&self, track: Vec<Point>, periods: Periods) -> Option<Analysis> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
@@ -134,10 +136,10 @@ impl Tally {
     }
 }
 
-/// Reads a run and compares.
+/// Reads a run and computes its accuracy.
 ///
 /// # Errors
-/// It cannot be read, or nothing moved in it.
+/// The run cannot be read, or nothing moved in it.
 pub fn analyse(run: &Path) -> Answer<Analysis> {
     let (mut tracker, mut tally, mut track) = (Tracker::default(), Tally::default(), Vec::new());
     let mut count = Count::default();
@@ -150,14 +152,14 @@ pub fn analyse(run: &Path) -> Answer<Analysis> {
     tracker.finish(&mut each);
     if tally.first.is_none() {
         return Err(Failure::NotNow(format!(
-            "{} holds no motor/authority: nothing can be said about it",
+            "{} has no channel motor/authority, so it cannot be analysed",
             run.display()
         )));
     }
     tally.result(track, count.periods()).ok_or_else(|| Failure::NotNow(format!("nothing moved in {}", run.display())))
 }
 
-/// Sums up distances.
+/// Accumulates distances.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Distances {
     squares: f64,
@@ -166,14 +168,14 @@ pub struct Distances {
 }
 
 impl Distances {
-    /// One more, m.
+    /// Adds a distance, m.
     pub fn add(&mut self, distance_m: f64) {
         self.squares += distance_m * distance_m;
         self.max_m = self.max_m.max(distance_m);
         self.samples += 1;
     }
 
-    /// `None` without any.
+    /// Returns the error; `None` without samples.
     #[must_use]
     pub fn result(&self) -> Option<Error> {
         let rms_m = (self.squares / self.samples.max(1) as f64).sqrt();

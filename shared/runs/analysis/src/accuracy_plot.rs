@@ -1,4 +1,4 @@
-//! One picture of a run: the path from above and from the side, and the tracking error over time.
+//! Plot of a run: the path from above and from the side, and the tracking error over time.
 
 use crate::accuracy::{Analysis, Point};
 use command::{Answer, Failure};
@@ -8,7 +8,7 @@ use std::error::Error;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (1000, 700);
-/// More points than pixels only make the file large.
+/// Maximum number of points; more points than pixels only enlarge the file.
 const POINTS: usize = 800;
 const PLANNED: RGBColor = RGBColor(150, 150, 150);
 const ESTIMATE: RGBColor = RGBColor(31, 119, 180);
@@ -18,13 +18,13 @@ type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 type Position = cable_robot::Vector3<f64>;
 type Drawn = Result<(), Box<dyn Error>>;
 
-/// Draws the run into an SVG file.
+/// Draws the run to an SVG file.
 ///
 /// # Errors
 /// The file cannot be written.
 pub fn draw(path: &Path, analysis: &Analysis, title: &str) -> Answer {
     let failed =
-        |error: Box<dyn Error>| Failure::NotNow(format!("the picture {} cannot be drawn: {error}", path.display()));
+        |error: Box<dyn Error>| Failure::NotNow(format!("the plot {} cannot be drawn: {error}", path.display()));
     let step = analysis.track.len().div_ceil(POINTS).max(1);
     let track: Vec<Point> = analysis.track.iter().step_by(step).copied().collect();
     let root = SVGBackend::new(path, SIZE).into_drawing_area();
@@ -57,7 +57,7 @@ fn view(
     };
     let (mut x0, mut x1) = (bound(|p| p.0, f64::INFINITY, f64::min), bound(|p| p.0, f64::NEG_INFINITY, f64::max));
     let (mut y0, mut y1) = (bound(|p| p.1, f64::INFINITY, f64::min), bound(|p| p.1, f64::NEG_INFINITY, f64::max));
-    // The same scale on both axes, so that a circle is a circle.
+    // The same scale on both axes keeps circles round.
     let half = 0.55 * (x1 - x0).max((y1 - y0) * 1.25).max(0.1);
     let (mid_x, mid_y) = ((x0 + x1) / 2.0, (y0 + y1) / 2.0);
     (x0, x1, y0, y1) = (mid_x - half, mid_x + half, mid_y - half / 1.25, mid_y + half / 1.25);

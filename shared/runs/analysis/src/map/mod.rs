@@ -1,4 +1,4 @@
-//! `nims map`: what the sensors of a run measured, as grids with uncertainty, contour pictures, point clouds and tables.
+//! `nims map`: maps the sensor readings of a run as grids with uncertainty, contour plots, point clouds and tables.
 
 mod contour;
 mod draw;
@@ -26,51 +26,51 @@ use survey::grid::{GridMap, GridOptions, GridSpec};
 pub struct Args {
     /// Run folder or file.
     pub run: PathBuf,
-    /// Folder for the files; default: map in the run folder, or beside the run file.
+    /// Folder for the files; default: map in the run folder, or in the folder of the run file.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
-    /// Only this sensor, NAME of sensor/NAME. May be given several times.
+    /// Only this sensor, NAME of sensor/NAME. Repeatable.
     #[arg(long, value_name = "NAME")]
     pub sensor: Vec<String>,
-    /// Side of a cell, m; default: a round size, of which about 80 cover what was measured.
+    /// Side of a cell, m; default: a round size with about 80 cells along the longer side.
     #[arg(long, value_name = "M", value_parser = above_zero)]
     pub cell: Option<f64>,
-    /// How far a sample speaks for its surroundings, m: half the distance of neighbouring tracks or more; default: four cells.
+    /// Range of influence of a sample, m: at least half the distance of neighbouring tracks; default: four cells.
     #[arg(long, value_name = "M", value_parser = above_zero)]
     pub reach: Option<f64>,
-    /// Which of a sensor's values, from 1; default: as the system file says, else the first.
+    /// Number of the value to map, from 1; default: from the system file, otherwise the first.
     #[arg(long, value_name = "N", requires = "sensor", value_parser = clap::value_parser!(u8).range(1..=8))]
     pub value: Option<u8>,
-    /// The value is a distance straight down, m: map the height of what is there.
+    /// The value is a distance straight down, m: map the height of the surface below.
     #[arg(long, requires = "sensor")]
     pub looks_down: bool,
-    /// Standard deviation of a value, in its unit; default: as the system file says, else estimated from the scatter.
+    /// Standard deviation of a value, in its unit; default: from the system file, otherwise estimated from the scatter.
     #[arg(long, value_name = "SIGMA", requires = "sensor", value_parser = above_zero)]
     pub sigma: Option<f64>,
-    /// Diameter of what the sensor sees at once, m; default: as the system file says, else a point.
+    /// Diameter of the sensor's footprint, m; default: from the system file, otherwise a point.
     #[arg(long, value_name = "M", requires = "sensor", value_parser = above_zero)]
     pub footprint: Option<f64>,
-    /// Find the place of every reading anew, also where the sensor logger did so in flight.
+    /// Recompute the position of every reading, also of those that the sensor logger recorded.
     #[arg(long)]
     pub recompute: bool,
 }
 
-/// Cells along the longer side, about, if no size is given.
+/// Default number of cells along the longer side, approximately.
 const CELLS: f64 = 80.0;
-/// Cells along a side at most.
+/// Maximum number of cells along a side.
 const MOST_CELLS: f64 = 2000.0;
 
-/// What was measured by one sensor.
+/// Samples of one sensor.
 #[derive(Default)]
 struct Measured {
     samples: Vec<Sample>,
     origin: Origin,
 }
 
-/// Writes the maps.
+/// Runs `nims map`.
 ///
 /// # Errors
-/// There is no run, it has no such sensor, or a file cannot be written.
+/// The run does not exist or has no such sensor, or a file cannot be written.
 pub fn run(asked: &Args) -> Answer<Output> {
     there(&asked.run)?;
     let (robot, section) = read::files_of(&asked.run)?;
@@ -85,7 +85,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
             if asked.recompute && origin == Origin::Recorded {
                 return;
             }
-            // what the logger made in flight is what the robot knew; otherwise it is made now
+            // Samples recorded in flight have priority; computed ones are used if there are none.
             match (sensor.origin, origin) {
                 (Origin::Recorded, Origin::Computed) => return,
                 (Origin::Computed, Origin::Recorded) => sensor.samples.clear(),
@@ -97,7 +97,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
     })?;
     if let Some(absent) = asked.sensor.iter().find(|name| !heard.contains(name)) {
         let there = if heard.is_empty() { "none".to_owned() } else { heard.join(", ") };
-        return Err(Failure::BadInput(format!("the run has no sensor {absent}; there are {there}")));
+        return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
     let folder = asked.out.clone().unwrap_or_else(|| beside(&asked.run));
     std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, &error))?;
@@ -114,15 +114,15 @@ pub fn run(asked: &Args) -> Answer<Output> {
         }
     }
     if values.is_empty() {
-        let why = if words.is_empty() { "no reading of a sensor got a place".to_owned() } else { words.join("; ") };
-        return Err(Failure::NotNow(format!("{} gives no map: {why}", asked.run.display())));
+        let why = if words.is_empty() { "no reading of a sensor got a position".to_owned() } else { words.join("; ") };
+        return Err(Failure::NotNow(format!("{} has no data for a map: {why}", asked.run.display())));
     }
     words.push(format!("files in {}", folder.display()));
     Ok(Output::new(json!({ "run": asked.run, "folder": folder, "maps": values }), words.join("\n")))
 }
 
-/// Maps of the sensors of a run within these areas, by name, with about `cells` cells along the longer side; in memory that does not grow with
-/// the run.
+/// Computes maps of the sensors of a run within these areas, by name, with about `cells` cells along the longer side,
+/// in memory that does not grow with the run.
 ///
 /// # Errors
 /// The run cannot be read.
@@ -141,7 +141,7 @@ pub fn maps_within(
         let options = GridOptions { reach_m: 4.0 * spec.cell_m, ..config.options(&sensor, spec.cell_m) };
         Some(map.on(GridMap::new(spec, options).ok()?))
     };
-    // of each sensor what was recorded, and what is computed: which of them counts shows at the end
+    // For each sensor, one map of recorded and one of computed samples; the choice is possible only at the end.
     let mut both: BTreeMap<String, [Option<SensorMap>; 2]> = BTreeMap::new();
     samples_of(run, config, &mut Vec::new(), &mut |name, origin, sample| {
         if !both.contains_key(name) {
@@ -159,7 +159,7 @@ pub fn maps_within(
     Ok(filled.collect())
 }
 
-/// What was asked for goes before what the system file says.
+/// Overrides the settings of the system file with the command's arguments.
 fn adapt(config: &mut LoggerConfig, asked: &Args) {
     let names = if asked.sensor.is_empty() { Vec::new() } else { asked.sensor.clone() };
     for name in names {
@@ -174,7 +174,7 @@ fn adapt(config: &mut LoggerConfig, asked: &Args) {
     }
 }
 
-/// The map of one sensor; or why there is none.
+/// Computes the map of one sensor, or returns the reason why it has none.
 fn one(config: &LoggerConfig, asked: &Args, name: &str, measured: &Measured) -> Result<SensorMap, String> {
     let sensor = config.sensor(name).ok_or("the system file excludes it")?;
     let Some(empty) = SensorMap::new(config, &sensor, 8).map_err(|error| error.to_string())? else {
@@ -182,7 +182,7 @@ fn one(config: &LoggerConfig, asked: &Args, name: &str, measured: &Measured) -> 
     };
     let points: Vec<[f64; 2]> =
         measured.samples.iter().filter_map(|sample| empty.point(sample)).map(|(place, _)| place).collect();
-    let spec = around(&points, asked.cell).ok_or("no reading of it has a value and a place")??;
+    let spec = around(&points, asked.cell).ok_or("none of its readings has a value and a position")??;
     let options =
         GridOptions { reach_m: asked.reach.unwrap_or(4.0 * spec.cell_m), ..config.options(&sensor, spec.cell_m) };
     let grid = GridMap::new(spec, options).map_err(|error| error.to_string())?;
@@ -192,7 +192,7 @@ fn one(config: &LoggerConfig, asked: &Args, name: &str, measured: &Measured) -> 
     Ok(map)
 }
 
-/// A grid about points, with cells of a round size if none is given.
+/// Returns a grid around the points; without a given cell size, with cells of a round size.
 fn around(points: &[[f64; 2]], cell_m: Option<f64>) -> Option<Result<GridSpec, String>> {
     let bound = |k: usize, from: f64, pick: fn(f64, f64) -> f64| points.iter().map(|point| point[k]).fold(from, pick);
     let low: [f64; 2] = std::array::from_fn(|k| bound(k, f64::INFINITY, f64::min));
@@ -207,15 +207,15 @@ fn around(points: &[[f64; 2]], cell_m: Option<f64>) -> Option<Result<GridSpec, S
     let cell_m = cell_m.unwrap_or(round);
     if longest_m / cell_m > MOST_CELLS {
         return Some(Err(format!(
-            "cells of {cell_m} m would be more than {MOST_CELLS} along {longest_m:.2} m; give larger ones with --cell"
+            "cells of {cell_m} m are too small: {longest_m:.2} m would have more than {MOST_CELLS} of them; give a larger size with --cell"
         )));
     }
-    // on whole cells, so that maps of several sensors and runs lie on each other
+    // Align to whole cells, so that maps of several sensors and runs have the same grid.
     let low = low.map(|value| (value / cell_m).floor() * cell_m);
     Some(GridSpec::covering(low, high.map(|value| value + 1e-6 * cell_m), cell_m).map_err(|error| error.to_string()))
 }
 
-/// About one map: JSON and a sentence.
+/// Returns a description of a map as JSON and as a sentence.
 fn told(name: &str, map: &SensorMap, measured: &Measured, written: &[PathBuf]) -> (Value, String) {
     let spec = map.grid().spec();
     let known: Vec<(f64, f64)> = (0..spec.rows)
@@ -253,7 +253,7 @@ fn told(name: &str, map: &SensorMap, measured: &Measured, written: &[PathBuf]) -
     (value, sentence)
 }
 
-/// `map` in the run folder, or beside a run file.
+/// Returns `map` in the run folder, or in the folder of a run file.
 fn beside(run: &Path) -> PathBuf {
     if run.is_dir() { run.join("map") } else { run.parent().unwrap_or(Path::new("")).join("map") }
 }

@@ -1,4 +1,5 @@
-//! The samples of a run: as the sensor logger made them in flight, and as the same code makes them now.
+//! Reads the samples of a run: those that the sensor logger recorded, and those that the same code computes from the
+//! readings.
 
 use crate::report::robot_file_of;
 use crate::runs::progress;
@@ -10,41 +11,41 @@ use runlog::{Attachment, FORMER_SYSTEM_FILE, RecordedSample, RunReader, SYSTEM_F
 use std::collections::HashMap;
 use std::path::Path;
 
-/// Places closer to the last one than this are not kept for the drawing of the path, m.
+/// Minimum distance of points on the drawn path, m.
 const STEP_M: f64 = 0.01;
 
-/// How a sample came to be.
+/// Origin of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Origin {
-    /// In flight, by the sensor logger.
+    /// Recorded in flight by the sensor logger.
     Recorded,
-    /// Now, from readings and estimates.
+    /// Computed from readings and estimates.
     #[default]
     Computed,
 }
 
-/// How the sensors of a run are to be taken: as its system file says.
+/// Returns the sensor settings of a run from its files.
 ///
 /// # Errors
-/// There is no robot file in it, or a system file that cannot be used.
+/// The run has no robot file, or a system file that cannot be used.
 pub fn config_of(run: &Path) -> Answer<LoggerConfig> {
     let (robot, section) = files_of(run)?;
     config(&robot, &section)
 }
 
-/// What these files make of the sensors.
+/// Resolves the sensor settings.
 pub(super) fn config(robot: &RobotFile, section: &SensorLoggerSection) -> Answer<LoggerConfig> {
     Ok(LoggerConfig::of(section, &robot.robot().map_err(Failure::not_now)?))
 }
 
-/// The robot file of a run, and the section of its system file.
+/// Reads the robot file of a run and the section `[sensor_logger]` of its system file.
 pub(super) fn files_of(run: &Path) -> Answer<(RobotFile, SensorLoggerSection)> {
     let mut reader = RunReader::open(run)?;
-    // what was kept inside the file stands before its first sample
+    // The attachments precede the first sample.
     reader.next_sample().map_err(Failure::not_now)?;
     let Some(robot) = robot_file_of(run, reader.attachments()).filter(|file| file.robot().is_ok()) else {
         return Err(Failure::NotNow(format!(
-            "{} holds no robot.toml that this program accepts, so it is not known what flew",
+            "{} has no robot.toml that this program accepts, so the robot is unknown",
             run.display()
         )));
     };
@@ -76,8 +77,8 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
     }
 }
 
-/// Gives every sample of every sensor to `take`: name, origin, sample; in memory that does not grow with the run. `heard` gets the names of
-/// all sensors. The path that was flown comes back.
+/// Passes every sample of every sensor to `take` as name, origin and sample, in memory that does not grow with the run.
+/// Adds the names of all sensors to `heard` and returns the flown path.
 ///
 /// # Errors
 /// The run cannot be read.
@@ -115,7 +116,7 @@ pub fn samples_of(
 struct Desk<'a> {
     config: &'a LoggerConfig,
     logger: Logger,
-    /// The logger's number of a channel, by its place in the run; `None`: it has none.
+    /// Index of a channel's sensor in the logger by channel index; `None` if the channel cannot be used.
     numbers: HashMap<usize, Option<usize>>,
     names: Vec<String>,
     now_ns: u64,

@@ -1,36 +1,36 @@
-//! What happened, a sentence each.
+//! Events of a run, one sentence each.
 
 use messages::{LogEvent, MotorAuthority, OperatorRequest, PlanStatus, ProcessState, text_of};
 use robot_state::sentences::{fault_sentences, faults_of, mode_name, mode_sentence};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// Events that are kept; a run with more than these is told by its first ones.
+/// Maximum number of stored events; of a run with more, the first ones are kept.
 const EVENTS: usize = 400;
 
-/// An event that comes again within this time is the same one, s.
+/// Time within which a repeated event is merged, s.
 const AGAIN_S: f64 = 10.0;
 
-/// What an event is about.
+/// Subject of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Kind {
-    /// The robot's mode.
+    /// Mode of the robot.
     Mode,
-    /// A fault, or a stop with a cause.
+    /// Fault, or a stop with a cause.
     Fault,
-    /// Somebody asked for something.
+    /// Operator request.
     Operator,
-    /// The mission.
+    /// Mission.
     Mission,
-    /// A process.
+    /// Process.
     Process,
-    /// A warning or an error in the log.
+    /// Warning or error in the log.
     Log,
 }
 
 impl Kind {
-    /// Its name.
+    /// Returns the name.
     pub fn name(self) -> &'static str {
         match self {
             Self::Mode => "mode",
@@ -43,38 +43,38 @@ impl Kind {
     }
 }
 
-/// One thing that happened.
+/// An event.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Event {
-    /// Since the beginning of the run, s.
+    /// Time since the start of the run, s.
     pub time_s: f64,
-    /// What it is about.
+    /// Subject.
     pub kind: Kind,
     /// One sentence.
     pub text: String,
-    /// How often within ten seconds; only the first time is told.
+    /// Number of occurrences within ten seconds; only the first is listed.
     pub times: u32,
 }
 
-/// What happened in a run.
+/// Events of a run.
 #[derive(Debug, Clone, Default)]
 pub struct Events {
     events: Vec<Event>,
-    /// How many more there were.
+    /// Number of events beyond the limit.
     pub left_out: usize,
-    /// How many faults there were.
+    /// Number of faults.
     pub faults: usize,
-    /// Processes that died, each once.
+    /// Names of the processes that died, without repetition.
     pub died: Vec<String>,
     mode: Option<u8>,
     bits: u32,
     mission: Option<(u8, u32, String)>,
     processes: BTreeMap<String, Known>,
-    /// When a process died, and which.
+    /// Time and name of each process that died.
     deaths: Vec<(f64, String)>,
 }
 
-/// What the process table said last of a process.
+/// Last entry of a process in the process table.
 #[derive(Debug, Clone)]
 struct Known {
     state: u8,
@@ -83,19 +83,20 @@ struct Known {
     role: String,
 }
 
-/// Whether a process in that state has ended without being asked.
+/// Returns whether a process in this state ended unexpectedly.
 fn is_dead(state: u8) -> bool {
     matches!(state, ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP)
 }
 
-/// What the process table says of a process, without the last line of its log where that is no warning: what it did last is not why it
-/// ended.
+/// Removes the last log line from a reason in the process table unless it is a warning or an error; other lines do not
+/// explain the end.
 fn without_chatter(reason: &str) -> &str {
     let begins = [": INFO ", ": DEBUG ", ": TRACE "].iter().filter_map(|level| reason.find(level)).min();
     begins.map_or(reason, |at| &reason[..at])
 }
 
-/// What a fault's sentence says is the case, without its cure, for use inside a sentence; the cables or units that it names stay.
+/// Returns the clause of a fault sentence without the remedy, for use inside a sentence; keeps the named cables or
+/// drive units.
 pub fn case_of(sentence: &str) -> String {
     let sentence = sentence.trim_end_matches('.');
     let (what, cure) = sentence.split_once(": ").unwrap_or((sentence, ""));
@@ -106,14 +107,14 @@ pub fn case_of(sentence: &str) -> String {
 }
 
 impl Events {
-    /// All of them, in the order of their time.
+    /// Returns all events, sorted by time.
     #[must_use]
     pub fn all(&self) -> &[Event] {
         &self.events
     }
 
     fn push(&mut self, time_s: f64, kind: Kind, text: String) {
-        // what repeats itself is told once and counted; it differs in nothing but its numbers
+        // Repeated events are listed once and counted; repetitions differ only in numbers.
         let bare = |text: &str| text.chars().filter(|letter| !letter.is_ascii_digit()).collect::<String>();
         let recent = self.events.iter_mut().rev().take(8).take_while(|event| (time_s - event.time_s).abs() < AGAIN_S);
         let mut same = recent.filter(|event| event.kind == kind && bare(&event.text) == bare(&text));
@@ -128,7 +129,7 @@ impl Events {
         }
     }
 
-    /// Changes of mode and new faults.
+    /// Records changes of mode and new faults.
     pub fn cycle(&mut self, time_s: f64, authority: &MotorAuthority) {
         let fresh = authority.faults & !self.bits;
         if fresh != 0 {
@@ -150,7 +151,7 @@ impl Events {
         }
     }
 
-    /// Requests that were answered.
+    /// Records answered requests.
     pub fn request(&mut self, time_s: f64, request: &OperatorRequest) {
         if request.answered != 1 {
             return;
@@ -162,7 +163,7 @@ impl Events {
         }
     }
 
-    /// Beginnings and ends of missions, and refusals. True if the state of a mission changed.
+    /// Records starts and ends of missions, and rejections. Returns whether the state of a mission changed.
     pub fn plan(&mut self, time_s: f64, status: &PlanStatus) -> bool {
         let mission = text_of(&status.mission);
         let now = (status.state, status.refused, mission.clone());
@@ -178,28 +179,28 @@ impl Events {
                     .as_ref()
                     .is_some_and(|(state, _, known)| *state == PlanStatus::STATE_PAUSED && *known == mission) =>
             {
-                format!("The mission \"{mission}\" goes on: {:.1} s left.", status.time_left_s)
+                format!("The mission \"{mission}\" continues: {:.1} s left.", status.time_left_s)
             }
             PlanStatus::STATE_RUNNING => {
-                format!("The mission \"{mission}\" runs: {} legs, {:.1} s.", status.legs, status.time_left_s)
+                format!("The mission \"{mission}\" started: {} legs, {:.1} s.", status.legs, status.time_left_s)
             }
             PlanStatus::STATE_PAUSED => format!("The mission \"{mission}\" is paused."),
-            PlanStatus::STATE_DONE => format!("The mission \"{mission}\" is done."),
-            PlanStatus::STATE_ABORTED => format!("The mission \"{mission}\" was given up{because}"),
-            PlanStatus::STATE_REFUSED => format!("A motion was refused{because}"),
+            PlanStatus::STATE_DONE => format!("The mission \"{mission}\" is complete."),
+            PlanStatus::STATE_ABORTED => format!("The mission \"{mission}\" was aborted{because}"),
+            PlanStatus::STATE_REFUSED => format!("A motion was rejected{because}"),
             _ => return false,
         };
         self.push(time_s, Kind::Mission, what);
         true
     }
 
-    /// Deaths and restarts.
+    /// Records deaths and restarts of processes.
     pub fn process(&mut self, time_s: f64, process: &ProcessState) {
         let name = text_of(&process.name);
         let lives = |state: u8| {
             matches!(state, ProcessState::STATE_READY | ProcessState::STATE_RUNNING | ProcessState::STATE_SILENT)
         };
-        // A newcomer that did not get the name (`nims plug --replace`) is not the process of that name.
+        // A new process that did not take over the name (`nims plug --replace`) is not the process of that name.
         let other = |known: &Known| lives(known.state) && process.pid != 0 && known.pid != process.pid;
         if process.state == ProcessState::STATE_STOPPED && self.processes.get(&name).is_some_and(other) {
             return;
@@ -221,17 +222,17 @@ impl Events {
             }
         }
         let what = match process.state {
-            ProcessState::STATE_DIED => "has died",
-            ProcessState::STATE_SILENT => "gives no sign of life",
-            ProcessState::STATE_GAVE_UP => "died too often and is not started again",
-            ProcessState::STATE_READY if before.is_some_and(|before| before < restarts) => "was started again",
+            ProcessState::STATE_DIED => "died",
+            ProcessState::STATE_SILENT => "sends no heartbeat",
+            ProcessState::STATE_GAVE_UP => "died too often and is not restarted",
+            ProcessState::STATE_READY if before.is_some_and(|before| before < restarts) => "was restarted",
             ProcessState::STATE_READY if process.restarts > 0 => "is ready again",
             _ => return,
         };
         self.push(time_s, Kind::Process, format!("{name} {what}{because}"));
     }
 
-    /// Warnings and errors.
+    /// Records warnings and errors.
     pub fn log(&mut self, time_s: f64, event: &LogEvent) {
         if event.level >= LogEvent::LEVEL_WARN {
             let level = if event.level == LogEvent::LEVEL_WARN { "warns" } else { "reports an error" };
@@ -239,21 +240,21 @@ impl Events {
         }
     }
 
-    /// A process of that role that gave no sign of life at last, without having died.
+    /// Returns a process of this role that last sent no heartbeat, without having died.
     #[must_use]
     pub fn silent(&self, role: &str) -> Option<&str> {
         let is = |known: &Known| known.role == role && known.state == ProcessState::STATE_SILENT;
         self.processes.iter().find(|(_, known)| is(known)).map(|(name, _)| name.as_str())
     }
 
-    /// A process of that role that had died when the recording ended.
+    /// Returns a process of this role that was dead at the end of the recording.
     #[must_use]
     pub fn dead(&self, role: &str) -> Option<&str> {
         let mut dead = self.processes.iter().filter(|(_, known)| known.role == role && is_dead(known.state));
         dead.next().map(|(name, _)| name.as_str())
     }
 
-    /// A process of that role that died between these times, s since the beginning of the run.
+    /// Returns a process of this role that died between these times, s since the start of the run.
     #[must_use]
     pub fn died_between(&self, role: &str, from_s: f64, to_s: f64) -> Option<&str> {
         let is = |name: &String| self.processes.get(name).is_some_and(|known| known.role == role);
@@ -261,7 +262,7 @@ impl Events {
         within.map(|(_, name)| name.as_str())
     }
 
-    /// The last fault between these times, s since the beginning of the run: what is the case.
+    /// Returns the clause of the last fault between these times, s since the start of the run.
     #[must_use]
     pub fn fault_between(&self, from_s: f64, to_s: f64) -> Option<String> {
         let faults = self.events.iter().filter(|event| event.kind == Kind::Fault);
@@ -269,7 +270,7 @@ impl Events {
         within.max_by(|a, b| a.time_s.total_cmp(&b.time_s)).map(|event| case_of(&event.text))
     }
 
-    /// Brings them into the order of their time.
+    /// Sorts the events by time.
     pub fn close(&mut self) {
         self.events.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
     }
@@ -321,11 +322,11 @@ mod tests {
         row.state = ProcessState::STATE_DIED;
         messages::put_text(&mut row.reason, "was ended by signal 9: INFO  estimator: parameters.toml is read");
         events.process(2.0, &row);
-        assert_eq!(events.all()[1].text, "estimator-a has died: was ended by signal 9");
+        assert_eq!(events.all()[1].text, "estimator-a died: was ended by signal 9");
         assert_eq!((events.dead("estimator"), events.dead("planner")), (Some("estimator-a"), None));
         (row.state, row.restarts) = (ProcessState::STATE_READY, 1);
         events.process(3.0, &row);
-        assert_eq!(events.dead("estimator"), None, "it is back");
+        assert_eq!(events.dead("estimator"), None, "it was restarted");
         assert_eq!(events.died_between("estimator", 1.5, 2.5), Some("estimator-a"));
         assert_eq!(events.died_between("estimator", 2.5, 9.0), None);
         let warned = "ended with exit code 1: WARN  estimator: the port: INFO is gone";

@@ -1,4 +1,4 @@
-//! Everything the page shows, gathered while the run is read once, in memory that does not grow with the run.
+//! Collects all data of the page in one pass over the run, in memory that does not grow with the run.
 
 use super::events::Events;
 use super::legs::Legs;
@@ -20,31 +20,31 @@ use runlog::{RecordedSample, RunInspection, RunReader, RunReport};
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-/// A silence of the control cycle that is seen as one, s.
+/// Minimum silence of the control cycle that interrupts a curve, s.
 const CYCLE_GAP_S: f64 = 0.5;
-/// Channels without which a part of the page is missing, and which part.
+/// Channels that the page needs, with the part that is missing without them.
 const NEEDED: [(&str, &str); 7] = [
     ("motor/authority", "modes, timing and legs"),
     ("motor/state", "lengths, speeds and currents of the cables"),
-    ("node/estimate/", "the path as it was flown"),
+    ("node/estimate/", "the flown path"),
     ("control/status/", "the chosen tensions"),
-    ("plan/motion", "set points and legs"),
+    ("plan/motion", "setpoints and legs"),
     ("energy", "power and energy"),
-    ("recorder/status", "the recorder's own account"),
+    ("recorder/status", "the recorder's statistics"),
 ];
 
-/// Times of one step of every cycle.
+/// Times of one step of the cycle.
 pub struct Times {
     /// Over the run, s.
     pub trace: Trace,
-    /// All of them, ns.
+    /// Distribution, ns.
     pub all: Histogram<u64>,
 }
 
 impl Times {
-    /// `None` only if the bounds made no sense.
+    /// `None` only for invalid bounds of the histogram.
     fn new() -> Option<Self> {
-        // up to a minute, two digits
+        // Up to a minute, with two significant digits.
         Histogram::new_with_bounds(1, 60_000_000_000, 2).ok().map(|all| Self { trace: Trace::new(CYCLE_GAP_S), all })
     }
 
@@ -54,23 +54,23 @@ impl Times {
     }
 }
 
-/// One cable.
+/// Data of one cable.
 pub struct Cable {
-    /// Line paid out, m.
+    /// Cable length, m.
     pub length: Trace,
-    /// dL/dt as measured, m/s.
+    /// Measured dL/dt, m/s.
     pub velocity: Trace,
-    /// Tension by the estimate, N.
+    /// Estimated tension, N.
     pub tension: Trace,
-    /// By truth, N.
+    /// True tension, N.
     pub true_tension: Trace,
-    /// A.
+    /// Motor current, A.
     pub current: Trace,
-    /// Energy and loss since start, J.
+    /// Electrical energy since the start, J.
     pub energy_j: f64,
-    /// Loss in the motor since start, J.
+    /// Loss in the motor since the start, J.
     pub loss_j: f64,
-    /// Commanded against measured velocity while the robot follows.
+    /// Difference of commanded and measured velocity during motions, m/s.
     pub lag: Distances,
 }
 
@@ -90,93 +90,93 @@ impl Cable {
     }
 }
 
-/// What the planner said last of a mission.
+/// Last status of a mission.
 pub struct Mission {
     /// `PlanStatus::STATE_*`.
     pub state: u8,
-    /// Its name.
+    /// Name of the mission.
     pub name: String,
-    /// How much of it was done, 0 to 1.
+    /// Completed share, 0 to 1.
     pub progress: f64,
-    /// Why it was given up or refused.
+    /// Reason for an abort or a rejection.
     pub reason: String,
-    /// Since when it is in this state, s since the beginning of the run.
+    /// Start of the current state, s since the start of the run.
     pub since_s: f64,
 }
 
-/// Points of the path.
+/// Setpoint, estimate and truth of one cycle, m.
 pub type Place = [Option<Vector3<f64>>; 3];
 
-/// A run, read.
+/// Data of a run.
 pub struct Gathered {
-    /// What people call it: the folder's or the file's name.
+    /// Name of the folder or file.
     pub name: String,
-    /// What is in the file, and how well.
+    /// Contents and condition of the files.
     pub recording: RunReport,
-    /// What lacks in it, a sentence each.
+    /// Missing data, one sentence each.
     pub lacks: Vec<String>,
-    /// The robot, if its file is there.
+    /// The robot, if its file is available.
     pub robot: Option<Robot>,
-    /// Errors and cycles; `None` if nothing moved.
+    /// Accuracy; `None` if nothing moved.
     pub analysis: Option<Analysis>,
-    /// The last word on the cycle: counts, period.
+    /// Last `motor/authority`.
     pub authority: Option<MotorAuthority>,
-    /// Of the first cycle.
+    /// Data of the cables.
     pub cables: Vec<Cable>,
-    /// Distance from the setpoint by estimate and by truth, m.
+    /// Distance of estimate and truth from the setpoint, m.
     pub errors: [Trace; 2],
-    /// Setpoint, estimate and truth, m.
+    /// Decimated path.
     pub path: Vec<Place>,
     /// Electrical power and loss of all motors, W.
     pub power: [Trace; 2],
-    /// Periods of missions, over all lives of motor-io.
+    /// Periods of missions over all lives of motor-io.
     pub periods: Periods,
-    /// Periods lost so far, by cause.
+    /// Accumulated lost periods, by cause.
     pub losses: [Trace; 4],
-    /// Tick to wake-up, bus exchange, oldest reading to command.
+    /// Times of a cycle: tick to wake-up, bus exchange, oldest reading to command.
     pub times: [Times; 3],
     /// Rate of the plan clock.
     pub rate: Trace,
-    /// Modes: from, to, s, and which.
+    /// Modes with start and end, s.
     pub modes: Vec<(f64, f64, u8)>,
-    /// Slots in charge: from, to, s, and controller and estimator.
+    /// Slots in charge of controller and estimator with start and end, s.
     pub slots: Vec<(f64, f64, [u8; 2])>,
-    /// What was flown.
+    /// Flown legs.
     pub legs: Legs,
-    /// What happened.
+    /// Events.
     pub events: Events,
-    /// Life signs: the last of each process, and how long its longest pass took.
+    /// Last heartbeat of each process.
     pub processes: BTreeMap<String, Heartbeat>,
-    /// Readings and samples.
+    /// Sensor readings and samples.
     pub sensors: Sensors,
-    /// What they say together, by the sensors' names.
+    /// Sensor maps, by sensor name.
     pub maps: BTreeMap<String, SensorMap>,
-    /// The recorder's last word on each channel.
+    /// Last recorder status of each channel.
     pub recorder: BTreeMap<String, RecorderStatus>,
-    /// Least free space, bytes.
+    /// Least free disk space, bytes.
     pub least_free_bytes: Option<u64>,
-    /// The last word on the mission.
+    /// Last status of the mission.
     pub mission: Option<Mission>,
-    /// Before the first sample and behind the last one, as the supervisor has the run, s: nothing was recorded then.
+    /// Unrecorded time before the first and after the last sample according to the supervisor, s.
     pub unrecorded_ends_s: [f64; 2],
-    /// Why the run ended, as the supervisor wrote it.
+    /// Reason for the end of the run from its manifest.
     pub ended_because: Option<String>,
-    /// Every mission that was done, aborted or refused.
+    /// Number of times that each mission was completed.
     pub missions: BTreeMap<String, u32>,
 }
 
 impl Gathered {
-    /// Time of the run in which nothing was recorded, s.
+    /// Returns the unrecorded time of the run, s.
     #[must_use]
     pub fn unrecorded_s(&self) -> f64 {
         self.recording.unrecorded_s + self.unrecorded_ends_s.iter().sum::<f64>()
     }
 }
 
-/// Reads a run; `progress` hears how far it is, 0 to 1.
+/// Reads a run; calls `progress` with the completed share, 0 to 1.
 ///
 /// # Errors
-/// There is no run, or it cannot be read.
+/// The run does not exist or cannot be read.
 pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
     let mut reader = RunReader::open(run)?;
     let mut inspection = RunInspection::default();
@@ -206,18 +206,18 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
     Ok(gathered)
 }
 
-/// A run in which nothing is.
+/// Returns an empty run.
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
 pub(super) fn blank() -> Gathered {
     Book::new().unwrap().found
 }
 
-/// What is being gathered.
+/// Collects the samples of a run.
 struct Book {
     /// Log time of the first sample, UNIX, ns.
     begin_ns: Option<u64>,
-    /// Its place on the clock of the stamps, ns.
+    /// The same instant on the clock of the stamps, ns.
     mono_ns: Option<i128>,
     last_s: f64,
     tally: Tally,
@@ -228,7 +228,8 @@ struct Book {
 
 impl Book {
     fn new() -> Answer<Self> {
-        let times = || Times::new().ok_or_else(|| Failure::NotNow("the histogram of times cannot be made".to_owned()));
+        let times =
+            || Times::new().ok_or_else(|| Failure::NotNow("the histogram of times cannot be created".to_owned()));
         let trace = || Trace::new(CYCLE_GAP_S);
         let found = Gathered {
             name: String::new(),
@@ -281,13 +282,13 @@ impl Book {
         self.last_s = self.last_s.max(self.logged_s(recorded));
     }
 
-    /// Time of a recorded sample since the beginning, s.
+    /// Returns the log time of a sample since the start, s.
     fn logged_s(&self, recorded: &RecordedSample<'_>) -> f64 {
         let begin_ns = self.begin_ns.unwrap_or(recorded.log_time_ns);
         (i128::from(recorded.log_time_ns) - i128::from(begin_ns)) as f64 * 1e-9
     }
 
-    /// Time of a stamp since the beginning, s.
+    /// Returns the time of a stamp since the start, s.
     fn time_s(&self, stamp_ns: u64) -> f64 {
         self.mono_ns.map_or(0.0, |mono_ns| (i128::from(stamp_ns) - mono_ns) as f64 * 1e-9)
     }
@@ -323,7 +324,7 @@ impl Book {
         }
         for (i, cable) in found.cables.iter_mut().enumerate() {
             if let Some(state) = cycle.state {
-                // Before the position is known, lengths are counted from zero and are no lengths.
+                // While the position is unknown, the values count from zero and are not lengths.
                 if state.position_known != MotorState::POSITION_UNKNOWN {
                     cable.length.add(time_s, state.length_m[i]);
                 }
@@ -382,7 +383,7 @@ impl Book {
         found.authority = Some(*authority);
     }
 
-    /// Samples that belong to no cycle. False if it knows the channel but not this version of its type.
+    /// Collects a sample that belongs to no cycle. Returns false for another version of a known channel's type.
     fn other(&mut self, recorded: &RecordedSample<'_>) -> bool {
         let time_s = self.logged_s(recorded);
         let found = &mut self.found;
@@ -444,25 +445,25 @@ impl Book {
         for (channel, what) in NEEDED {
             let there = recording.channels.iter().any(|one| one.name.starts_with(channel));
             if !there {
-                found.lacks.push(format!("There is no {channel} in the run, so {what} cannot be shown."));
+                found.lacks.push(format!("The run has no channel {channel}, so {what} cannot be shown."));
             }
         }
         if !other_version.is_empty() {
             let names: Vec<&str> = other_version.iter().map(String::as_str).collect();
             found.lacks.push(format!(
-                "{} of another version than this program: left out; the nims that recorded them shows them.",
+                "{}: recorded with another message version and not shown; the nims version that recorded the run can show them.",
                 names.join(", ")
             ));
         }
         if robot.is_none() {
             found.lacks.push(
-                "There is no robot.toml in the run, so anchors and limits are not shown and moves are not compared with straight lines."
+                "The run has no robot.toml, so anchors and limits are not shown, and moves are not compared with straight lines."
                     .to_owned(),
             );
         }
         if !recording.channels.iter().any(|one| one.name == "truth/node") {
             found.lacks.push(
-                "There is no truth in the run (only the virtual box knows it): errors are those of the estimate."
+                "The run has no truth (only the virtual motor box publishes it), so errors are those of the estimate."
                     .to_owned(),
             );
         }

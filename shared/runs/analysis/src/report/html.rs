@@ -1,4 +1,4 @@
-//! The page: one HTML file that needs nothing else, neither network nor scripts; light or dark as the reader's system is, and printable.
+//! The page: one self-contained, printable HTML file without scripts or network access, with a light and a dark theme.
 
 use super::charts::{self, Figure, cable_name};
 use super::gather::Gathered;
@@ -35,17 +35,17 @@ footer{margin-top:3rem;color:var(--soft);font-size:.82rem;border-top:1px solid v
 @media(max-width:760px){figure.half{width:100%}.runs{grid-template-columns:1fr}}\
 @media print{main{max-width:none;padding:0}h2{break-after:avoid}.scroll{overflow:visible;max-height:none}body{font-size:12px}table{font-size:.75rem}}";
 
-/// A run with what was concluded from it.
+/// A run with its assessment.
 pub struct Judged {
-    /// What was read.
+    /// The collected data.
     pub run: Gathered,
-    /// What it comes to.
+    /// The verdict.
     pub verdict: Verdict,
-    /// Its legs.
+    /// The legs.
     pub legs: Vec<LegReport>,
 }
 
-/// What one part of the page holds for one run.
+/// Content of one section for one run.
 #[derive(Default)]
 struct Part {
     before: String,
@@ -53,12 +53,12 @@ struct Part {
     after: String,
 }
 
-/// The page of one run, or of several side by side.
+/// Renders the page of one run, or of several side by side.
 pub fn page(runs: &[Judged]) -> String {
     let names: Vec<&str> = runs.iter().map(|judged| judged.run.name.as_str()).collect();
-    let title = names.join(" beside ");
+    let title = names.join(" and ");
     let mut out = String::new();
-    // Writing into a string cannot fail.
+    // Writing to a string cannot fail.
     let _ = write!(
         out,
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n<meta name=\"viewport\" content=\"width=device-width\">\n\
@@ -85,7 +85,7 @@ pub fn page(runs: &[Judged]) -> String {
         Part { figures, ..Part::default() }
     });
     section(&mut out, runs, "Tracking", |judged| Part { figures: charts::tracking(&judged.run), ..Part::default() });
-    section(&mut out, runs, "What happened", |judged| Part {
+    section(&mut out, runs, "Events", |judged| Part {
         figures: charts::timeline(&judged.run),
         after: event_table(&judged.run),
         ..Part::default()
@@ -100,7 +100,7 @@ pub fn page(runs: &[Judged]) -> String {
         figures: charts::power(&judged.run),
         ..Part::default()
     });
-    section(&mut out, runs, "The control cycle", |judged| Part {
+    section(&mut out, runs, "Control cycle", |judged| Part {
         before: timing_table(&judged.run),
         figures: charts::timing(&judged.run),
         after: process_table(&judged.run),
@@ -112,19 +112,19 @@ pub fn page(runs: &[Judged]) -> String {
             Part { figures, ..Part::default() }
         });
     }
-    section(&mut out, runs, "The recording", |judged| Part { before: recording(&judged.run), ..Part::default() });
+    section(&mut out, runs, "Recording", |judged| Part { before: recording(&judged.run), ..Part::default() });
     let _ = writeln!(
         out,
-        "<footer>Made by nims {} from the run {}. Bands show the least and the greatest value of each stretch of time, lines the mean.</footer>\n</main>\n</body>\n</html>",
+        "<footer>Created by nims {} from the run {}. Bands show the least and the greatest value of each time interval, lines the mean.</footer>\n</main>\n</body>\n</html>",
         escape(runtime::build::own()),
-        if runs.len() == 1 { "alone" } else { "files alone" }
+        if runs.len() == 1 { "file alone" } else { "files alone" }
     );
     out
 }
 
 fn section(out: &mut String, runs: &[Judged], title: &str, part: impl Fn(&Judged) -> Part) {
     let mut parts: Vec<Part> = runs.iter().map(part).collect();
-    // the same figure in every run has the same axes
+    // The same figure of all runs has the same axes.
     let captions: Vec<String> =
         parts.iter().flat_map(|part| part.figures.iter().map(|figure| figure.caption.clone())).collect();
     for (at, caption) in captions.iter().enumerate() {
@@ -166,7 +166,7 @@ fn draw(out: &mut String, figure: &Figure) {
     let _ = writeln!(out, "</figcaption>{}</figure>", figure.svg());
 }
 
-/// The figures that a run is known by, the same for every run.
+/// Returns the key figures of a run, the same list for every run.
 fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
     let run = &judged.run;
     let none = || "-".to_owned();
@@ -183,7 +183,7 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
     let lost: u64 = run.recording.channels.iter().map(|channel| channel.lost).sum();
     vec![
         ("started", run.recording.started.clone().unwrap_or_else(none)),
-        ("length of the run", seconds(run.recording.duration_s)),
+        ("duration", seconds(run.recording.duration_s)),
         (
             "robot",
             format!(
@@ -193,7 +193,7 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
             ),
         ),
         (
-            "path flown",
+            "flown path",
             format!(
                 "{}{:.2} m in {} legs",
                 super::verdict::at_least(run),
@@ -201,8 +201,8 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
                 judged.legs.len() + run.legs.left_out
             ),
         ),
-        ("off the set point, estimate, mm", mm(analysis.map(|analysis| &analysis.estimate))),
-        ("off the set point, truth, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
+        ("estimate from setpoint, mm", mm(analysis.map(|analysis| &analysis.estimate))),
+        ("truth from setpoint, mm", mm(analysis.and_then(|analysis| analysis.truth.as_ref()))),
         ("tensions", if low <= high { format!("{low:.1} to {high:.1} N") } else { none() }),
         ("electrical energy", format!("{energy:.1} J, {loss:.1} J of it lost")),
         ("steered", if run.periods.all() > 0 { run.periods.leading() } else { none() }),
@@ -210,7 +210,7 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
         ("faults", run.events.faults.to_string()),
         ("recorded; lost", format!("{} samples; {lost} in {:.1} s", run.recording.messages, run.unrecorded_s())),
         (
-            "in files of",
+            "size of the files",
             format!("{:.1} MB", run.recording.files.iter().map(|file| file.bytes as f64).sum::<f64>() * 1e-6),
         ),
     ]
@@ -238,7 +238,7 @@ fn scroll(table: &str) -> String {
     format!("<div class=\"scroll\">{table}</div>\n")
 }
 
-/// A table of sentences.
+/// Renders a table of sentences.
 fn words_table(table: &Table) -> String {
     scroll(&html_table(table).replacen("<table>", "<table class=\"words\">", 1))
 }
@@ -261,7 +261,7 @@ fn leg_table(judged: &Judged) -> String {
     }
     let head = [
         "leg",
-        "begins, s",
+        "start, s",
         "from, m",
         "to, m",
         "length, m",
@@ -300,7 +300,7 @@ fn leg_table(judged: &Judged) -> String {
     let more = match judged.run.legs.left_out {
         0 => String::new(),
         more => format!(
-            "<p class=\"soft\">And {more} more legs, which are in the figures above but not in the tables.</p>\n"
+            "<p class=\"soft\">{more} further legs are included in the figures above but not in the tables.</p>\n"
         ),
     };
     scroll(&html_table(&table)) + &more
@@ -317,9 +317,9 @@ fn energy_table(judged: &Judged) -> String {
         "mean power, W",
         "lost in the motors, J",
         "mean loss, W",
-        "lost by the model, J",
-        "straight line by the model, J",
-        "against the straight line",
+        "model: loss, J",
+        "model: straight line, J",
+        "compared with the straight line",
     ];
     let mut table = Table::new("", &head);
     for leg in moving {
@@ -339,8 +339,8 @@ fn energy_table(judged: &Judged) -> String {
         ]);
     }
     scroll(&html_table(&table))
-        + "<p class=\"soft\">Lost in the motors: current squared times armature resistance. By the model: the same for the path and the speeds as \
-           planned, and for a straight line between the same points with the same speed and acceleration.</p>\n"
+        + "<p class=\"soft\">Lost in the motors: current squared times armature resistance. Model: the same for the planned path and speeds, \
+           and for a straight line between the same points with the same speed and acceleration.</p>\n"
 }
 
 fn cable_table(run: &Gathered) -> String {
@@ -352,11 +352,11 @@ fn cable_table(run: &Gathered) -> String {
         "length, m",
         "speed, m/s",
         "tension, N",
-        "tension by truth, N",
+        "true tension, N",
         "current, A",
         "electrical, J",
         "lost, J",
-        "behind the command, RMS mm/s",
+        "velocity error, RMS mm/s",
     ];
     let mut table = Table::new("", &head);
     let span = |extremes: Option<[f64; 2]>, digits: usize| {
@@ -394,8 +394,8 @@ fn timing_table(run: &Gathered) -> String {
         table.row([name.to_owned(), quantile(0.5), quantile(0.99), quantile(0.999), ms(times.all.max())]);
     }
     let sentence = format!(
-        "<p>A period takes {:.1} ms. <b>{}</b> from missions' beginnings to their ends, less {} of operators' pauses: {}. Computer: a program did \
-         not get the processor, as the kernel says. Drive: no answer in time. Resync: a port was being brought back into step. Answer: no valid \
+        "<p>A period takes {:.1} ms. <b>{}</b> during missions, without {} periods of operators' pauses: {}. Computer: a program did \
+         not get the processor, according to the kernel. Drive: no answer in time. Resync: a port was being resynchronised. Answer: no valid \
          command, for any other reason.</p>\n",
         1000.0 * last.period_s,
         run.periods.leading(),
@@ -409,7 +409,7 @@ fn process_table(run: &Gathered) -> String {
     if run.processes.is_empty() {
         return String::new();
     }
-    let head = ["process", "passes", "median, ms", "99 %, ms", "longest, ms", "samples lost on the way to it"];
+    let head = ["process", "passes", "median, ms", "99 %, ms", "longest, ms", "lost input samples"];
     let mut table = Table::new("Loops of the processes", &head);
     for (name, beat) in &run.processes {
         let ms = |ns: u64| format!("{:.3}", ns as f64 * 1e-6);
@@ -436,7 +436,7 @@ fn event_table(run: &Gathered) -> String {
     }
     let more = match run.events.left_out {
         0 => String::new(),
-        more => format!("<p class=\"soft\">And {more} more.</p>\n"),
+        more => format!("<p class=\"soft\">{more} further events are not listed.</p>\n"),
     };
     words_table(&table) + &more
 }
@@ -453,13 +453,13 @@ fn recording(run: &Gathered) -> String {
         let lag = run.recorder.values().map(|status| status.worst_lag_ns).max().unwrap_or(0);
         let _ = writeln!(
             out,
-            "<p>The disk never had less than {:.1} GB free; a sample waited at most {:.1} ms for the recorder to write it.</p>",
+            "<p>The disk always had at least {:.1} GB free. The recorder wrote each sample within {:.1} ms.</p>",
             free as f64 * 1e-9,
             lag as f64 * 1e-6
         );
     }
     if let Some(ended) = &recording.ended {
-        let _ = writeln!(out, "<p>It ended because: {}.</p>", escape(ended));
+        let _ = writeln!(out, "<p>End of the recording: {}.</p>", escape(ended));
     }
     let mut files = Table::new("Files", &["file", "MB", "state", "damage"]);
     for file in &recording.files {
@@ -472,7 +472,7 @@ fn recording(run: &Gathered) -> String {
             file.path.file_name().unwrap_or_default().to_string_lossy().into_owned(),
             format!("{:.2}", file.bytes as f64 * 1e-6),
             match (file.finished, file.recording, file.silent_s) {
-                (true, ..) => "closed in order".to_owned(),
+                (true, ..) => "closed properly".to_owned(),
                 (false, true, 0) => "being recorded".to_owned(),
                 (false, true, silent_s) => format!("open, nothing written for {silent_s} s"),
                 (false, false, _) => "not closed".to_owned(),

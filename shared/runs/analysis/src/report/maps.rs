@@ -1,4 +1,4 @@
-//! What each sensor measured, as a map for the page.
+//! Sensor maps for the page.
 
 use super::charts::{Figure, VIEW};
 use super::gather::Gathered;
@@ -9,10 +9,11 @@ use plot::{Axis, BLACK, Chart, Series, SeriesStyle};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Cells along the longer side: a page is read, not measured on.
+/// Number of cells along the longer side, a resolution for viewing only.
 const CELLS: f64 = 48.0;
 
-/// Maps of the sensors of a run by their names, where each was; none where there is no robot file, or nothing was measured on the way.
+/// Computes the maps of the sensors of a run by name, in the area of each sensor; empty without a robot file or without
+/// samples along the path.
 pub fn maps_of(run: &Path, sensors: &Sensors) -> BTreeMap<String, SensorMap> {
     if sensors.channels().is_empty() {
         return BTreeMap::new();
@@ -21,7 +22,7 @@ pub fn maps_of(run: &Path, sensors: &Sensors) -> BTreeMap<String, SensorMap> {
     map::maps_within(run, &config, &areas(sensors, &config), CELLS).unwrap_or_default()
 }
 
-/// Where each sensor was.
+/// Returns the area that each sensor covered.
 fn areas(sensors: &Sensors, config: &LoggerConfig) -> BTreeMap<String, [[f64; 2]; 2]> {
     let mut areas: BTreeMap<String, [[f64; 2]; 2]> = BTreeMap::new();
     for (channel, sensor) in sensors.channels() {
@@ -38,7 +39,7 @@ fn areas(sensors: &Sensors, config: &LoggerConfig) -> BTreeMap<String, [[f64; 2]
     areas
 }
 
-/// A figure for each map.
+/// Creates a figure for each map.
 pub fn figures(run: &Gathered) -> Vec<Figure> {
     run.maps.iter().filter_map(|(name, map)| figure(name, map)).collect()
 }
@@ -61,7 +62,7 @@ fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
         [spec.origin_m[0] + (column + 0.5) * spec.cell_m, spec.origin_m[1] + (row + 0.5) * spec.cell_m]
     };
     let mut lines = Vec::new();
-    // noise alone is not worth a line
+    // No contour lines through noise.
     for level in if high - low > 4.0 * median { map::levels([low, high]) } else { Vec::new() } {
         let value = |column: usize, row: usize| map.value(column, row).map(|(value, _)| value);
         for [a, b] in map::contours(&value, spec.columns, spec.rows, level) {
@@ -73,7 +74,7 @@ fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
     let what = if quantity.is_empty() { "value" } else { quantity };
     let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
     let caption = format!(
-        "{name} as a map: {what} from {low:.4} (dark) to {high:.4}{unit} (light); median standard deviation {median:.2e}{unit}"
+        "Map of {name}: {what} from {low:.4} (dark) to {high:.4}{unit} (light); median standard deviation {median:.2e}{unit}"
     );
     let [x, y] = map.plane().axes().map(|axis| Axis::auto(&format!("{axis}, m")));
     Some(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }))

@@ -1,4 +1,4 @@
-//! `nims report`: a run, or several side by side, as one page that a field team understands at once.
+//! `nims report`: one page about a run, or about several side by side, that a field team understands at once.
 
 mod charts;
 mod events;
@@ -23,13 +23,13 @@ use std::path::{Path, PathBuf};
 /// Name of the page in a run folder.
 pub const PAGE: &str = "report.html";
 
-/// `nims report`.
+/// Runs `nims report`.
 ///
 /// # Errors
-/// There is no run, it cannot be read, or the page cannot be written.
+/// A run does not exist or cannot be read, or the page cannot be written.
 pub fn report(runs: &[PathBuf], out: Option<&Path>) -> Answer<Output> {
     let Some(first) = runs.first() else {
-        return Err(Failure::BadInput("name a run folder or a run file".to_owned()));
+        return Err(Failure::BadInput("give a run folder or a run file".to_owned()));
     };
     for run in runs {
         crate::runs::there(run)?;
@@ -48,20 +48,20 @@ pub fn report(runs: &[PathBuf], out: Option<&Path>) -> Answer<Output> {
     Ok(Output::new(json!({ "page": path, "runs": values }), words.join("\n")))
 }
 
-/// A page of a longer run takes its time, bytes.
+/// Size up to which the page is created automatically at the end of a run, bytes; larger runs take too long.
 const LARGE: u64 = 300_000_000;
 
-/// The page of a run that has just ended, in its folder; of a large run it is made when it is asked for.
+/// Creates the page of a run that has just ended, in its folder, unless the run is large.
 ///
 /// # Errors
-/// There is no page, and how to get one.
+/// The page was not created; the sentence names the command that creates it.
 pub fn after(run: &Path) -> Answer<PathBuf> {
     let files = runlog::segments(run).map_err(Failure::not_now)?;
     let bytes: u64 = files.iter().filter_map(|file| file.metadata().ok()).map(|file| file.len()).sum();
     if bytes > LARGE {
         let run = run.display();
         return Err(Failure::NotNow(format!(
-            "the run has {:.0} MB: `nims report {run}` makes its page",
+            "the run has {:.0} MB, so its page was not created; create it with `nims report {run}`",
             bytes as f64 * 1e-6
         )));
     }
@@ -84,7 +84,7 @@ fn judge(run: &Path) -> Answer<Judged> {
     Ok(Judged { run, verdict, legs })
 }
 
-/// Where the page goes: into the run folder, or beside the run file.
+/// Returns the default path of the page: in the run folder, or next to the run file.
 fn place(run: &Path, several: bool) -> PathBuf {
     let name = if several { "comparison.html" } else { PAGE };
     if run.is_dir() {

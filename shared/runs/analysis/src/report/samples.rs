@@ -1,4 +1,4 @@
-//! Sensor readings over time and over the path.
+//! Sensor readings over time and along the path.
 
 use super::trace::{Thinned, Trace};
 use messages::schema::{Schema, SchemaField, Value};
@@ -6,27 +6,27 @@ use messages::{NodeEstimate, Reading, Sample, text_of};
 use runlog::RecordedSample;
 use std::collections::{BTreeMap, VecDeque};
 
-/// A silence of a sensor that is seen as one, s.
+/// Minimum silence of a sensor that interrupts its curve, s.
 const GAP_S: f64 = 5.0;
-/// Estimates that are kept to say where the node was at the time of a reading: more than a reading is late.
+/// Number of stored estimates for positions at the time of a reading; covers more than the delay of a reading.
 const KEPT: usize = 1024;
-/// Values of one channel that are shown at most.
+/// Maximum number of shown values per channel.
 const VALUES: usize = 4;
 
-/// What one channel has to show.
+/// Data of one channel.
 pub struct Sensor {
-    /// Quantity and unit, or the field's name; with its curve.
+    /// Curves with quantity and unit, or with the name of the field.
     pub values: Vec<(String, Trace)>,
-    /// Where the node was, m, and the first value.
+    /// Position of the node, m, and the first value.
     pub places: Thinned<([f64; 3], f64)>,
-    /// How many samples.
+    /// Number of samples.
     pub samples: u64,
-    /// How many of them are marked as doubtful or stale.
+    /// Number of samples marked as doubtful or stale.
     pub doubtful: u64,
     schema: Option<(Schema, Vec<SchemaField>)>,
 }
 
-/// Every channel `sensor/*` and `sample/*`.
+/// All channels `sensor/*` and `sample/*`.
 #[derive(Default)]
 pub struct Sensors {
     channels: BTreeMap<String, Sensor>,
@@ -34,13 +34,13 @@ pub struct Sensors {
 }
 
 impl Sensors {
-    /// By name.
+    /// Returns the channels by name.
     #[must_use]
     pub fn channels(&self) -> &BTreeMap<String, Sensor> {
         &self.channels
     }
 
-    /// Where the node is.
+    /// Records the position of the node.
     pub fn node_at(&mut self, estimate: &NodeEstimate) {
         if self.recent.len() == KEPT {
             self.recent.pop_front();
@@ -48,14 +48,14 @@ impl Sensors {
         self.recent.push_back((estimate.header.stamp_ns, estimate.position_m));
     }
 
-    /// Where the node was at that time: by the nearest estimate.
+    /// Returns the position at this time according to the nearest estimate.
     fn place(&self, stamp_ns: u64) -> Option<[f64; 3]> {
         let at = self.recent.partition_point(|(stamp, _)| *stamp < stamp_ns);
         let near = [at.checked_sub(1), Some(at)].into_iter().flatten().filter_map(|at| self.recent.get(at));
         near.min_by_key(|(stamp, _)| stamp.abs_diff(stamp_ns)).map(|(_, place)| *place)
     }
 
-    /// Takes a sample of a sensor in.
+    /// Records a sensor sample.
     pub fn note(&mut self, time_s: f64, recorded: &RecordedSample<'_>) {
         let reading = recorded.to::<Reading>();
         let sample = recorded.to::<Sample>();
@@ -108,7 +108,7 @@ impl Sensors {
 }
 
 impl Sensor {
-    /// The first numbers of a type of its own: floating-point fields, or any if it has none.
+    /// Returns the first numbers of a custom type: floating-point fields, or any numbers if it has none.
     fn fields(&mut self, recorded: &RecordedSample<'_>) -> Vec<(String, f64)> {
         if self.schema.is_none() {
             let Ok(schema) = Schema::parse(&recorded.channel.schema) else { return Vec::new() };
@@ -128,7 +128,7 @@ impl Sensor {
     }
 }
 
-/// The stamp of a sample with a header.
+/// Returns the stamp of a sample with a header.
 fn stamp_of(recorded: &RecordedSample<'_>) -> Option<u64> {
     let schema = Schema::parse(&recorded.channel.schema).ok()?;
     let at = schema.field("header.stamp_ns")?.offset;

@@ -1,10 +1,10 @@
-//! Curves of any length in bounded memory: least, greatest and mean of every stretch of time.
+//! Curves of any length in bounded memory: least, greatest and mean value of each time interval.
 
 use plot::{Series, SeriesStyle};
 
-/// Stretches of one curve at most; a page shows about so many pixels.
+/// Maximum number of intervals per curve, about the width of a chart in pixels.
 const STRETCHES: usize = 1000;
-/// Length of a stretch at first, s; it doubles whenever there would be too many.
+/// Initial length of an interval, s; it doubles when the maximum number is exceeded.
 const FIRST_S: f64 = 0.005;
 
 #[derive(Debug, Clone, Copy)]
@@ -33,20 +33,20 @@ impl Stretch {
 pub struct Trace {
     stretch_s: f64,
     stretches: Vec<Stretch>,
-    /// Longer silences interrupt the curve, s.
+    /// Silence that interrupts the curve, s.
     gap_s: f64,
     low: f64,
     high: f64,
 }
 
 impl Trace {
-    /// Of a quantity that is sampled more often than once in `gap_s`.
+    /// Creates a curve of a quantity that is sampled at least once in `gap_s`.
     #[must_use]
     pub fn new(gap_s: f64) -> Self {
         Self { stretch_s: FIRST_S, stretches: Vec::new(), gap_s, low: f64::INFINITY, high: f64::NEG_INFINITY }
     }
 
-    /// Takes a value in. What is not finite, or lies before the beginning, is left out.
+    /// Adds a value; ignores non-finite values and negative times.
     pub fn add(&mut self, time_s: f64, value: f64) {
         if !(value.is_finite() && time_s.is_finite() && time_s >= 0.0) {
             return;
@@ -67,13 +67,14 @@ impl Trace {
         (self.low, self.high) = (self.low.min(value), self.high.max(value));
     }
 
-    /// Least and greatest value; `None` without any.
+    /// Returns the least and the greatest value; `None` without values.
     #[must_use]
     pub fn extremes(&self) -> Option<[f64; 2]> {
         (self.low <= self.high).then_some([self.low, self.high])
     }
 
-    /// The curve as drawn: a band from least to greatest, and the mean as a line; times and values multiplied by these factors.
+    /// Returns the series to draw: a band from least to greatest, and the mean as a line; times and values are scaled
+    /// by the factors.
     #[must_use]
     pub fn series(&self, name: &str, colour: usize, [time, value]: [f64; 2]) -> Vec<Series> {
         let (mut middle, mut low, mut high) = (Vec::new(), Vec::new(), Vec::new());
@@ -98,7 +99,7 @@ impl Trace {
     }
 }
 
-/// Points of a path in bounded memory: all at first, then every second, every fourth ...
+/// Points of a path in bounded memory: first all, then every second, every fourth ...
 #[derive(Debug, Clone, Default)]
 pub struct Thinned<T> {
     every: u64,
@@ -106,11 +107,11 @@ pub struct Thinned<T> {
     points: Vec<T>,
 }
 
-/// Points of a path at most.
+/// Maximum number of points of a path.
 const POINTS: usize = 20_000;
 
 impl<T> Thinned<T> {
-    /// Takes a point in.
+    /// Adds a point.
     pub fn add(&mut self, point: T) {
         self.every = self.every.max(1);
         if self.seen.is_multiple_of(self.every) {
@@ -127,7 +128,7 @@ impl<T> Thinned<T> {
         }
     }
 
-    /// What is left of them, in order.
+    /// Returns the remaining points in order.
     #[must_use]
     pub fn points(&self) -> &[T] {
         &self.points
