@@ -150,10 +150,7 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         assert_eq!(demo.wait().unwrap().code(), Some(1));
         let said = std::fs::read_to_string(folder.path().join("stderr")).unwrap();
         let last = said.trim_end().lines().last().unwrap();
-        assert!(
-            last.contains("aborted") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()),
-            "{said}"
-        );
+        assert!(last.contains("aborted") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()), "{said}");
         assert!(
             run.join("report.html").is_file() && run.join("report.svg").is_file() && run.join("report.json").is_file()
         );
