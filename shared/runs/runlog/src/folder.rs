@@ -70,8 +70,10 @@ pub fn segments(folder: &Path) -> Result<Vec<PathBuf>, RunError> {
 /// skipped.
 #[must_use]
 pub fn next_file(folder: &Path) -> PathBuf {
+    // The unfinished name is tested first: a file that another thread finishes in between then appears under its final
+    // name. In the other order it is missed under both, and the new file would replace it.
     let free = |stem: &str| {
-        !folder.join(format!("{stem}{FILE_ENDING}")).exists() && !folder.join(format!("{stem}{PART_ENDING}")).exists()
+        !folder.join(format!("{stem}{PART_ENDING}")).exists() && !folder.join(format!("{stem}{FILE_ENDING}")).exists()
     };
     let stem = std::iter::once("run".to_owned())
         .chain((2..10_000).map(|number| format!("run-{number:04}")))
@@ -126,6 +128,31 @@ mod tests {
         assert!(silent_s(&path) >= 30);
         file.set_modified(now + std::time::Duration::from_secs(30)).unwrap();
         assert_eq!(silent_s(&path), 0, "the wall clock was set back");
+    }
+
+    #[test]
+    fn a_file_that_is_being_finished_keeps_its_name() {
+        const FILES: usize = 300;
+        let folder = tempfile::tempdir().unwrap();
+        let finals: Vec<PathBuf> = (0..FILES)
+            .map(|_| {
+                let path = next_file(folder.path());
+                fs::write(part_of(&path), "").unwrap();
+                path
+            })
+            .collect();
+        let next = next_file(folder.path());
+        std::thread::scope(|scope| {
+            let finishing = scope.spawn(|| {
+                for path in &finals {
+                    fs::rename(part_of(path), path).unwrap();
+                    std::thread::sleep(std::time::Duration::from_micros(50));
+                }
+            });
+            while !finishing.is_finished() {
+                assert_eq!(next_file(folder.path()), next);
+            }
+        });
     }
 
     #[test]
