@@ -34,6 +34,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod clock;
 mod error;
 mod left_out;
 mod line;
@@ -44,6 +45,7 @@ mod pty;
 mod random;
 mod transport;
 
+pub use clock::{monotonic_ns, sleep_until};
 pub use error::Error;
 pub use left_out::{LeftOut, LineClock, Program};
 pub use line::{Line, LineState, REOPEN_EVERY_NS};
@@ -52,4 +54,4 @@ pub use pipe::{Device, Faults, Pipe, PipeCounts};
 pub use port::{Latency, Port};
 pub use pty::{Jack, Pty};
 pub use random::Random;
-pub use transport::{StatusPin, Transport, monotonic_ns, sleep_until};
+pub use transport::{StatusPin, Transport};

@@ -4,36 +4,7 @@ use messages::{FieldMap, Header, Reading, Sample, put_text, text_of};
 use survey::SurveyError;
 use survey::grid::{GridMap, GridSample};
 
-use crate::{LoggerConfig, SensorConfig};
-
-/// Where a map lies.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Plane {
-    /// x and y.
-    Level,
-    /// x and z: that of a planar robot.
-    Upright,
-}
-
-impl Plane {
-    /// The coordinates of a place in it.
-    #[must_use]
-    pub fn of(self, [x, y, z]: [f64; 3]) -> [f64; 2] {
-        match self {
-            Self::Level => [x, y],
-            Self::Upright => [x, z],
-        }
-    }
-
-    /// Their names.
-    #[must_use]
-    pub fn axes(self) -> [&'static str; 2] {
-        match self {
-            Self::Level => ["x", "y"],
-            Self::Upright => ["x", "z"],
-        }
-    }
-}
+use crate::{LoggerConfig, Plane, SensorConfig};
 
 /// What becomes of a sample in a map.
 #[derive(Debug, Clone, Copy, PartialEq)]

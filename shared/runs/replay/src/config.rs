@@ -1,6 +1,6 @@
 //! The configuration that a run was recorded with, as it stands in the run file, and what is changed of it.
 
-use super::Changes;
+use super::changes::Changes;
 use command::{Answer, Failure};
 use config::{ControlLaw, EstimatorMethod, RobotFile, SystemFile};
 use controller::{ControllerConfig, Law};

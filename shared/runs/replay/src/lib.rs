@@ -5,6 +5,7 @@
 //! now: a difference stays where it arises. A process that was started on the way begins with its first sample.
 #![forbid(unsafe_code)]
 
+mod changes;
 mod channel;
 mod command_line;
 mod config;
@@ -12,6 +13,7 @@ mod instead;
 mod parts;
 mod used;
 
+pub use changes::Changes;
 pub use channel::{Difference, Tally};
 pub use command_line::{Args, replay};
 pub use instead::{Instead, Spread};
@@ -38,23 +40,6 @@ const ESTIMATES_BEHIND_NS: u64 = 700_000_000;
 const BEHIND_NS: u64 = 1_000_000_000;
 /// Time of the run after which there is work again.
 const EVERY_NS: u64 = 20_000_000;
-
-/// What is not as it was.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Changes {
-    /// Another law for every controller.
-    pub law: Option<String>,
-    /// Keys of the system file or the robot file, each with its new value.
-    pub set: Vec<(String, String)>,
-}
-
-impl Changes {
-    /// Whether everything is as it was.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        *self == Self::default()
-    }
-}
 
 /// What came of it.
 #[derive(Debug, Clone, Default, PartialEq)]
