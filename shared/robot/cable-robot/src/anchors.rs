@@ -5,11 +5,13 @@ use std::ops::Deref;
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
-use crate::kinematics::COLLINEAR_TOLERANCE;
-use crate::robot::{FARTHEST_M, RobotError, refuse};
+use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
 /// The key of the robot file.
 const KEY: &str = "anchors_m";
+
+/// Anchors whose triangle has less than this share of its squared longest side as area count as collinear.
+pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
 /// Anchors closer than this count as one point, m: no pulley is smaller.
 const COINCIDENT_M: f64 = 1e-3;

@@ -6,23 +6,19 @@
 //! [`KinematicsError`].
 
 mod matrices;
+mod solution;
 
 pub use matrices::{Jacobian, NodeJacobian, StructureMatrix};
+pub use solution::{Forward, KinematicsError, LONGEST_M};
 
 use nalgebra::{Matrix3, Vector3};
-use thiserror::Error;
 
+use crate::anchors::COLLINEAR_TOLERANCE;
 use crate::{Anchors, CableVec, linalg, planar};
 
 /// Lengths may miss each other by this share of the squared length and still count as touching spheres: rounding of
 /// lengths measured with the node in the plane of the anchors.
 const TOUCH_TOLERANCE: f64 = 1e-9;
-
-/// Anchors whose triangle has less than this share of its squared longest side as area count as collinear.
-pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
-
-/// Longest length that is one, m; beyond, squares and their differences would lose the millimetres.
-pub const LONGEST_M: f64 = 1e5;
 
 /// Anchors at nearly one height let the mirror image fit the lengths nearly as well as the true position, and with noise
 /// sometimes better. The lower one is taken unless it misses by this share of the length more than the other: 2 cm on
@@ -32,83 +28,9 @@ const MIRROR_TOLERANCE: f64 = 0.003;
 /// Bound of the least-squares iteration; it needs about five.
 const MAX_ITERATIONS: usize = 50;
 
-/// What kinematics cannot answer.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum KinematicsError {
-    /// An argument has the wrong shape or is not a number.
-    #[error("{what} of cable {cable} is {value}; give one value of 0 m to {LONGEST_M} m per cable")]
-    InvalidArgument {
-        /// The quantity.
-        what: &'static str,
-        /// The cable, counted from 1.
-        cable: usize,
-        /// What was given.
-        value: f64,
-    },
-    /// Not as many values as cables.
-    #[error("{given} values were given for {cables} cables; give one per cable")]
-    WrongCount {
-        /// How many values were given.
-        given: usize,
-        /// How many cables there are.
-        cables: usize,
-    },
-    /// The anchors do not span a plane.
-    #[error("the anchors lie on one line, so lengths do not determine a position; move an anchor sideways")]
-    DegenerateGeometry,
-    /// The spheres do not meet.
-    #[error("no position has these lengths: the lines are {shortfall_m:.4} m too short to meet")]
-    Unreachable {
-        /// How far from meeting, m.
-        shortfall_m: f64,
-    },
-    /// Two mirror positions at the same height and no hint.
-    #[error("two positions at the same height have these lengths; give a position near the right one")]
-    Ambiguous,
-    /// Rank lost: in the plane of the anchors, or at an anchor.
-    #[error("the position ({x:.3}, {y:.3}, {z:.3}) m is singular: it lies in the plane of the anchors or at an anchor")]
-    Singular {
-        /// x of the position, m.
-        x: f64,
-        /// y of the position, m.
-        y: f64,
-        /// z of the position, m.
-        z: f64,
-    },
-}
-
-impl KinematicsError {
-    /// The kind as a short word for other programs: `invalid_argument`, `degenerate_geometry`, `unreachable`,
-    /// `ambiguous` or `singular`.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::InvalidArgument { .. } | Self::WrongCount { .. } => "invalid_argument",
-            Self::DegenerateGeometry => "degenerate_geometry",
-            Self::Unreachable { .. } => "unreachable",
-            Self::Ambiguous => "ambiguous",
-            Self::Singular { .. } => "singular",
-        }
-    }
-
-    pub(crate) fn singular(p: &Vector3<f64>) -> Self {
-        Self::Singular { x: p.x, y: p.y, z: p.z }
-    }
-}
-
 /// Straight-line lengths from the anchors to a position, m (6).
 pub fn inverse_kinematics(anchors: &Anchors, position: &Vector3<f64>) -> CableVec {
     CableVec::from_fn(anchors.len(), |i| (position - anchors[i]).norm())
-}
-
-/// A position found from lengths.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Forward {
-    /// The position, m.
-    pub position: Vector3<f64>,
-    /// The other intersection of the spheres, for three cables.
-    pub mirror: Option<Vector3<f64>>,
-    /// Root mean square of (length at the position - length given), m; 0 for three cables.
-    pub residual_rms_m: f64,
 }
 
 /// The position with these straight-line lengths: closed form for as many cables as directions, least squares in length

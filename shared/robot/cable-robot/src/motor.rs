@@ -1,6 +1,6 @@
 //! What a winch motor draws, seen from the line. Speeds here are reel-in speeds: positive winds line in.
 
-use crate::robot::{RobotError, not_negative, positive};
+use crate::robot_error::{RobotError, not_negative, positive};
 
 /// A geared winch motor, seen from the line; the keys of the robot file's `[motor]`.
 ///

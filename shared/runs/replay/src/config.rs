@@ -1,6 +1,6 @@
 //! The configuration stored in the run file, with the requested changes.
 
-use super::Changes;
+use super::changes::Changes;
 use command::{Answer, Failure};
 use config::{ControlLaw, EstimatorMethod, RobotFile, SystemFile};
 use controller::{ControllerConfig, Law};

@@ -4,6 +4,7 @@ use super::{
     ArbiterSection, MotorBoxSection, MotorIoSection, PortSection, ProcessSection, RobotFile, RobotSection, Role,
     SystemFile, UnitSection,
 };
+use crate::number::number;
 use crate::{Problem, Slot};
 
 /// Baud rates that the drives' set-up program offers.
@@ -12,29 +13,6 @@ const BAUDS: [u32; 8] = [2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 4
 const WATCHDOG_MAX_S: f64 = 25.5;
 /// A name becomes part of a socket's path, which is short.
 const NAME_MAX: usize = 16;
-
-/// A number as it is quoted in a sentence: not with a hundred digits.
-pub struct Given(pub f64);
-
-impl std::fmt::Display for Given {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self(value) = self;
-        if value.is_finite() && *value != 0.0 && !(1e-6..1e9).contains(&value.abs()) {
-            write!(f, "{value:e}")
-        } else {
-            write!(f, "{value}")
-        }
-    }
-}
-
-/// Refuses `value` unless it is finite and accepted.
-pub(super) fn number(key: &str, value: f64, accepted: &str, ok: impl Fn(f64) -> bool) -> Result<(), Problem> {
-    if value.is_finite() && ok(value) {
-        Ok(())
-    } else {
-        Err(Problem::of(key, format!("is {}; accepted: {accepted}", Given(value))))
-    }
-}
 
 fn count(key: &str, value: usize, low: usize, high: usize) -> Result<(), Problem> {
     if (low..=high).contains(&value) {

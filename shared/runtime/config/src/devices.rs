@@ -1,8 +1,8 @@
 //! What the virtual motor box has besides drives: sensors on serial ports of their own, and what they see.
 
-use super::check::number;
-use super::load::beside;
 use crate::Problem;
+use crate::file::beside;
+use crate::number::number;
 use crate::toml_file::{ConfigError, Source};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};

@@ -1,7 +1,7 @@
 //! `[sensor_logger]`: what becomes of the readings of sensors.
 
-use super::check::number;
 use crate::Problem;
+use crate::number::number;
 use serde::{Deserialize, Serialize};
 
 /// `[sensor_logger]`.

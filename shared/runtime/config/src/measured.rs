@@ -117,7 +117,7 @@ impl MotorTableFile {
 /// Where a file is that another one in `folder` names: as written from there, or, if it is not there, beside it by its bare
 /// name, which is how the folder of a run keeps it.
 pub(super) fn found(folder: &Path, named: &Path) -> PathBuf {
-    let written = super::load::beside(folder, named);
+    let written = crate::file::beside(folder, named);
     let bare = named.file_name().map(|name| folder.join(name));
     // The folder of a run holds copies of its own, wherever the originals stand.
     let is_run = folder.join(RESOLVED).is_file();

@@ -1,6 +1,6 @@
 //! A flight to measure with: four lines between uneven poles, computed in lockstep, with everything that each cycle decided.
 
-use super::Settings;
+use super::settings::Settings;
 use anyhow::{Context, Result, ensure};
 use cable_robot::{Robot, RobotParts};
 use controller::Law;

@@ -1,6 +1,6 @@
 //! What the figures mean for a control rate: one finding for each part, with its cure. Pure.
 
-use super::text::{duration, percent};
+use super::words::{duration, percent};
 use super::{chain, disk, round_trip, tick};
 use commissioning::check::{Finding, error, note, warning};
 

@@ -1,41 +1,15 @@
 //! The figures as a table for people. Pure.
 
 use super::figures::{Ratio, Spread};
-use super::{Report, chain, disk, round_trip, tick};
+use super::report::Report;
+use super::words::{digits, duration, percent};
+use super::{chain, disk, round_trip, tick};
 use commissioning::check;
 
 /// Width of the first column.
 const LABEL: usize = 44;
 /// Width of the others.
 const CELL: usize = 13;
-
-/// A time as people say it: three digits and a unit that fits.
-#[must_use]
-pub fn duration(seconds: f64) -> String {
-    match seconds {
-        s if s < 0.999_5e-6 => format!("{} ns", digits(s * 1e9)),
-        s if s < 0.999_5e-3 => format!("{} µs", digits(s * 1e6)),
-        s if s < 0.999_5 => format!("{} ms", digits(s * 1e3)),
-        s => format!("{} s", digits(s)),
-    }
-}
-
-/// A share of a whole, 1 for all of it.
-#[must_use]
-pub fn percent(share: f64) -> String {
-    format!("{} %", digits(share * 100.0))
-}
-
-/// Three digits, or as many as stand before the point; no zeros behind it that say nothing.
-fn digits(value: f64) -> String {
-    let decimals = match value {
-        value if value >= 99.95 => 0,
-        value if value >= 9.995 => 1,
-        _ => 2,
-    };
-    let text = format!("{value:.decimals$}");
-    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
-}
 
 fn row(label: &str, cells: &[String]) -> String {
     let mut line = format!("{label:<LABEL$}");

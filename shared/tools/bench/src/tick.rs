@@ -1,7 +1,9 @@
 //! `tick`: how late a thread wakes up once per period, as motor-io does it and as an ordinary thread does, both at once.
 
 use super::figures::{Ratio, Spread, record};
-use super::{Settings, Watch, scheduling};
+use super::scheduling;
+use super::settings::Settings;
+use super::watch::Watch;
 use bus::clock::{Pacer, Schedule, Tick, now_ns};
 use command::{Answer, Failure};
 use runtime::Timing;

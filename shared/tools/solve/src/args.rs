@@ -1,6 +1,6 @@
 //! The arguments of a request: read by key, each refused with its key and what is accepted.
 
-use super::SolveError;
+use super::error::SolveError;
 use cable_robot::energy::CurrentTable;
 use cable_robot::kinematics::LONGEST_M;
 use cable_robot::motor::Motor;

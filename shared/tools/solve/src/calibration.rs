@@ -1,7 +1,7 @@
 //! Anchors from measurements.
 
 use super::args::{Args, refuse};
-use super::{SolveError, Solved};
+use super::error::{SolveError, Solved};
 use cable_robot::CableVec;
 use calibration::{self, JointInput, Loss, Range, Side};
 use serde_json::{Value, json};

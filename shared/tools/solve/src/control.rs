@@ -1,7 +1,7 @@
 //! The motor model and the control law.
 
 use super::args::{Args, refuse};
-use super::{SolveError, Solved};
+use super::error::{SolveError, Solved};
 use cable_control::law::{InputWeight, LqGain};
 use cable_control::motor_model;
 use cable_robot::{MAX_CABLES, Matrix3, NodeJacobian, Vector3};

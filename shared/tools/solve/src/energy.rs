@@ -1,9 +1,9 @@
 //! Currents, paths and the cost of moves.
 
 use super::args::{Args, Points, refuse};
+use super::error::{SolveError, Solved};
 use super::geometry::written;
 use super::statics::wrench;
-use super::{SolveError, Solved};
 use cable_robot::energy::{Bounds, Cost, Current, WinchEnergy, parabola as shape};
 use cable_robot::path::Parabola;
 use cable_robot::{Distribution, Vector3, motor};

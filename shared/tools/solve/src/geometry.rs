@@ -1,7 +1,7 @@
 //! Lengths, positions and velocities.
 
 use super::args::{Args, Points, refuse};
-use super::{SolveError, Solved};
+use super::error::{SolveError, Solved};
 use cable_robot::anchors::on_a_line;
 use cable_robot::tension::general::GeneralStructure;
 use cable_robot::{Anchors, KinematicsError, Vector3, kinematics, planar};

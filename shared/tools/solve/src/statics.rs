@@ -1,15 +1,15 @@
 //! Tensions and the motion they cause.
 
-use super::Solved;
 use super::args::{Args, Points, refuse};
+use super::error::{SolveError, Solved};
 use super::geometry::{directions, structure, written};
 use cable_robot::tension::general::{self, GeneralStructure};
-use cable_robot::tension::{FourCables, margin};
+use cable_robot::tension::{self, FourCables, margin};
 use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3};
 use serde_json::{Value, json};
 
 /// m (a + g) of (15), N.
-pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, super::SolveError> {
+pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, SolveError> {
     let mass = args.not_negative("node_mass_kg")?;
     let acceleration = match args.get("acceleration_m_s2") {
         Some(_) => args.vector("acceleration_m_s2", planar)?,
@@ -30,7 +30,7 @@ pub fn tensions(args: &Args) -> Solved {
     let directions = directions(&anchors, &at)?;
     // Also says that the rank is lost, before the limits have their say.
     structure(&directions, *planar)?.pseudo_inverse()?;
-    let found = general::hold(points, *planar, &at, &wrench, limits, method)?;
+    let found = tension::hold(points, *planar, &at, &wrench, limits, method)?;
     let mut result = summary(&found.tensions_n);
     result["margin_n"] = if bounded { json!(margin(&found.tensions_n, limits)) } else { Value::Null };
     if points.len() == 4 && !planar {

@@ -3,46 +3,7 @@
 //! Speeds in m/s, reeling in positive, tensions in N, currents in A, a row per speed. Outside the measured range there is no answer: a
 //! [`TableError`], never an extrapolation.
 
-use thiserror::Error;
-
-use super::Current;
-
-/// A table that cannot be built or does not cover a point.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum TableError {
-    /// The parts do not make a table.
-    #[error("{what}; give rising finite speeds and tensions, two or more of each, and a row of currents per speed")]
-    Shape {
-        /// What is wrong.
-        what: String,
-    },
-    /// A point outside the measured range; nothing is extrapolated.
-    #[error(
-        "the {what} of {value:.6} {unit} is outside the measured {low} to {high} {unit}; measure further or move within"
-    )]
-    OutOfRange {
-        /// Speed or tension.
-        what: &'static str,
-        /// The value asked for.
-        value: f64,
-        /// Its unit.
-        unit: &'static str,
-        /// Lowest measured.
-        low: f64,
-        /// Highest measured.
-        high: f64,
-    },
-}
-
-impl TableError {
-    /// The kind as a short word for other programs: `invalid_argument` or `out_of_range`.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::Shape { .. } => "invalid_argument",
-            Self::OutOfRange { .. } => "out_of_range",
-        }
-    }
-}
+use super::current::{Current, TableError};
 
 /// Measured current over speed and tension, bilinear between the points.
 ///

@@ -25,81 +25,16 @@
 //! ```
 
 use nalgebra::Vector3;
-use thiserror::Error;
 
 use super::parabola::{self, FractionPoint};
-use super::{Current, TableError};
-use crate::motion::Refusal;
+use super::{Current, EnergyError};
 use crate::path::Parabola;
 use crate::profile::Profile;
-use crate::tension::{TensionError, general, worst_violation};
+use crate::tension::{TensionError, hold, worst_violation};
 use crate::{CableVec, Distribution, Path, Segment};
 
 /// Most intervals of Simpson's rule; 64 leave an error of 3e-6 with the default motor.
 pub const MAX_INTERVALS: usize = 100_000;
-
-/// A move whose cost cannot be told.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum EnergyError {
-    /// A parameter outside its range.
-    #[error("{what} is {value}; accepted: {accepted}")]
-    InvalidArgument {
-        /// The parameter.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-        /// What is accepted.
-        accepted: &'static str,
-    },
-    /// Start and end coincide.
-    #[error("start and end of the move coincide; give two different points")]
-    NoDistance,
-    /// An end of the move is below the ground.
-    #[error("the move has an end at a height of {height_m} m, below the ground at {ground_m} m; raise it")]
-    BelowGround {
-        /// Height of the lower end, m.
-        height_m: f64,
-        /// Height of the ground, m.
-        ground_m: f64,
-    },
-    /// The lines cannot hold the node on the way.
-    #[error("at ({x:.3}, {y:.3}, {z:.3}) m: {why}")]
-    Tension {
-        /// x of the position, m.
-        x: f64,
-        /// y of the position, m.
-        y: f64,
-        /// z of the position, m.
-        z: f64,
-        /// Why not.
-        why: TensionError,
-    },
-    /// The measured table does not cover the move.
-    #[error(transparent)]
-    Table(#[from] TableError),
-    /// The robot may not fly it.
-    #[error(transparent)]
-    Refused(#[from] Refusal),
-}
-
-impl EnergyError {
-    /// The kind as a short word for other programs: `invalid_argument`, `degenerate_geometry`, `infeasible`, `singular` or
-    /// `out_of_range`.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::InvalidArgument { .. } | Self::BelowGround { .. } => "invalid_argument",
-            Self::NoDistance => "degenerate_geometry",
-            Self::Tension { why, .. } => why.kind(),
-            Self::Table(error) => error.kind(),
-            Self::Refused(_) => "infeasible",
-        }
-    }
-
-    /// True if this path cannot be flown, but another between the same ends might.
-    pub fn is_of_the_path(&self) -> bool {
-        matches!(self.kind(), "infeasible" | "singular" | "out_of_range")
-    }
-}
 
 /// What a move costs.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -229,8 +164,7 @@ impl WinchEnergy<'_> {
     ) -> Result<Moment, EnergyError> {
         let fail = |why| EnergyError::Tension { x: position.x, y: position.y, z: position.z, why };
         let wrench_n = wrench_n + velocity_m_s * (self.drag_n_s2_m2 * velocity_m_s.norm());
-        let held =
-            general::hold(self.anchors, self.planar, position, &wrench_n, self.limits_n, self.method).map_err(fail)?;
+        let held = hold(self.anchors, self.planar, position, &wrench_n, self.limits_n, self.method).map_err(fail)?;
         if let Some(violation) = worst_violation(&held.tensions_n, self.limits_n) {
             return Err(fail(TensionError::Infeasible(violation)));
         }

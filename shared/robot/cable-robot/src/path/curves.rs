@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Parabola, PathPoint, Spiral};
+use super::shapes::{Parabola, PathPoint, Spiral};
 
 /// Bound of the inversion of an arc length; it needs about six.
 const MAX_ITERATIONS: usize = 60;

@@ -100,7 +100,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
         return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
     let folder = asked.out.clone().unwrap_or_else(|| beside(&asked.run));
-    std::fs::create_dir_all(&folder).map_err(|error| cannot(&folder, &error))?;
+    std::fs::create_dir_all(&folder).map_err(|error| files::cannot(&folder, &error))?;
     let (mut values, mut words) = (Vec::new(), Vec::new());
     for (name, measured) in &measured {
         match one(&config, asked, name, measured) {
@@ -256,8 +256,4 @@ fn told(name: &str, map: &SensorMap, measured: &Measured, written: &[PathBuf]) -
 /// Returns `map` in the run folder, or in the folder of a run file.
 fn beside(run: &Path) -> PathBuf {
     if run.is_dir() { run.join("map") } else { run.parent().unwrap_or(Path::new("")).join("map") }
-}
-
-fn cannot(path: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::NotNow(format!("{} cannot be written: {error}", path.display()))
 }

@@ -107,7 +107,7 @@ pub fn page(runs: &[Judged]) -> String {
     });
     if runs.iter().any(|judged| !judged.run.sensors.channels().is_empty()) {
         section(&mut out, runs, "Sensors", |judged| {
-            let mut figures = super::maps::figures(&judged.run);
+            let mut figures = super::map_charts::figures(&judged.run);
             figures.extend(charts::sensors(&judged.run));
             Part { figures, ..Part::default() }
         });

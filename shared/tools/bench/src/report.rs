@@ -1,0 +1,44 @@
+//! What was found.
+
+use super::args::Part;
+use super::{chain, disk, judge, round_trip, tick};
+use commissioning::check::Finding;
+use serde_json::{Value, json};
+use std::path::PathBuf;
+
+/// What was found, as far as it was asked for.
+pub(crate) struct Report {
+    pub(crate) rate_hz: f64,
+    pub(crate) runs: PathBuf,
+    pub(crate) beside: bool,
+    pub(crate) tick: Option<tick::Found>,
+    pub(crate) bus: Option<round_trip::Found>,
+    pub(crate) chain: Option<chain::Found>,
+    pub(crate) disk: Option<disk::Found>,
+}
+
+impl Report {
+    pub(crate) fn verdicts(&self) -> Vec<(Part, Finding)> {
+        let rate_hz = self.rate_hz;
+        [
+            self.tick.as_ref().map(|found| (Part::Tick, judge::of_ticks(found, rate_hz))),
+            self.bus.as_ref().map(|found| (Part::Bus, judge::of_bus(found, rate_hz))),
+            self.chain.as_ref().map(|found| (Part::Chain, judge::of_chain(found, rate_hz))),
+            self.disk.as_ref().map(|found| (Part::Disk, judge::of_disk(found, rate_hz))),
+        ]
+        .into_iter()
+        .flatten()
+        .collect()
+    }
+
+    pub(crate) fn to_json(&self) -> Value {
+        let mut value = json!({ "rate_hz": self.rate_hz, "period_s": 1.0 / self.rate_hz, "beside_robot": self.beside });
+        let parts = [json!(self.tick), json!(self.bus), json!(self.chain), json!(self.disk)];
+        for (part, mut found) in Part::ALL.into_iter().zip(parts).filter(|(_, found)| !found.is_null()) {
+            let verdict = self.verdicts().into_iter().find(|(judged, _)| *judged == part);
+            found["verdict"] = json!(verdict.map(|(_, finding)| finding));
+            value[part.name()] = found;
+        }
+        value
+    }
+}

@@ -1,0 +1,21 @@
+//! Why an operation has no answer.
+
+use serde_json::Value;
+
+/// Why a request has no result.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct SolveError {
+    /// A short word for programs.
+    pub kind: &'static str,
+    /// One sentence for people.
+    pub message: String,
+}
+
+impl SolveError {
+    pub(crate) fn invalid(message: impl Into<String>) -> Self {
+        Self { kind: "invalid_argument", message: message.into() }
+    }
+}
+
+/// The result of an operation.
+pub(crate) type Solved = Result<Value, SolveError>;
