@@ -1,5 +1,5 @@
-//! `chain`: what a cycle of motor-io, estimator and controller computes, as a share of the period; and the tensions in it beside the
-//! usual way to get them, a pseudo-inverse by singular value decomposition.
+//! `chain`: computing time of a cycle of motor-io, estimator and controller as a share of the period; and the time for
+//! tensions, compared with a pseudo-inverse by singular value decomposition.
 
 use super::figures::{Ratio, Spread, record};
 use super::{Settings, Watch, flight};
@@ -13,45 +13,45 @@ use runtime::Timing;
 use serde::Serialize;
 use std::hint::black_box;
 
-/// Positions at which tensions are computed, of a flight.
+/// Number of positions of a flight at which tensions are computed.
 const POSES: usize = 64;
-/// Passes over all positions for each flight.
+/// Number of passes over all positions per flight.
 const PASSES: usize = 50;
-/// Both ways agree this far, N.
+/// Maximum difference between both methods, N.
 const AGREE_N: f64 = 1e-6;
-/// Below this, a singular value counts as none.
+/// Singular values below this count as zero.
 const RANK: f64 = 1e-12;
 
-/// What was found.
+/// Result of `chain`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Found {
-    /// How many lines the robot has.
+    /// Number of cables.
     pub cables: usize,
-    /// A cycle of the whole chain.
+    /// Time of a cycle of the whole chain.
     pub ours: Spread,
-    /// Its median as a share of the period.
+    /// Median as a share of the period.
     pub median_share: f64,
-    /// Its tail as a share of the period.
+    /// 99.9 % quantile as a share of the period.
     pub p999_share: f64,
-    /// The tensions of four lines.
+    /// Time for the tensions of four cables.
     pub tensions: Tensions,
 }
 
-/// The tensions that hold the node at one position.
+/// Time for the tensions at one position.
 #[derive(Debug, Clone, Serialize)]
 pub struct Tensions {
-    /// Ours, within the limits of each line.
+    /// By cable-robot, within the limits of each cable.
     pub ours: Spread,
-    /// By a pseudo-inverse, which knows no limits.
+    /// By pseudo-inverse, without limits.
     pub plain: Spread,
-    /// Pseudo-inverse over ours.
+    /// Pseudo-inverse divided by cable-robot.
     pub ratio: Ratio,
 }
 
-/// Measures for so many seconds.
+/// Measures for this many seconds.
 ///
 /// # Errors
-/// It was stopped, or the law or the method of the system file cannot be used.
+/// The benchmark was stopped, or the law or method of the system file cannot be used.
 pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
     let scenario = flight::scenario(settings).map_err(Failure::bad)?;
     let cycles = flight::fly(&scenario).map_err(Failure::not_now)?;
@@ -80,7 +80,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
     })
 }
 
-/// The whole flight to a fresh chain, each cycle by the clock.
+/// Runs the whole flight through a new chain and times each cycle.
 fn feed(scenario: &Scenario, cycles: &[Cycle], timing: &mut Timing) -> Answer {
     let mut chain = Chain::new(scenario).map_err(Failure::bad)?;
     for cycle in cycles {
@@ -99,7 +99,7 @@ fn feed(scenario: &Scenario, cycles: &[Cycle], timing: &mut Timing) -> Answer {
     Ok(())
 }
 
-/// Where tensions are computed, and for what.
+/// Positions at which tensions are computed, and their load.
 struct Poses {
     robot: Robot,
     weight_n: Vector3<f64>,
@@ -107,7 +107,7 @@ struct Poses {
 }
 
 impl Poses {
-    /// Positions of the flight at which no limit counts, so that both ways have to find the same.
+    /// Selects the positions of the flight at which no limit is active, so that both methods have the same solution.
     fn of(robot: &Robot, cycles: &[Cycle]) -> Answer<Self> {
         let weight_n = robot.wrench_n(&Vector3::zeros());
         let all = cycles.iter().step_by((cycles.len() / POSES).max(1)).map(|cycle| Vector3::from(cycle.truth_m));
@@ -121,7 +121,7 @@ impl Poses {
         poses.at = at;
         if poses.at.is_empty() || !poses.at.iter().all(|at| poses.apart_n(at) <= AGREE_N) {
             return Err(Failure::NotNow(format!(
-                "tensions at {} positions are not those of a pseudo-inverse within {AGREE_N} N",
+                "the tensions at {} positions differ from those of a pseudo-inverse by more than {AGREE_N} N",
                 poses.at.len()
             )));
         }
@@ -142,13 +142,13 @@ impl Poses {
         Some((inverse * self.weight_n).into())
     }
 
-    /// How far both are from each other, N.
+    /// Returns the greatest difference between both methods, N.
     fn apart_n(&self, at: &Vector3<f64>) -> f64 {
         let (Some(ours), Some(plain)) = (self.within_limits(at), self.by_pseudo_inverse(at)) else { return f64::NAN };
         ours.iter().zip(plain).fold(0.0, |most: f64, (ours, plain)| most.max((ours - plain).abs()))
     }
 
-    /// One pass over all positions each way.
+    /// Times one pass over all positions with each method.
     fn time(&self, [ours, plain]: &mut [Timing; 2]) {
         let begin_ns = now_ns();
         for at in &self.at {

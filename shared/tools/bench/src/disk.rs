@@ -1,5 +1,5 @@
-//! `disk`: the samples of a flight into a run file, made safe as often as the recorder does it, beside plain writes of the same bytes
-//! with the same rhythm. Both in turns.
+//! `disk`: writes the samples of a flight to a run file and syncs them as often as the recorder does, alternating with
+//! plain writes of the same bytes.
 
 use super::figures::{Ratio, Spread, record};
 use super::place::Scratch;
@@ -17,60 +17,60 @@ use std::io::{BufWriter, Write};
 use std::path::Path;
 use std::time::Duration;
 
-/// Samples that go to the disk each way at most, bytes: enough to see it work, too little to wear a memory card.
+/// Maximum bytes written to the disk per method: enough to measure, too little to wear a memory card.
 const MOST_BYTES: u64 = 64 << 20;
-/// Between two looks at whether the disk has confirmed.
+/// Interval between two checks whether the disk has confirmed.
 const LOOK: Duration = Duration::from_micros(200);
 
-/// What was found.
+/// Result of `disk`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Found {
-    /// Into a run file.
+    /// Run file.
     pub ours: Way,
-    /// Plain writes.
+    /// Plain file.
     pub plain: Way,
-    /// Plain over ours, of the time that half a second of a robot takes.
+    /// Plain file divided by run file, for the time of one batch.
     pub ratio: Ratio,
-    /// What a robot of this rate has to say, MB/s.
+    /// Data rate of a robot at this control rate, MB/s.
     pub needed_mb_s: f64,
-    /// Share of the samples' size that the run file has.
+    /// Size of the run file as a share of the samples' size.
     pub compressed_to: f64,
-    /// The folder lies in memory, so that this says nothing about a disk.
+    /// Whether the folder is in memory, so that the result does not apply to a disk.
     pub in_memory: bool,
 }
 
-/// One way of writing.
+/// Result of one way of writing.
 #[derive(Debug, Clone, Serialize)]
 pub struct Way {
-    /// Samples written and made safe per second, MB/s.
+    /// Samples written and synced per second, MB/s.
     pub mb_s: f64,
-    /// Time for what the recorder gathers between two flushes, until the disk has confirmed it.
+    /// Time for the data that the recorder collects between two flushes, until the disk has confirmed them.
     #[serde(flatten)]
     pub batch: Spread,
-    /// How long `fdatasync` took in it.
+    /// Time of `fdatasync` within it.
     pub sync: Spread,
 }
 
-/// Whether the folder can be used: it is there, and has more room than the recorder leaves free.
+/// Checks that the folder exists, is writable and has more space than the recorder leaves free.
 ///
 /// # Errors
-/// Bad input without such a folder; not now without room.
+/// Bad input without such a folder; not now without space.
 pub fn check(settings: &Settings) -> Answer {
     let runs = &settings.runs;
     let folder = runs.display();
     if !runs.is_dir() {
-        return Err(Failure::BadInput(format!("there is no folder {folder}: name one with --runs DIR")));
+        return Err(Failure::BadInput(format!("the folder {folder} does not exist; give another one with --runs DIR")));
     }
     if access(runs, Access::WRITE_OK | Access::EXEC_OK).is_err() {
         return Err(Failure::NotNow(format!(
-            "this user may not write to {folder}: name another folder with --runs DIR"
+            "this user may not write to {folder}; give another folder with --runs DIR"
         )));
     }
-    let free = free_bytes(runs).map_err(|error| Failure::NotNow(format!("{folder} cannot be looked at: {error}")))?;
+    let free = free_bytes(runs).map_err(|error| Failure::NotNow(format!("{folder} cannot be examined: {error}")))?;
     room(free, settings.least_bytes).map_err(|sentence| Failure::NotNow(format!("{folder} {sentence}")))
 }
 
-/// Whether so much free space is enough.
+/// Checks whether the free space is sufficient.
 fn room(free: u64, least: u64) -> Result<(), String> {
     let wanted = least.saturating_add(2 * MOST_BYTES);
     if free >= wanted {
@@ -78,16 +78,16 @@ fn room(free: u64, least: u64) -> Result<(), String> {
     }
     let megabytes = |bytes: u64| bytes as f64 * 1e-6;
     Err(format!(
-        "has {:.0} MB left, and below {:.0} MB nothing is measured: move old runs away, or name another folder with --runs DIR",
+        "has {:.0} MB left; the measurement needs {:.0} MB. Move old runs away, or give another folder with --runs DIR",
         megabytes(free),
         megabytes(wanted)
     ))
 }
 
-/// Measures for so many seconds.
+/// Measures for this many seconds.
 ///
 /// # Errors
-/// It was stopped, or the disk refuses.
+/// The benchmark was stopped, or the disk rejects writes.
 pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
     let scenario = flight::scenario(settings).map_err(Failure::bad)?;
     let cycles = flight::fly(&scenario).map_err(Failure::not_now)?;
@@ -100,7 +100,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
     let mut bytes = 0;
     let batches = cycles.chunks_exact(at_once).cycle();
     for (turn, batch) in batches.enumerate() {
-        // The one that comes first finds the disk at rest.
+        // Alternate the order, because the first writer finds an idle disk.
         if turn % 2 == 0 {
             run.write(batch, watch)?;
             plain.write(batch).map_err(refused)?;
@@ -127,10 +127,10 @@ fn in_memory(folder: &Path) -> bool {
 }
 
 fn refused(error: std::io::Error) -> Failure {
-    Failure::NotNow(format!("the disk refuses what is written to it: {error}"))
+    Failure::NotNow(format!("the disk rejects writes: {error}"))
 }
 
-/// Of one way.
+/// Times of one way of writing.
 struct Times {
     batch: Timing,
     sync: Timing,
@@ -154,7 +154,7 @@ impl Times {
     }
 }
 
-/// A run file, which is never finished.
+/// A run file that is never finished.
 struct Run {
     writer: RunWriter,
     channels: Vec<ChannelId>,
@@ -170,7 +170,8 @@ impl Run {
         Ok(Self { writer, channels, seq: 0, times: Times::new() })
     }
 
-    /// Writes a batch, and waits until the disk has it. The recorder does not wait: its file is synchronised by a thread of its own.
+    /// Writes a batch and waits until the disk has confirmed it. The recorder does not wait: a separate thread syncs
+    /// its file.
     fn write(&mut self, batch: &[Cycle], watch: &Watch) -> Answer {
         let syncs = |writer: &RunWriter| (writer.sync_report().done, writer.sync_report().failed);
         self.settle(watch)?;
@@ -190,13 +191,13 @@ impl Run {
         }
         let report = self.writer.sync_report();
         if report.failing {
-            return Err(Failure::NotNow("the disk does not confirm what it is given".to_owned()));
+            return Err(Failure::NotNow("the disk does not confirm writes".to_owned()));
         }
         self.times.note(writing_ns, report.last_ns);
         Ok(())
     }
 
-    /// Waits for what the beginning of the file has asked for.
+    /// Waits for the sync that the creation of the file requested.
     fn settle(&self, watch: &Watch) -> Answer {
         while self.writer.sync_report().done + self.writer.sync_report().failed == 0 {
             std::thread::sleep(LOOK);

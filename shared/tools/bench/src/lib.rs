@@ -1,10 +1,11 @@
-//! `nims bench`: whether this machine is good enough for a robot, and how what was built compares, on this machine and in this run,
-//! with the plain way of doing the same. Needs no robot, and touches none.
+//! `nims bench`: measures whether this machine is suitable for a robot, and compares the implementation with a plain
+//! alternative on this machine in the same run. It needs no robot and does not access one.
 //!
 //! Invariants:
-//! * Everything stands beside a peer that was measured in the same seconds, as medians, tails and a ratio: a time alone says as much
-//!   about what else the machine did.
-//! * Shared memory and files of a benchmark are its own; they are removed when it ends, and where it was killed by the next one.
+//! * Each figure has a peer measured in the same seconds; results are medians, tails and a ratio, because an absolute
+//!   time also depends on the other load of the machine.
+//! * Shared memory and files of a benchmark are private. They are removed at its end or, if it was killed, by the next
+//!   benchmark.
 #![forbid(unsafe_code)]
 
 mod args;
@@ -33,11 +34,11 @@ use std::path::PathBuf;
 use std::sync::atomic::Ordering;
 use std::time::{Duration, Instant};
 
-/// Control rates that a box may have, Hz.
+/// Permitted control rates, Hz.
 const RATES_HZ: [f64; 2] = [10.0, 250.0];
 const DEFAULT_RATE_HZ: f64 = 100.0;
 
-/// What is measured, and for what.
+/// Settings of the benchmark.
 #[derive(Debug, Clone)]
 struct Settings {
     parts: BTreeSet<Part>,
@@ -102,7 +103,8 @@ impl Settings {
         (1e9 / self.rate_hz).round() as u64
     }
 
-    /// A thousand ticks at 100 Hz, thousands of everything else: fewer have no tail.
+    /// Returns the duration of a part; by default it gives a thousand ticks at 100 Hz and thousands of other
+    /// measurements, enough for the tail.
     fn seconds_for(&self, part: Part) -> f64 {
         self.seconds.unwrap_or(match part {
             Part::Tick => 10.0,
@@ -113,7 +115,7 @@ impl Settings {
     }
 }
 
-/// Looks after whoever waits: shows how far it is, and whether it is to end.
+/// Progress bar and stop flag.
 struct Watch {
     stop: StopFlag,
     bar: ProgressBar,
@@ -121,20 +123,20 @@ struct Watch {
 }
 
 impl Watch {
-    /// Between two looks.
+    /// Interval between two updates of the progress bar.
     const LOOK: Duration = Duration::from_millis(50);
 
     fn new(stop: StopFlag, settings: &Settings) -> Self {
         let all_s: f64 = settings.parts.iter().map(|part| settings.seconds_for(*part)).sum();
         let style = ProgressStyle::with_template("{msg:6} {wide_bar} {percent:>3} %");
         let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        // without a terminal it draws nothing
+        // Without a terminal, the bar draws nothing.
         let bar = ProgressBar::with_draw_target(Some((all_s * 1e3) as u64), ProgressDrawTarget::stderr());
         let bar = bar.with_style(style).with_finish(ProgressFinish::AndClear);
         Self { stop, bar, begun: Instant::now() }
     }
 
-    /// For a thread that is looked after by another.
+    /// Creates a watch without a progress bar, for a worker thread.
     fn quiet(stop: StopFlag) -> Self {
         Self { stop, bar: ProgressBar::hidden(), begun: Instant::now() }
     }
@@ -149,13 +151,13 @@ impl Watch {
 
     fn go_on(&self) -> Answer {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Failure::NotNow("stopped before everything was measured".to_owned()));
+            return Err(Failure::NotNow("stopped before the end of the measurement".to_owned()));
         }
         Ok(())
     }
 }
 
-/// What was found, as far as it was asked for.
+/// Results of the measured parts.
 struct Report {
     rate_hz: f64,
     runs: PathBuf,
@@ -192,10 +194,10 @@ impl Report {
     }
 }
 
-/// `nims bench`.
+/// Runs `nims bench`.
 ///
 /// # Errors
-/// Bad input; a robot that runs; a disk without room; or whatever could not be measured now.
+/// Bad input, a running robot, a disk without space, or a failed measurement.
 pub fn run(asked: &Args) -> Answer<Output> {
     let settings = Settings::of(asked)?;
     let wanted = |part: Part| settings.parts.contains(&part);
@@ -208,7 +210,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
     let robot = robots::running();
     if let Some(where_it_runs) = robot.as_ref().filter(|_| !asked.beside) {
         return Err(Failure::NotNow(format!(
-            "a robot runs on this machine ({where_it_runs}), and this would take its time: end it first, or say --beside"
+            "a robot runs on this machine ({where_it_runs}), and a benchmark would delay it; end it first, or use --beside"
         )));
     }
     bus::make_private();
@@ -251,7 +253,7 @@ mod tests {
         let settings = Settings::of(&asked()).unwrap();
         assert_eq!(settings.parts, Part::ALL.into());
         assert!(Part::ALL.into_iter().map(|part| settings.seconds_for(part)).sum::<f64>() < 20.0);
-        // a thousand ticks: a tail of more than the worst
+        // A thousand ticks, so that the tail differs from the maximum.
         assert!(settings.seconds_for(Part::Tick) * settings.rate_hz >= 1000.0);
         let settings = Settings::of(&Args { seconds: Some(0.5), ..asked() }).unwrap();
         assert!(Part::ALL.into_iter().all(|part| settings.seconds_for(part) == 0.5));

@@ -1,5 +1,5 @@
-//! Where a benchmark works: a domain of its own in shared memory, a folder of its own on the disk. Both bear the number of its process,
-//! go when it ends, and are removed by the next one where it was killed.
+//! Work places of a benchmark: a private domain in shared memory and a private folder on the disk. Both names contain
+//! the process id. They are removed at the end or, if the benchmark was killed, by the next one.
 
 use bus::{Claim, Domain};
 use command::{Answer, Failure};
@@ -8,25 +8,26 @@ use std::fs;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt};
 use std::path::{Path, PathBuf};
 
-/// Where a domain has to lie.
+/// Parent folder of domains.
 const SHARED_MEMORY: &str = "/dev/shm";
-/// What a folder on the disk begins with.
+/// Name prefix of a folder on the disk.
 const ON_DISK: &str = ".nims-bench-";
 
-/// What a folder in shared memory begins with. Not as those of robots do, so that no command takes it for one.
+/// Returns the name prefix of a folder in shared memory; it differs from that of robots, so that no command mistakes it
+/// for one.
 fn in_memory() -> String {
     format!("nimsbench-{}-", getuid().as_raw())
 }
 
-/// A private domain, removed when this is dropped.
+/// A private domain, removed on drop.
 pub struct PrivateDomain {
     domain: Domain,
-    // last: until everything is removed, nobody else may begin with that
+    // Dropped last: no other process may claim the domain before everything is removed.
     claim: Option<Claim>,
 }
 
 impl PrivateDomain {
-    /// That of this process.
+    /// Creates the domain of this process.
     ///
     /// # Errors
     /// Shared memory cannot be used.
@@ -49,7 +50,7 @@ impl PrivateDomain {
 
 impl Drop for PrivateDomain {
     fn drop(&mut self) {
-        // Whoever still lives in it, although it was ended, is left to the next start.
+        // If a process is still running in it, the next benchmark removes the domain.
         if self.domain.sweep().is_ok_and(|swept| swept.alive == 0) {
             let _ = fs::remove_dir_all(self.domain.root());
         }
@@ -57,13 +58,13 @@ impl Drop for PrivateDomain {
     }
 }
 
-/// A folder on the disk, removed with what is in it when this is dropped.
+/// A folder on the disk, removed with its contents on drop.
 pub struct Scratch {
     folder: PathBuf,
 }
 
 impl Scratch {
-    /// That of this process.
+    /// Creates the folder of this process.
     ///
     /// # Errors
     /// The folder cannot be written.
@@ -71,7 +72,7 @@ impl Scratch {
         let folder = runs.join(format!("{ON_DISK}{}", std::process::id()));
         let made = fs::DirBuilder::new().mode(0o700).create(&folder);
         made.map_err(|error| {
-            Failure::NotNow(format!("{} cannot be made: {error}; choose another folder with --runs", folder.display()))
+            Failure::NotNow(format!("{} cannot be created: {error}; give another folder with --runs", folder.display()))
         })?;
         Ok(Self { folder })
     }
@@ -89,10 +90,10 @@ impl Drop for Scratch {
     }
 }
 
-/// Removes what benchmarks that were killed have left in shared memory and, if it is given, in a folder of runs.
+/// Removes the leftovers of killed benchmarks in shared memory and, if given, in a folder of runs.
 pub fn sweep(runs: Option<&Path>) {
     for folder in left_in(Path::new(SHARED_MEMORY), &in_memory()) {
-        // Made again only to be removed; where somebody holds it, or lives in it, it stays.
+        // Opened only to be removed on drop; it stays if another process claims it or runs in it.
         let _ = PrivateDomain::of(&folder);
     }
     for folder in runs.into_iter().flat_map(|runs| left_in(runs, ON_DISK)) {
@@ -100,7 +101,7 @@ pub fn sweep(runs: Option<&Path>) {
     }
 }
 
-/// This user's folders with that beginning whose process is gone.
+/// Returns this user's folders with this prefix whose process has ended.
 fn left_in(place: &Path, beginning: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(place).into_iter().flatten().flatten();
     let left = entries.filter(|entry| {
@@ -111,7 +112,7 @@ fn left_in(place: &Path, beginning: &str) -> Vec<PathBuf> {
     left.map(|entry| entry.path()).collect()
 }
 
-/// Whether the process of that number is one of this program's: another one may have its number by now.
+/// Returns whether the process with this id runs this program; another program may have reused the id.
 fn runs_this_program(pid: u32) -> bool {
     let name = |pid: &str| fs::read_to_string(format!("/proc/{pid}/comm")).ok();
     name(&pid.to_string()).is_some_and(|there| Some(there) == name("self"))
@@ -123,7 +124,7 @@ mod tests {
     use bus::Bus;
     use messages::MotorState;
 
-    /// A number that no process has.
+    /// An unused process id.
     const NOBODY: u32 = u32::MAX / 2;
 
     fn names_in_shared_memory(prefix: &str) -> usize {
@@ -138,7 +139,7 @@ mod tests {
         let bus = Bus::join(place.domain(), "test").unwrap();
         let states = bus.publisher::<MotorState>("motor/state").unwrap();
         assert!(root.is_dir() && names_in_shared_memory(&prefix) > 0);
-        assert!(!Domain::all().iter().any(|domain| domain.root() == root), "it is taken for a robot's");
+        assert!(!Domain::all().iter().any(|domain| domain.root() == root), "it is mistaken for the domain of a robot");
         drop((states, bus));
         drop(place);
         assert!(!root.exists());
@@ -153,7 +154,7 @@ mod tests {
         let dead = runs.path().join(format!("{ON_DISK}{NOBODY}"));
         fs::create_dir(&dead).unwrap();
         fs::write(dead.join("file"), "x").unwrap();
-        // not ours, whatever they are
+        // Names of a different form.
         for name in [".nims-bench-", ".nims-bench-notes", "nims-bench-7"] {
             fs::create_dir(runs.path().join(name)).unwrap();
         }

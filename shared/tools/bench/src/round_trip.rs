@@ -1,5 +1,6 @@
-//! `bus`: a sample as large as `motor/state` to another process and back, over our bus as the control chain does it, and over a pair of
-//! Unix datagram sockets between the same two processes. Both one after the other, once per millisecond.
+//! `bus`: round-trip time of a sample of the size of `motor/state` to another process, over the bus as in the control
+//! chain, and over a pair of Unix datagram sockets between the same processes. Both are measured once per millisecond,
+//! one after the other.
 
 use super::figures::{Ratio, Spread, record};
 use super::peer::{self, BACK, THERE};
@@ -17,38 +18,39 @@ use std::os::unix::net::UnixDatagram;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::Duration;
 
-/// Between two pairs of round trips, ns: long enough for both processes to fall asleep, as they do in the control chain.
+/// Pause between two pairs of round trips, ns: long enough for both processes to fall asleep, as in the control chain.
 const PAUSE_NS: u64 = 1_000_000;
-/// Before anything is counted: connecting costs once.
+/// Number of round trips that are not counted, because connecting takes extra time once.
 const WARM_UP: u64 = 20;
-/// Between two looks at whether the peer still lives.
+/// Interval between two checks whether the peer is alive.
 const LOOK: Duration = Duration::from_millis(200);
-/// So many looks without an answer from a peer that lives, and it is given up. A machine may stand still in between for any time.
+/// Number of checks without an answer from a living peer before giving up. The machine may stall for any time in
+/// between.
 const PATIENCE: u32 = 150;
 
-/// What was found.
+/// Result of `bus`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Found {
     /// Size of the sample, bytes.
     pub sample_bytes: usize,
-    /// Round trips over our bus.
+    /// Round trips over the bus.
     pub ours: Spread,
     /// Round trips over datagram sockets.
     pub plain: Spread,
-    /// Sockets over ours.
+    /// Sockets divided by bus.
     pub ratio: Ratio,
-    /// How both processes were scheduled.
+    /// Scheduling of both processes.
     pub scheduling: scheduling::Reached,
 }
 
-/// The other process; ended when this is dropped.
+/// The peer process, killed on drop.
 struct Peer {
     child: Child,
     socket: UnixDatagram,
 }
 
 impl Peer {
-    /// Starts this program again.
+    /// Starts this program as the peer.
     fn start(domain: &PrivateDomain) -> Answer<Self> {
         let cannot = |error: std::io::Error| Failure::NotNow(format!("the other process cannot be started: {error}"));
         let (socket, theirs) = UnixDatagram::pair().map_err(cannot)?;
@@ -56,7 +58,7 @@ impl Peer {
         let own = std::env::current_exe().map_err(cannot)?;
         let child = Command::new(own)
             .args([peer::COMMAND, domain.domain().name()])
-            .stdin(Stdio::piped()) // by whose end it knows that nobody waits for it any more
+            .stdin(Stdio::piped()) // the peer ends when this pipe is closed
             .stdout(Stdio::from(OwnedFd::from(theirs)))
             .stderr(Stdio::null())
             .spawn()
@@ -64,7 +66,7 @@ impl Peer {
         Ok(Self { child, socket })
     }
 
-    /// Whether to go on waiting, after so many looks.
+    /// Returns an error if the peer has ended or does not answer after this many checks.
     fn patient(&mut self, looks: u32, watch: &Watch) -> Answer {
         watch.go_on()?;
         if let Ok(Some(status)) = self.child.try_wait() {
@@ -73,9 +75,9 @@ impl Peer {
         if looks < PATIENCE { Ok(()) } else { Err(Failure::NotNow("the other process does not answer".to_owned())) }
     }
 
-    /// What an error of the socket comes from: nobody holds its other end any more.
+    /// Converts a socket error, which means that the peer closed its end.
     fn lost(&mut self, error: &std::io::Error) -> Failure {
-        // It is about to end, if it has not yet.
+        // It is about to end, if it has not ended yet.
         let _ = self.child.kill();
         match self.child.wait() {
             Ok(status) => ended(&status),
@@ -83,7 +85,7 @@ impl Peer {
         }
     }
 
-    /// The next datagram.
+    /// Receives the next datagram.
     fn receive(&mut self, buffer: &mut [u8], watch: &Watch) -> Answer<usize> {
         for looks in 0.. {
             match self.socket.recv(buffer) {
@@ -97,7 +99,7 @@ impl Peer {
         Err(Failure::NotNow("the other process does not answer".to_owned()))
     }
 
-    /// Waits until it listens.
+    /// Waits until the peer is ready.
     fn ready(&mut self, watch: &Watch) -> Answer {
         let mut said = [0; 512];
         let bytes = self.receive(&mut said, watch)?;
@@ -109,18 +111,18 @@ impl Peer {
 }
 
 fn ended(status: &ExitStatus) -> Failure {
-    Failure::NotNow(format!("the other process ended before everything was measured ({status})"))
+    Failure::NotNow(format!("the other process ended before the end of the measurement ({status})"))
 }
 
 impl Drop for Peer {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // It may have ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }
 }
 
-/// Our side of the bus.
+/// Ports of this process on the bus.
 struct Ports {
     there: Publisher<MotorState>,
     back: Subscriber<MotorState>,
@@ -169,13 +171,13 @@ fn by_socket(number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> 
     Ok((begin_ns, now_ns()))
 }
 
-/// Measures for so many seconds.
+/// Measures for this many seconds.
 ///
 /// # Errors
-/// It was stopped, the other process ended, or there is no room in shared memory.
+/// The benchmark was stopped, the peer ended, or shared memory is full.
 pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
     let wanted = ((seconds * 1e9 / PAUSE_NS as f64).round() as u64).max(1);
-    // Dropped after the thread has ended, in which the ports live.
+    // The domain outlives the thread, which holds the ports.
     let domain = PrivateDomain::make()?;
     let quiet = Watch::quiet(watch.stop());
     std::thread::scope(|scope| {
@@ -188,7 +190,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
     })
 }
 
-/// In a thread of its own, whose scheduling the other process inherits.
+/// Measures in a separate thread, whose scheduling the peer inherits.
 fn trips(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch) -> Answer<Found> {
     let (scheduling, _awake) = scheduling::apply(&settings.realtime);
     let mut peer = Peer::start(domain)?;
@@ -199,7 +201,7 @@ fn trips(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch
     let (mut pacer, mut passed) = (Pacer::new(PAUSE_NS), 0);
     for number in 1_u64.. {
         passed += 1 + pacer.next().skipped;
-        // Whoever comes second finds the other process awake a moment ago: each is it every other time.
+        // The second round trip finds the peer recently awake, so the order alternates.
         let first_ours = number % 2 == 0;
         let mut trip = None;
         if first_ours {

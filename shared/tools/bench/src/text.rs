@@ -1,4 +1,4 @@
-//! The figures as a table for people. Pure.
+//! Formats the figures as a table. Pure.
 
 use super::figures::{Ratio, Spread};
 use super::{Report, chain, disk, round_trip, tick};
@@ -6,10 +6,10 @@ use commissioning::check;
 
 /// Width of the first column.
 const LABEL: usize = 44;
-/// Width of the others.
+/// Width of the other columns.
 const CELL: usize = 13;
 
-/// A time as people say it: three digits and a unit that fits.
+/// Formats a duration with three digits and a suitable unit.
 #[must_use]
 pub fn duration(seconds: f64) -> String {
     match seconds {
@@ -20,13 +20,13 @@ pub fn duration(seconds: f64) -> String {
     }
 }
 
-/// A share of a whole, 1 for all of it.
+/// Formats a share as a percentage.
 #[must_use]
 pub fn percent(share: f64) -> String {
     format!("{} %", digits(share * 100.0))
 }
 
-/// Three digits, or as many as stand before the point; no zeros behind it that say nothing.
+/// Formats three digits, or all digits before the decimal point, without trailing zeros.
 fn digits(value: f64) -> String {
     let decimals = match value {
         value if value >= 99.95 => 0,
@@ -59,7 +59,7 @@ fn of_ratio(ratio: &Ratio) -> Vec<String> {
     [ratio.median, ratio.p999].map(|ratio| format!("{} : 1", digits(ratio))).to_vec()
 }
 
-/// All parts that were measured, each with its verdict.
+/// Formats all measured parts, each with its verdict.
 #[must_use]
 pub fn report(report: &Report) -> String {
     let mut lines = Vec::new();
@@ -75,7 +75,7 @@ pub fn report(report: &Report) -> String {
     }
     if let Some(found) = &report.bus {
         let mut table = of_bus(found);
-        // the same as that of the wake-ups, if it has been said
+        // Omitted if it has already been printed for the wake-ups.
         if report.tick.is_none() {
             table.extend(found.scheduling.words());
         }
@@ -88,7 +88,7 @@ pub fn report(report: &Report) -> String {
         part(of_disk(found, report), "disk");
     }
     if report.beside {
-        lines.push("measured while a robot ran: what it takes is in these figures".to_owned());
+        lines.push("measured while a robot was running, so the figures include its load".to_owned());
     } else {
         lines.pop();
     }
@@ -96,11 +96,9 @@ pub fn report(report: &Report) -> String {
 }
 
 fn of_ticks(found: &tick::Found, rate_hz: f64) -> Vec<String> {
-    let mut lines = vec![heading(
-        &format!("how late a wake-up is, at {rate_hz} Hz"),
-        &[&SPREAD[..], &["late", "left out"]].concat(),
-    )];
-    for (label, ticks) in [("  as motor-io waits", &found.ours), ("  an ordinary thread that sleeps", &found.plain)] {
+    let mut lines =
+        vec![heading(&format!("delay of a wake-up at {rate_hz} Hz"), &[&SPREAD[..], &["late", "skipped"]].concat())];
+    for (label, ticks) in [("  as motor-io waits", &found.ours), ("  ordinary sleeping thread", &found.plain)] {
         let counts = [format!("{}/{}", ticks.late, ticks.lateness.count), ticks.skipped.to_string()];
         lines.push(row(label, &[of_spread(&ticks.lateness), counts.to_vec()].concat()));
     }
@@ -111,7 +109,7 @@ fn of_ticks(found: &tick::Found, rate_hz: f64) -> Vec<String> {
 
 fn of_bus(found: &round_trip::Found) -> Vec<String> {
     vec![
-        heading(&format!("{} bytes to a process and back", found.sample_bytes), &[&SPREAD[..], &["times"]].concat()),
+        heading(&format!("round trip of {} bytes", found.sample_bytes), &[&SPREAD[..], &["times"]].concat()),
         row("  over the bus", &[of_spread(&found.ours), vec![found.ours.count.to_string()]].concat()),
         row("  over datagram sockets", &[of_spread(&found.plain), vec![found.plain.count.to_string()]].concat()),
         row("  sockets to bus", &of_ratio(&found.ratio)),
@@ -121,21 +119,21 @@ fn of_bus(found: &round_trip::Found) -> Vec<String> {
 fn of_chain(found: &chain::Found, rate_hz: f64) -> Vec<String> {
     let tensions = &found.tensions;
     vec![
-        heading(&format!("computing, {} lines", found.cables), &[&SPREAD[..], &["times"]].concat()),
+        heading(&format!("computing, {} cables", found.cables), &[&SPREAD[..], &["times"]].concat()),
         row("  a cycle of the control chain", &[of_spread(&found.ours), vec![found.ours.count.to_string()]].concat()),
         row(
-            &format!("  the same as a share of the period of {rate_hz} Hz"),
+            &format!("  as a share of the period at {rate_hz} Hz"),
             &[found.median_share, found.p999_share, found.ours.worst_s * rate_hz].map(percent),
         ),
-        row("  tensions within their limits", &of_spread(&tensions.ours)),
-        row("  the same by pseudo-inverse, without limits", &of_spread(&tensions.plain)),
-        row("  pseudo-inverse to ours", &of_ratio(&tensions.ratio)),
+        row("  tensions within limits", &of_spread(&tensions.ours)),
+        row("  by pseudo-inverse, without limits", &of_spread(&tensions.plain)),
+        row("  pseudo-inverse to within limits", &of_ratio(&tensions.ratio)),
     ]
 }
 
 fn of_disk(found: &disk::Found, report: &Report) -> Vec<String> {
     let mut lines = vec![heading(
-        &format!("half a second of a robot onto {}", report.runs.display()),
+        &format!("half a second of data to {}", report.runs.display()),
         &["MB/s", "median", "99.9 %", "longest sync"],
     )];
     for (label, way) in [("  as a run file", &found.ours), ("  as a plain file", &found.plain)] {
@@ -146,7 +144,7 @@ fn of_disk(found: &disk::Found, report: &Report) -> Vec<String> {
     ratio.extend(of_ratio(&found.ratio));
     lines.push(row("  plain file to run file", &ratio));
     lines.push(format!(
-        "the control chain says {} MB/s, which the run file compresses to {}",
+        "the control chain publishes {} MB/s, which the run file compresses to {}",
         digits(found.needed_mb_s),
         percent(found.compressed_to)
     ));

@@ -1,4 +1,5 @@
-//! `tick`: how late a thread wakes up once per period, as motor-io does it and as an ordinary thread does, both at once.
+//! `tick`: delay of a periodic wake-up, for a thread that waits like motor-io and for an ordinary thread, both at the
+//! same time.
 
 use super::figures::{Ratio, Spread, record};
 use super::{Settings, Watch, scheduling};
@@ -11,39 +12,40 @@ use std::time::Duration;
 /// Wake-ups of one thread.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Ticks {
-    /// How late they were.
+    /// Delay.
     #[serde(flatten)]
     pub lateness: Spread,
-    /// Those so late that motor-io blames the computer for an answer that is missing then: by more than half a period.
+    /// Number of wake-ups more than half a period late; motor-io attributes a missing answer in such a period to the
+    /// computer.
     pub late: u64,
-    /// Periods that were left out, because the machine stood still for longer.
+    /// Number of periods skipped because the machine stalled.
     pub skipped: u64,
-    /// Periods from the first to the last.
+    /// Number of periods from the first to the last.
     pub periods: u64,
 }
 
 impl Ticks {
-    /// Share of the periods that did not begin in time.
+    /// Returns the share of the periods that were late or skipped.
     #[must_use]
     pub fn bad_share(&self) -> f64 {
         (self.late + self.skipped) as f64 / self.periods.max(1) as f64
     }
 }
 
-/// What was found.
+/// Result of `tick`.
 #[derive(Debug, Clone, Serialize)]
 pub struct Found {
-    /// As motor-io waits.
+    /// Thread that waits like motor-io.
     pub ours: Ticks,
-    /// An ordinary thread that sleeps for the rest of the period.
+    /// Ordinary thread that sleeps for the rest of the period.
     pub plain: Ticks,
-    /// Ordinary over ours.
+    /// Ordinary divided by motor-io.
     pub ratio: Ratio,
-    /// How our thread was scheduled.
+    /// Scheduling of the first thread.
     pub scheduling: scheduling::Reached,
 }
 
-/// Counts wake-ups.
+/// Accumulates wake-ups.
 struct Count {
     period_ns: u64,
     lateness: Timing,
@@ -73,10 +75,10 @@ impl Count {
     }
 }
 
-/// Measures both for so many seconds, half a period apart.
+/// Measures both threads for this many seconds, half a period apart.
 ///
 /// # Errors
-/// It was stopped, or the system has no threads.
+/// The benchmark was stopped, or a thread failed.
 pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
     let period_ns = settings.period_ns();
     let wanted = ((seconds * settings.rate_hz).round() as u64).max(1);
@@ -109,7 +111,7 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
         (ours.join(), plain.join())
     });
     watch.go_on()?;
-    let ended = || Failure::NotNow("a thread that was to be woken up ended early".to_owned());
+    let ended = || Failure::NotNow("a measuring thread ended early".to_owned());
     let (ours, scheduling) = ours.map_err(|_| ended())?;
     let plain = plain.map_err(|_| ended())?;
     let ratio = Ratio::of(&plain.lateness, &ours.lateness);
@@ -137,11 +139,11 @@ mod tests {
 
     #[test]
     fn every_period_is_a_tick_or_was_left_out() {
-        // a stall after the second, and the last but one crowded out
+        // A stall after the second period, and the last but one skipped.
         let found = counted(10, &[(50, 1, 0), (60, 1, 0), (100, 7, 3), (120, 0, 1)]);
         assert_eq!((found.skipped, found.periods, found.late), (4, 8, 1));
         assert_eq!(found.lateness.count + found.skipped, found.periods);
-        // a stall before the first
+        // A stall before the first period.
         let found = counted(10, &[(50, 1, 2)]);
         assert_eq!((found.skipped, found.periods), (2, 3));
         assert_eq!(counted(10, &[]).bad_share(), 0.0);
