@@ -24,7 +24,7 @@ const RANK: f64 = 1e-12;
 
 /// Result of `chain`.
 #[derive(Debug, Clone, Serialize)]
-pub struct Found {
+pub struct ChainResult {
     /// Number of cables.
     pub cables: usize,
     /// Time of a cycle of the whole chain.
@@ -52,10 +52,10 @@ pub struct Tensions {
 ///
 /// # Errors
 /// The benchmark was stopped, or the law or method of the system file cannot be used.
-pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<ChainResult> {
     let scenario = flight::scenario(settings).map_err(Failure::bad)?;
     let cycles = flight::fly(&scenario).map_err(Failure::not_now)?;
-    let poses = Poses::of(&scenario.robot, &cycles)?;
+    let poses = Poses::select(&scenario.robot, &cycles)?;
     let (mut ours, mut tensions) = (Timing::new(), [Timing::new(), Timing::new()]);
     let end_ns = now_ns() + (seconds * 1e9) as u64;
     loop {
@@ -63,15 +63,15 @@ pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<F
         for _ in 0..PASSES {
             poses.time(&mut tensions);
         }
-        watch.look();
-        watch.go_on()?;
+        watch.update();
+        watch.check_stop()?;
         if now_ns() >= end_ns {
             break;
         }
     }
     let ours = Spread::of(&ours);
     let [limited, unlimited] = tensions.map(|timing| Spread::of(&timing).divided(poses.at.len() as u64));
-    Ok(Found {
+    Ok(ChainResult {
         cables: scenario.robot.cable_count(),
         ours,
         median_share: ours.median_s / scenario.period_s,
@@ -108,7 +108,7 @@ struct Poses {
 
 impl Poses {
     /// Selects the positions of the flight at which no limit is active, so that both methods have the same solution.
-    fn of(robot: &Robot, cycles: &[Cycle]) -> Answer<Self> {
+    fn select(robot: &Robot, cycles: &[Cycle]) -> Answer<Self> {
         let weight_n = robot.wrench_n(&Vector3::zeros());
         let all = cycles.iter().step_by((cycles.len() / POSES).max(1)).map(|cycle| Vector3::from(cycle.truth_m));
         let mut poses = Self { robot: *robot, weight_n, at: all.collect() };
@@ -119,7 +119,7 @@ impl Poses {
         };
         let at: Vec<Vector3<f64>> = poses.at.iter().copied().filter(within).collect();
         poses.at = at;
-        if poses.at.is_empty() || !poses.at.iter().all(|at| poses.apart_n(at) <= AGREE_N) {
+        if poses.at.is_empty() || !poses.at.iter().all(|at| poses.difference_n(at) <= AGREE_N) {
             return Err(Failure::NotNow(format!(
                 "the tensions at {} positions differ from those of a pseudo-inverse by more than {AGREE_N} N",
                 poses.at.len()
@@ -143,7 +143,7 @@ impl Poses {
     }
 
     /// Returns the greatest difference between both methods, N.
-    fn apart_n(&self, at: &Vector3<f64>) -> f64 {
+    fn difference_n(&self, at: &Vector3<f64>) -> f64 {
         let (Some(ours), Some(plain)) = (self.within_limits(at), self.by_pseudo_inverse(at)) else { return f64::NAN };
         ours.iter().zip(plain).fold(0.0, |most: f64, (ours, plain)| most.max((ours - plain).abs()))
     }
@@ -171,8 +171,8 @@ mod tests {
     fn both_ways_find_the_same_tensions_along_most_of_the_flight() {
         let scenario = flight::scenario(&Settings::default()).unwrap();
         let cycles = flight::fly(&scenario).unwrap();
-        let poses = Poses::of(&scenario.robot, &cycles).unwrap();
+        let poses = Poses::select(&scenario.robot, &cycles).unwrap();
         assert!(poses.at.len() > POSES / 2, "{}", poses.at.len());
-        assert!(poses.at.iter().all(|at| poses.apart_n(at) <= AGREE_N));
+        assert!(poses.at.iter().all(|at| poses.difference_n(at) <= AGREE_N));
     }
 }

@@ -97,7 +97,7 @@ pub const CHANNELS: [&str; 8] = [
 ];
 
 /// Returns the samples of a cycle in the order of [`CHANNELS`], each with its header.
-pub fn said(cycle: &Cycle) -> [(&Header, &[u8]); CHANNELS.len()] {
+pub fn samples(cycle: &Cycle) -> [(&Header, &[u8]); CHANNELS.len()] {
     fn one<T: messages::Message>(sample: &T) -> (&Header, &[u8]) {
         (sample.header(), bytemuck::bytes_of(sample))
     }

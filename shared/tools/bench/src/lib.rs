@@ -59,7 +59,7 @@ impl Default for Settings {
             parts: Part::ALL.into(),
             rate_hz: DEFAULT_RATE_HZ,
             seconds: None,
-            realtime: scheduling::best(),
+            realtime: scheduling::recommended(),
             controller: ControllerSection::default(),
             estimator: EstimatorSection::default(),
             runs: PathBuf::from("."),
@@ -70,12 +70,12 @@ impl Default for Settings {
 }
 
 impl Settings {
-    fn of(asked: &Args) -> Answer<Self> {
-        let mut settings = Self { seconds: asked.seconds, ..Self::default() };
-        if !asked.parts.is_empty() {
-            settings.parts = asked.parts.iter().copied().collect();
+    fn of(args: &Args) -> Answer<Self> {
+        let mut settings = Self { seconds: args.seconds, ..Self::default() };
+        if !args.parts.is_empty() {
+            settings.parts = args.parts.iter().copied().collect();
         }
-        if let Some(path) = &asked.system_file {
+        if let Some(path) = &args.system_file {
             let path = std::path::absolute(path).map_err(Failure::bad)?;
             let file = SystemFile::load(&path).map_err(Failure::bad)?;
             settings.rate_hz = file.rate_hz;
@@ -85,7 +85,7 @@ impl Settings {
             (settings.realtime, settings.controller, settings.estimator) =
                 (file.realtime, file.controller, file.estimator);
         }
-        settings.rate_hz = asked.rate.unwrap_or(settings.rate_hz);
+        settings.rate_hz = args.rate.unwrap_or(settings.rate_hz);
         let [least, most] = RATES_HZ;
         if !(least..=most).contains(&settings.rate_hz) {
             return Err(Failure::BadInput(format!(
@@ -93,7 +93,7 @@ impl Settings {
                 settings.rate_hz
             )));
         }
-        if let Some(runs) = &asked.runs {
+        if let Some(runs) = &args.runs {
             settings.runs.clone_from(runs);
         }
         Ok(settings)
@@ -124,7 +124,7 @@ struct Watch {
 
 impl Watch {
     /// Interval between two updates of the progress bar.
-    const LOOK: Duration = Duration::from_millis(50);
+    const INTERVAL: Duration = Duration::from_millis(50);
 
     fn new(stop: StopFlag, settings: &Settings) -> Self {
         let all_s: f64 = settings.parts.iter().map(|part| settings.seconds_for(*part)).sum();
@@ -145,11 +145,11 @@ impl Watch {
         StopFlag::clone(&self.stop)
     }
 
-    fn look(&mut self) {
+    fn update(&mut self) {
         self.bar.set_position(self.begun.elapsed().as_millis() as u64);
     }
 
-    fn go_on(&self) -> Answer {
+    fn check_stop(&self) -> Answer {
         if self.stop.load(Ordering::Relaxed) {
             return Err(Failure::NotNow("stopped before the end of the measurement".to_owned()));
         }
@@ -158,24 +158,24 @@ impl Watch {
 }
 
 /// Results of the measured parts.
-struct Report {
+struct BenchReport {
     rate_hz: f64,
     runs: PathBuf,
     beside: bool,
-    tick: Option<tick::Found>,
-    bus: Option<round_trip::Found>,
-    chain: Option<chain::Found>,
-    disk: Option<disk::Found>,
+    tick: Option<tick::TickResult>,
+    bus: Option<round_trip::BusResult>,
+    chain: Option<chain::ChainResult>,
+    disk: Option<disk::DiskResult>,
 }
 
-impl Report {
+impl BenchReport {
     fn verdicts(&self) -> Vec<(Part, Finding)> {
         let rate_hz = self.rate_hz;
         [
-            self.tick.as_ref().map(|found| (Part::Tick, judge::of_ticks(found, rate_hz))),
-            self.bus.as_ref().map(|found| (Part::Bus, judge::of_bus(found, rate_hz))),
-            self.chain.as_ref().map(|found| (Part::Chain, judge::of_chain(found, rate_hz))),
-            self.disk.as_ref().map(|found| (Part::Disk, judge::of_disk(found, rate_hz))),
+            self.tick.as_ref().map(|found| (Part::Tick, judge::tick_finding(found, rate_hz))),
+            self.bus.as_ref().map(|found| (Part::Bus, judge::bus_finding(found, rate_hz))),
+            self.chain.as_ref().map(|found| (Part::Chain, judge::chain_finding(found, rate_hz))),
+            self.disk.as_ref().map(|found| (Part::Disk, judge::disk_finding(found, rate_hz))),
         ]
         .into_iter()
         .flatten()
@@ -198,8 +198,8 @@ impl Report {
 ///
 /// # Errors
 /// Bad input, a running robot, a disk without space, or a failed measurement.
-pub fn run(asked: &Args) -> Answer<Output> {
-    let settings = Settings::of(asked)?;
+pub fn run(args: &Args) -> Answer<Output> {
+    let settings = Settings::of(args)?;
     let wanted = |part: Part| settings.parts.contains(&part);
     if wanted(Part::Chain) || wanted(Part::Disk) {
         flight::scenario(&settings).map_err(Failure::bad)?;
@@ -208,7 +208,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
         disk::check(&settings)?;
     }
     let robot = robots::running();
-    if let Some(where_it_runs) = robot.as_ref().filter(|_| !asked.beside) {
+    if let Some(where_it_runs) = robot.as_ref().filter(|_| !args.beside) {
         return Err(Failure::NotNow(format!(
             "a robot runs on this machine ({where_it_runs}), and a benchmark would delay it; end it first, or use --beside"
         )));
@@ -217,7 +217,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
     let stop = command::stop_flag()?;
     place::sweep(wanted(Part::Disk).then_some(&*settings.runs));
     let mut watch = Watch::new(stop, &settings);
-    let mut report = Report {
+    let mut report = BenchReport {
         rate_hz: settings.rate_hz,
         runs: settings.runs.clone(),
         beside: robot.is_some(),
@@ -244,35 +244,35 @@ pub fn run(asked: &Args) -> Answer<Output> {
 mod tests {
     use super::*;
 
-    fn asked() -> Args {
+    fn default_args() -> Args {
         Args { parts: Vec::new(), system_file: None, rate: None, seconds: None, runs: None, beside: false }
     }
 
     #[test]
     fn everything_is_measured_in_less_than_twenty_seconds_unless_told_otherwise() {
-        let settings = Settings::of(&asked()).unwrap();
+        let settings = Settings::of(&default_args()).unwrap();
         assert_eq!(settings.parts, Part::ALL.into());
         assert!(Part::ALL.into_iter().map(|part| settings.seconds_for(part)).sum::<f64>() < 20.0);
         // A thousand ticks, so that the tail differs from the maximum.
         assert!(settings.seconds_for(Part::Tick) * settings.rate_hz >= 1000.0);
-        let settings = Settings::of(&Args { seconds: Some(0.5), ..asked() }).unwrap();
+        let settings = Settings::of(&Args { seconds: Some(0.5), ..default_args() }).unwrap();
         assert!(Part::ALL.into_iter().all(|part| settings.seconds_for(part) == 0.5));
     }
 
     #[test]
     fn parts_are_measured_once_and_in_order() {
         let parts = vec![Part::Disk, Part::Bus, Part::Disk];
-        let settings = Settings::of(&Args { parts, ..asked() }).unwrap();
+        let settings = Settings::of(&Args { parts, ..default_args() }).unwrap();
         assert_eq!(settings.parts.into_iter().collect::<Vec<_>>(), [Part::Bus, Part::Disk]);
     }
 
     #[test]
     fn rates_are_those_of_boxes() {
         for rate in [10.0, 250.0] {
-            assert!(Settings::of(&Args { rate: Some(rate), ..asked() }).is_ok());
+            assert!(Settings::of(&Args { rate: Some(rate), ..default_args() }).is_ok());
         }
         for rate in [9.9, 250.1, -100.0, 0.0] {
-            let refused = Settings::of(&Args { rate: Some(rate), ..asked() }).unwrap_err();
+            let refused = Settings::of(&Args { rate: Some(rate), ..default_args() }).unwrap_err();
             assert!(matches!(&refused, Failure::BadInput(said) if said.contains("--rate")), "{refused}");
         }
     }

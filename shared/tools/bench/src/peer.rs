@@ -13,9 +13,9 @@ pub const COMMAND: &str = "bench-peer";
 /// Message on its socket once it is ready; any other message is the reason why it is not.
 pub const READY: &[u8] = b"ready";
 /// Channel to the peer.
-pub const THERE: &str = "motor/state";
+pub const TO_PEER: &str = "motor/state";
 /// Channel back.
-pub const BACK: &str = "bench/back";
+pub const FROM_PEER: &str = "bench/back";
 
 /// Runs the peer. Its standard output is the socket; it ends when its standard input is closed.
 ///
@@ -51,9 +51,9 @@ pub fn serve(domain: &str) -> Answer {
 /// Publishes, notifies and receives as the processes of the control chain do.
 fn by_bus(domain: &Domain, say: &Sender<Answer>) -> Answer {
     let bus = Bus::join(domain, COMMAND)?;
-    let mut there = bus.subscriber::<MotorState>(THERE)?;
-    let mut back = bus.publisher::<MotorState>(BACK)?;
-    let mut waiter = bus.waiter(&[THERE])?;
+    let mut there = bus.subscriber::<MotorState>(TO_PEER)?;
+    let mut back = bus.publisher::<MotorState>(FROM_PEER)?;
+    let mut waiter = bus.waiter(&[TO_PEER])?;
     let _ = say.send(Ok(()));
     loop {
         waiter.wait_until(None)?;

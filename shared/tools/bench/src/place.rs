@@ -11,11 +11,11 @@ use std::path::{Path, PathBuf};
 /// Parent folder of domains.
 const SHARED_MEMORY: &str = "/dev/shm";
 /// Name prefix of a folder on the disk.
-const ON_DISK: &str = ".nims-bench-";
+const DISK_PREFIX: &str = ".nims-bench-";
 
 /// Returns the name prefix of a folder in shared memory; it differs from that of robots, so that no command mistakes it
 /// for one.
-fn in_memory() -> String {
+fn memory_prefix() -> String {
     format!("nimsbench-{}-", getuid().as_raw())
 }
 
@@ -31,11 +31,11 @@ impl PrivateDomain {
     ///
     /// # Errors
     /// Shared memory cannot be used.
-    pub fn make() -> Answer<Self> {
-        Self::of(&Path::new(SHARED_MEMORY).join(format!("{}{}", in_memory(), std::process::id())))
+    pub fn create() -> Answer<Self> {
+        Self::open(&Path::new(SHARED_MEMORY).join(format!("{}{}", memory_prefix(), std::process::id())))
     }
 
-    fn of(folder: &Path) -> Answer<Self> {
+    fn open(folder: &Path) -> Answer<Self> {
         let domain = Domain::from_root(folder)?;
         let claim = domain.claim()?;
         Ok(Self { domain, claim: Some(claim) })
@@ -68,8 +68,8 @@ impl Scratch {
     ///
     /// # Errors
     /// The folder cannot be written.
-    pub fn make(runs: &Path) -> Answer<Self> {
-        let folder = runs.join(format!("{ON_DISK}{}", std::process::id()));
+    pub fn create(runs: &Path) -> Answer<Self> {
+        let folder = runs.join(format!("{DISK_PREFIX}{}", std::process::id()));
         let made = fs::DirBuilder::new().mode(0o700).create(&folder);
         made.map_err(|error| {
             Failure::NotNow(format!("{} cannot be created: {error}; give another folder with --runs", folder.display()))
@@ -92,17 +92,17 @@ impl Drop for Scratch {
 
 /// Removes the leftovers of killed benchmarks in shared memory and, if given, in a folder of runs.
 pub fn sweep(runs: Option<&Path>) {
-    for folder in left_in(Path::new(SHARED_MEMORY), &in_memory()) {
+    for folder in leftovers(Path::new(SHARED_MEMORY), &memory_prefix()) {
         // Opened only to be removed on drop; it stays if another process claims it or runs in it.
-        let _ = PrivateDomain::of(&folder);
+        let _ = PrivateDomain::open(&folder);
     }
-    for folder in runs.into_iter().flat_map(|runs| left_in(runs, ON_DISK)) {
+    for folder in runs.into_iter().flat_map(|runs| leftovers(runs, DISK_PREFIX)) {
         let _ = fs::remove_dir_all(folder);
     }
 }
 
 /// Returns this user's folders with this prefix whose process has ended.
-fn left_in(place: &Path, beginning: &str) -> Vec<PathBuf> {
+fn leftovers(place: &Path, beginning: &str) -> Vec<PathBuf> {
     let entries = fs::read_dir(place).into_iter().flatten().flatten();
     let left = entries.filter(|entry| {
         let pid = entry.file_name().to_str().and_then(|name| name.strip_prefix(beginning)?.parse().ok());
@@ -125,7 +125,7 @@ mod tests {
     use messages::MotorState;
 
     /// An unused process id.
-    const NOBODY: u32 = u32::MAX / 2;
+    const UNUSED_PID: u32 = u32::MAX / 2;
 
     fn names_in_shared_memory(prefix: &str) -> usize {
         let entries = fs::read_dir(SHARED_MEMORY).unwrap().flatten();
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn nothing_is_left_of_a_domain() {
-        let place = PrivateDomain::make().unwrap();
+        let place = PrivateDomain::create().unwrap();
         let (root, prefix) = (place.domain().root().to_owned(), place.domain().prefix().to_owned());
         let bus = Bus::join(place.domain(), "test").unwrap();
         let states = bus.publisher::<MotorState>("motor/state").unwrap();
@@ -149,16 +149,16 @@ mod tests {
     #[test]
     fn what_killed_ones_left_is_removed_and_the_living_are_not() {
         let runs = tempfile::tempdir().unwrap();
-        let living = Scratch::make(runs.path()).unwrap();
+        let living = Scratch::create(runs.path()).unwrap();
         fs::write(living.folder().join("file"), "x").unwrap();
-        let dead = runs.path().join(format!("{ON_DISK}{NOBODY}"));
+        let dead = runs.path().join(format!("{DISK_PREFIX}{UNUSED_PID}"));
         fs::create_dir(&dead).unwrap();
         fs::write(dead.join("file"), "x").unwrap();
         // Names of a different form.
         for name in [".nims-bench-", ".nims-bench-notes", "nims-bench-7"] {
             fs::create_dir(runs.path().join(name)).unwrap();
         }
-        let folder = Path::new(SHARED_MEMORY).join(format!("{}{NOBODY}", in_memory()));
+        let folder = Path::new(SHARED_MEMORY).join(format!("{}{UNUSED_PID}", memory_prefix()));
         let left = Domain::from_root(&folder).unwrap();
         let shared = Path::new(SHARED_MEMORY).join(format!("{}left", left.prefix()));
         fs::write(&shared, "x").unwrap();

@@ -3,7 +3,7 @@
 //! one after the other.
 
 use super::figures::{Ratio, Spread, record};
-use super::peer::{self, BACK, THERE};
+use super::peer::{self, FROM_PEER, TO_PEER};
 use super::place::PrivateDomain;
 use super::{Settings, Watch, scheduling};
 use bus::clock::{Pacer, now_ns};
@@ -23,14 +23,14 @@ const PAUSE_NS: u64 = 1_000_000;
 /// Number of round trips that are not counted, because connecting takes extra time once.
 const WARM_UP: u64 = 20;
 /// Interval between two checks whether the peer is alive.
-const LOOK: Duration = Duration::from_millis(200);
+const POLL_INTERVAL: Duration = Duration::from_millis(200);
 /// Number of checks without an answer from a living peer before giving up. The machine may stall for any time in
 /// between.
 const PATIENCE: u32 = 150;
 
 /// Result of `bus`.
 #[derive(Debug, Clone, Serialize)]
-pub struct Found {
+pub struct BusResult {
     /// Size of the sample, bytes.
     pub sample_bytes: usize,
     /// Round trips over the bus.
@@ -40,7 +40,7 @@ pub struct Found {
     /// Sockets divided by bus.
     pub ratio: Ratio,
     /// Scheduling of both processes.
-    pub scheduling: scheduling::Reached,
+    pub scheduling: scheduling::AchievedScheduling,
 }
 
 /// The peer process, killed on drop.
@@ -54,7 +54,7 @@ impl Peer {
     fn start(domain: &PrivateDomain) -> Answer<Self> {
         let cannot = |error: std::io::Error| Failure::NotNow(format!("the other process cannot be started: {error}"));
         let (socket, theirs) = UnixDatagram::pair().map_err(cannot)?;
-        socket.set_read_timeout(Some(LOOK)).map_err(cannot)?;
+        socket.set_read_timeout(Some(POLL_INTERVAL)).map_err(cannot)?;
         let own = std::env::current_exe().map_err(cannot)?;
         let child = Command::new(own)
             .args([peer::COMMAND, domain.domain().name()])
@@ -67,8 +67,8 @@ impl Peer {
     }
 
     /// Returns an error if the peer has ended or does not answer after this many checks.
-    fn patient(&mut self, looks: u32, watch: &Watch) -> Answer {
-        watch.go_on()?;
+    fn check_alive(&mut self, looks: u32, watch: &Watch) -> Answer {
+        watch.check_stop()?;
         if let Ok(Some(status)) = self.child.try_wait() {
             return Err(ended(&status));
         }
@@ -76,7 +76,7 @@ impl Peer {
     }
 
     /// Converts a socket error, which means that the peer closed its end.
-    fn lost(&mut self, error: &std::io::Error) -> Failure {
+    fn socket_failure(&mut self, error: &std::io::Error) -> Failure {
         // It is about to end, if it has not ended yet.
         let _ = self.child.kill();
         match self.child.wait() {
@@ -91,16 +91,16 @@ impl Peer {
             match self.socket.recv(buffer) {
                 Ok(bytes) => return Ok(bytes),
                 Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::Interrupted) => {
-                    self.patient(looks, watch)?;
+                    self.check_alive(looks, watch)?;
                 }
-                Err(error) => return Err(self.lost(&error)),
+                Err(error) => return Err(self.socket_failure(&error)),
             }
         }
         Err(Failure::NotNow("the other process does not answer".to_owned()))
     }
 
     /// Waits until the peer is ready.
-    fn ready(&mut self, watch: &Watch) -> Answer {
+    fn wait_ready(&mut self, watch: &Watch) -> Answer {
         let mut said = [0; 512];
         let bytes = self.receive(&mut said, watch)?;
         match &said[..bytes] {
@@ -131,7 +131,7 @@ struct Ports {
 
 impl Ports {
     fn open(bus: &Bus) -> Answer<Self> {
-        Ok(Self { there: bus.publisher(THERE)?, back: bus.subscriber(BACK)?, waiter: bus.waiter(&[BACK])? })
+        Ok(Self { there: bus.publisher(TO_PEER)?, back: bus.subscriber(FROM_PEER)?, waiter: bus.waiter(&[FROM_PEER])? })
     }
 
     fn round(&mut self, number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> {
@@ -139,14 +139,14 @@ impl Ports {
         let begin_ns = now_ns();
         self.there.send(&mut sample)?;
         for looks in 0.. {
-            self.waiter.wait_until(Some(now_ns() + LOOK.as_nanos() as u64))?;
+            self.waiter.wait_until(Some(now_ns() + POLL_INTERVAL.as_nanos() as u64))?;
             while let Some(back) = self.back.receive()? {
                 if back.header().cycle == number {
                     return Ok((begin_ns, now_ns()));
                 }
             }
-            if now_ns().saturating_sub(begin_ns) > LOOK.as_nanos() as u64 {
-                peer.patient(looks, watch)?;
+            if now_ns().saturating_sub(begin_ns) > POLL_INTERVAL.as_nanos() as u64 {
+                peer.check_alive(looks, watch)?;
             }
         }
         Err(Failure::NotNow("the other process does not answer".to_owned()))
@@ -163,7 +163,7 @@ fn by_socket(number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> 
     let (sample, mut back) = (sample(number), MotorState::default());
     let begin_ns = now_ns();
     if let Err(error) = peer.socket.send(bytemuck::bytes_of(&sample)) {
-        return Err(peer.lost(&error));
+        return Err(peer.socket_failure(&error));
     }
     while back.header().cycle != number {
         peer.receive(bytemuck::bytes_of_mut(&mut back), watch)?;
@@ -175,26 +175,26 @@ fn by_socket(number: u64, peer: &mut Peer, watch: &Watch) -> Answer<(u64, u64)> 
 ///
 /// # Errors
 /// The benchmark was stopped, the peer ended, or shared memory is full.
-pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<Found> {
+pub fn measure(settings: &Settings, seconds: f64, watch: &mut Watch) -> Answer<BusResult> {
     let wanted = ((seconds * 1e9 / PAUSE_NS as f64).round() as u64).max(1);
     // The domain outlives the thread, which holds the ports.
-    let domain = PrivateDomain::make()?;
+    let domain = PrivateDomain::create()?;
     let quiet = Watch::quiet(watch.stop());
     std::thread::scope(|scope| {
-        let measured = scope.spawn(|| trips(settings, &domain, wanted, &quiet));
+        let measured = scope.spawn(|| measure_in_thread(settings, &domain, wanted, &quiet));
         while !measured.is_finished() {
-            watch.look();
-            std::thread::sleep(Watch::LOOK);
+            watch.update();
+            std::thread::sleep(Watch::INTERVAL);
         }
         measured.join().map_err(|_| Failure::NotNow("the thread that measures ended early".to_owned()))?
     })
 }
 
 /// Measures in a separate thread, whose scheduling the peer inherits.
-fn trips(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch) -> Answer<Found> {
+fn measure_in_thread(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch) -> Answer<BusResult> {
     let (scheduling, _awake) = scheduling::apply(&settings.realtime);
     let mut peer = Peer::start(domain)?;
-    peer.ready(watch)?;
+    peer.wait_ready(watch)?;
     let bus = Bus::join(domain.domain(), "bench")?;
     let mut ports = Ports::open(&bus)?;
     let (mut ours, mut plain) = (Timing::new(), Timing::new());
@@ -218,12 +218,12 @@ fn trips(settings: &Settings, domain: &PrivateDomain, wanted: u64, watch: &Watch
         }
         record(&mut ours, begin_ns, end_ns);
         record(&mut plain, by_socket.0, by_socket.1);
-        watch.go_on()?;
+        watch.check_stop()?;
         if passed >= wanted {
             break;
         }
     }
     let (ours, plain) = (Spread::of(&ours), Spread::of(&plain));
     let ratio = Ratio::of(&plain, &ours);
-    Ok(Found { sample_bytes: size_of::<MotorState>(), ours, plain, ratio, scheduling })
+    Ok(BusResult { sample_bytes: size_of::<MotorState>(), ours, plain, ratio, scheduling })
 }

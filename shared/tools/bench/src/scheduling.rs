@@ -10,13 +10,13 @@ const ROLES: [Role; 4] = [Role::MotorIo, Role::Estimator, Role::Controller, Role
 
 /// Returns the recommended scheduling of the control chain without a system file. It does not pin a processor, because
 /// only the owner of the system knows which one is free.
-pub fn best() -> RealtimeSection {
+pub fn recommended() -> RealtimeSection {
     RealtimeSection { priority: 50, idle_latency_us: Some(0), ..RealtimeSection::default() }
 }
 
 /// Scheduling that was achieved.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
-pub struct Reached {
+pub struct AchievedScheduling {
     /// SCHED_FIFO priority; `null`: ordinary scheduling.
     pub fifo_priority: Option<u8>,
     /// Pinned processor; `null`: any.
@@ -28,12 +28,12 @@ pub struct Reached {
     /// Refused settings, each with a remedy.
     pub refused: Vec<String>,
     /// Priority of each process that answers within a cycle.
-    pub given: Vec<Given>,
+    pub given: Vec<GrantedPriority>,
 }
 
 /// Priority of a process of the robot according to the kernel.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub struct Given {
+pub struct GrantedPriority {
     /// Role of the process.
     pub role: &'static str,
     /// SCHED_FIFO priority requested by the system file; `null`: none.
@@ -43,7 +43,7 @@ pub struct Given {
 }
 
 /// Configures one thread per role and reads its priority from the kernel.
-fn given(section: &RealtimeSection) -> Vec<Given> {
+fn given(section: &RealtimeSection) -> Vec<GrantedPriority> {
     let of = |role: Role| {
         let section = section.clone();
         let asked = realtime::priority_step(role.name())
@@ -55,7 +55,7 @@ fn given(section: &RealtimeSection) -> Vec<Given> {
             realtime::apply(&section, role.name());
             kernel_priority()
         });
-        Given { role: role.name(), asked, got: tried.join().ok().flatten() }
+        GrantedPriority { role: role.name(), asked, got: tried.join().ok().flatten() }
     };
     ROLES.into_iter().map(of).collect()
 }
@@ -70,7 +70,7 @@ fn kernel_priority() -> Option<u8> {
 }
 
 /// Schedules the calling thread like motor-io; the returned file keeps the processors awake while it is open.
-pub fn apply(section: &RealtimeSection) -> (Reached, Option<File>) {
+pub fn apply(section: &RealtimeSection) -> (AchievedScheduling, Option<File>) {
     let (reached, refused) = realtime::apply(section, Role::MotorIo.name());
     let awake = section.idle_latency_us.map(realtime::stay_awake);
     let (awake, sleepy) = match awake {
@@ -78,7 +78,7 @@ pub fn apply(section: &RealtimeSection) -> (Reached, Option<File>) {
         Some(Err(sentence)) => (None, Some(sentence)),
         None => (None, None),
     };
-    let found = Reached {
+    let found = AchievedScheduling {
         fifo_priority: reached.fifo.then_some(section.priority),
         cpu: section.cpu.filter(|_| reached.pinned),
         memory_locked: reached.locked,
@@ -89,7 +89,7 @@ pub fn apply(section: &RealtimeSection) -> (Reached, Option<File>) {
     (found, awake)
 }
 
-impl Reached {
+impl AchievedScheduling {
     /// Returns one line for the achieved scheduling and one for each refused setting.
     #[must_use]
     pub fn words(&self) -> Vec<String> {
@@ -107,7 +107,7 @@ impl Reached {
         }));
         let mut lines = vec![format!("scheduled like motor-io: {}", parts.join(", "))];
         if !self.given.is_empty() {
-            let each: Vec<String> = self.given.iter().map(Given::words).collect();
+            let each: Vec<String> = self.given.iter().map(GrantedPriority::words).collect();
             lines.push(format!("priorities granted by the kernel: {}", each.join(", ")));
         }
         lines.extend(self.refused.iter().cloned());
@@ -115,7 +115,7 @@ impl Reached {
     }
 }
 
-impl Given {
+impl GrantedPriority {
     fn words(&self) -> String {
         match (self.got, self.asked) {
             (Some(got), Some(asked)) if got == asked => format!("{} {got}", self.role),
@@ -138,7 +138,10 @@ mod tests {
         assert_eq!(found.iter().map(|given| given.asked).collect::<Vec<_>>(), [Some(10), Some(11), Some(12), None]);
         // No priority is granted that was not requested, whatever the rights of this user.
         assert!(found.iter().all(|given| given.got.is_none() || given.got <= given.asked), "{found:?}");
-        assert_eq!(Given { role: "estimator", asked: Some(51), got: Some(50) }.words(), "estimator 50 instead of 51");
+        assert_eq!(
+            GrantedPriority { role: "estimator", asked: Some(51), got: Some(50) }.words(),
+            "estimator 50 instead of 51"
+        );
     }
 
     #[test]
@@ -154,7 +157,7 @@ mod tests {
 
     #[test]
     fn what_was_reached_is_all_named() {
-        let reached = Reached {
+        let reached = AchievedScheduling {
             fifo_priority: Some(50),
             cpu: Some(1),
             memory_locked: true,
