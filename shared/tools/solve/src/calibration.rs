@@ -1,4 +1,4 @@
-//! Anchors from measurements.
+//! Calibration of the anchors from measurements.
 
 use super::args::{Args, refuse};
 use super::{SolveError, Solved};
@@ -6,14 +6,14 @@ use cable_robot::CableVec;
 use calibration::{self, JointInput, Loss, Range, Side};
 use serde_json::{Value, json};
 
-/// (1)-(2).
+/// Anchors in the plane from three ranges, (1)-(2).
 pub fn survey_anchors(args: &Args) -> Solved {
     let ranges = args.exactly::<3>("ranges_m")?;
     let anchors = calibration::survey_anchors(ranges, args.side()?.unwrap_or(Side::Left))?;
     Ok(json!({ "anchors_xy_m": anchors }))
 }
 
-/// The fourth anchor by two ranges and a side, or by three.
+/// The fourth anchor from two ranges and a side, or from three ranges.
 pub fn fourth_anchor(args: &Args) -> Solved {
     let rows = args.rows::<2>("anchors_xy_m")?;
     let given = rows.len();
@@ -29,23 +29,23 @@ pub fn fourth_anchor(args: &Args) -> Solved {
     Ok(json!({ "anchor_xy_m": calibration::fourth_anchor(&anchors, &ranges, side)? }))
 }
 
-/// A row per cable, turned into one set per point.
+/// Converts one row per cable to one set of lengths per point.
 fn lengths(args: &Args, cables: usize) -> Result<Vec<CableVec>, SolveError> {
     let rows = args.matrix("lengths_m")?;
     if rows.len() != cables {
-        return Err(refuse("lengths_m", &format!("{} rows for {cables} anchors", rows.len()), "a row per cable"));
+        return Err(refuse("lengths_m", &format!("{} rows for {cables} anchors", rows.len()), "one row per cable"));
     }
     Ok(calibration::points_from_rows(&rows)?)
 }
 
-/// (4)-(5): the global minimum.
+/// Heights of the anchors, (4)-(5): the global minimum.
 pub fn calibrate_heights(args: &Args) -> Solved {
     let anchors = args.rows::<2>("anchors_xy_m")?;
     let found = calibration::calibrate_heights(&anchors, &lengths(args, anchors.len())?)?;
     Ok(json!({ "heights_m": found.heights_m.to_vec(), "points_xy_m": found.points_xy_m, "cost_m4": found.cost_m4 }))
 }
 
-/// Everything at once by maximum likelihood.
+/// All unknowns at once by maximum likelihood.
 pub fn calibrate_joint(args: &Args) -> Solved {
     let anchors = args.rows::<2>("anchors_xy_m")?;
     let lengths = lengths(args, anchors.len())?;
@@ -78,8 +78,7 @@ pub fn calibrate_joint(args: &Args) -> Solved {
     }))
 }
 
-/// Ranges between the anchors that `range_pairs` names. Anchors are counted from 1; a pair with 0 in it shows that they are
-/// counted from 0.
+/// Returns the ranges between the anchors in `range_pairs`. Anchors count from 1, or from 0 if a pair contains 0.
 fn ranges(args: &Args, anchors: usize) -> Result<Vec<Range>, SolveError> {
     if args.get("ranges_m").is_none() {
         return Ok(Vec::new());
@@ -117,7 +116,7 @@ fn ranges(args: &Args, anchors: usize) -> Result<Vec<Range>, SolveError> {
         .collect()
 }
 
-/// The paper's baseline.
+/// The paper's baseline: an anchor from three known points.
 pub fn gps_anchor(args: &Args) -> Solved {
     let rows = args.rows::<3>("points_m")?;
     let given = rows.len();

@@ -1,4 +1,4 @@
-//! Currents, paths and the cost of moves.
+//! Motor currents, paths and the energy of moves.
 
 use super::args::{Args, Points, refuse};
 use super::geometry::written;
@@ -9,7 +9,7 @@ use cable_robot::path::Parabola;
 use cable_robot::{Distribution, Vector3, motor};
 use serde_json::{Value, json};
 
-/// The friction model, or the measured table.
+/// Motor current from the friction model or a measured table.
 pub fn motor_current(args: &Args) -> Solved {
     let (speed, tension) = (args.number("speed_m_s")?, args.number("tension_n")?);
     let current = match args.table(0.0)? {
@@ -19,7 +19,7 @@ pub fn motor_current(args: &Args) -> Solved {
     Ok(json!({ "current_a": current }))
 }
 
-/// (24).
+/// Efficiency, (24).
 pub fn motor_efficiency(args: &Args) -> Solved {
     let (speed, current) = (args.number("speed_rad_s")?, args.number("current_a")?);
     let (resistance, constant) = (args.not_negative("resistance_ohm")?, args.positive("torque_constant_nm_a")?);
@@ -27,16 +27,16 @@ pub fn motor_efficiency(args: &Args) -> Solved {
     if efficiency.is_finite() {
         return Ok(json!({ "efficiency": efficiency }));
     }
-    Err(SolveError::invalid("the electrical power is 0 at this speed and current, so there is no efficiency"))
+    Err(SolveError::invalid("the electrical power is 0 at this speed and current, so the efficiency is undefined"))
 }
 
-/// Start and end, and whether they are in the plane.
+/// Returns start and end, and whether they are planar.
 fn ends(args: &Args) -> Result<(Vector3<f64>, Vector3<f64>, bool), SolveError> {
     let (from, planar) = args.first_point("from_m")?;
     Ok((from, args.vector("to_m", planar)?, planar))
 }
 
-/// (25)-(26).
+/// Points, tangents and length of a parabola, (25)-(26).
 pub fn parabola(args: &Args) -> Solved {
     let (from, to, planar) = ends(args)?;
     let path = Parabola { from, to, mu_per_m: args.number("mu_per_m")? };
@@ -55,13 +55,13 @@ pub fn parabola(args: &Args) -> Solved {
     }))
 }
 
-/// The deepest sag above the ground; null for a vertical move, which has none.
+/// Greatest sag above the ground; null for a vertical move, which has no sag.
 pub fn mu_limit(args: &Args) -> Solved {
     let (from, to, _) = ends(args)?;
     Ok(json!({ "mu_per_m": shape::mu_limit(&from, &to, args.number("ground_m")?)? }))
 }
 
-/// A move's arguments, for the two operations that share them.
+/// Common arguments of the operations on moves.
 struct Move {
     anchors: Points,
     from: Vector3<f64>,
@@ -117,7 +117,7 @@ pub fn move_energy(args: &Args) -> Solved {
     Ok(json!({ "energy_j": cost.energy_j, "duration_s": cost.duration_s }))
 }
 
-/// The parabola that costs least; the line's energy is null where the lines cannot hold the node on it.
+/// The parabola with the least loss; the energy of the line is null where the cables cannot hold the node on it.
 pub fn optimal_parabola(args: &Args) -> Solved {
     let asked = Move::new(args)?;
     let bounds =

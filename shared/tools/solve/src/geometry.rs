@@ -1,4 +1,4 @@
-//! Lengths, positions and velocities.
+//! Cable lengths, positions and velocities.
 
 use super::args::{Args, Points, refuse};
 use super::{SolveError, Solved};
@@ -7,10 +7,10 @@ use cable_robot::tension::general::GeneralStructure;
 use cable_robot::{Anchors, KinematicsError, Vector3, kinematics, planar};
 use serde_json::{Value, json};
 
-/// Anchors closer than this count as one point, m; as in the robot file.
+/// Minimum distance of two anchors, m, as in the robot file.
 const COINCIDENT_M: f64 = 1e-3;
 
-/// A point as it is written.
+/// Formats a point in its dimension.
 pub fn written(point: &Vector3<f64>, planar: bool) -> Value {
     if planar { json!([point.x, point.z]) } else { json!([point.x, point.y, point.z]) }
 }
@@ -19,7 +19,7 @@ fn singular(at: &Vector3<f64>) -> SolveError {
     KinematicsError::Singular { x: at.x, y: at.y, z: at.z }.into()
 }
 
-/// Unit vectors from the anchors to a position: the rows of J.
+/// Returns the unit vectors from the anchors to a position: the rows of J.
 pub fn directions(anchors: &Points, at: &Vector3<f64>) -> Result<Vec<Vector3<f64>>, SolveError> {
     let row = |anchor: &Vector3<f64>| {
         let d = at - anchor;
@@ -29,21 +29,21 @@ pub fn directions(anchors: &Points, at: &Vector3<f64>) -> Result<Vec<Vector3<f64
     anchors.points.iter().map(row).collect()
 }
 
-/// The structure matrix -Jᵀ from the rows of J.
+/// Returns the structure matrix -Jᵀ from the rows of J.
 pub fn structure(rows: &[Vector3<f64>], planar: bool) -> Result<GeneralStructure, SolveError> {
     let axis = |k: usize| rows.iter().map(|row| -row[k]).collect();
     Ok(GeneralStructure::new(&if planar { vec![axis(0), axis(2)] } else { vec![axis(0), axis(1), axis(2)] })?)
 }
 
-/// The rows of B, one per direction.
+/// Returns the rows of B, one per dimension.
 fn node_jacobian(rows: &[Vector3<f64>], planar: bool, at: &Vector3<f64>) -> Result<Vec<Vec<f64>>, SolveError> {
-    // Λ = -Jᵀ, so the pseudo-inverse of J is minus the transpose of that of Λ.
+    // Λ = -Jᵀ, so the pseudo-inverse of J is the negative transpose of that of Λ.
     let structure = structure(rows, planar)?;
     let inverse = structure.pseudo_inverse().map_err(|_| singular(at))?;
     Ok((0..structure.rows()).map(|r| inverse[..rows.len()].iter().map(|row| -row[r]).collect()).collect())
 }
 
-/// (6).
+/// Cable lengths of a position, (6).
 pub fn inverse_kinematics(args: &Args) -> Solved {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
@@ -54,7 +54,7 @@ pub fn inverse_kinematics(args: &Args) -> Solved {
     Ok(json!({ "lengths_m": lengths }))
 }
 
-/// (7)-(12), in any frame.
+/// Position from cable lengths, (7)-(12), in any frame.
 pub fn forward_kinematics(args: &Args) -> Solved {
     let anchors = args.anchors()?;
     let lengths = args.per_cable("lengths_m", anchors.points.len())?;
@@ -82,7 +82,7 @@ pub fn forward_kinematics(args: &Args) -> Solved {
     Ok(result)
 }
 
-/// (13)-(14) and its (pseudo-)inverse.
+/// Jacobian, (13)-(14), and its (pseudo-)inverse.
 pub fn jacobian(args: &Args) -> Solved {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
@@ -91,7 +91,7 @@ pub fn jacobian(args: &Args) -> Solved {
     Ok(json!({ "cable_jacobian": written, "node_jacobian": node_jacobian(&rows, anchors.planar, &at)? }))
 }
 
-/// (14).
+/// Cable velocities of a node velocity, (14).
 pub fn cable_velocity(args: &Args) -> Solved {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
@@ -101,7 +101,7 @@ pub fn cable_velocity(args: &Args) -> Solved {
     Ok(json!({ "cable_velocity_m_s": cables }))
 }
 
-/// (14) the other way.
+/// Node velocity of cable velocities, the inverse of (14).
 pub fn node_velocity(args: &Args) -> Solved {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;

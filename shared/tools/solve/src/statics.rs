@@ -1,4 +1,4 @@
-//! Tensions and the motion they cause.
+//! Cable tensions and the motion that they cause.
 
 use super::Solved;
 use super::args::{Args, Points, refuse};
@@ -8,7 +8,7 @@ use cable_robot::tension::{FourCables, margin};
 use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3};
 use serde_json::{Value, json};
 
-/// m (a + g) of (15), N.
+/// Returns the wrench m (a + g) of (15), N.
 pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, super::SolveError> {
     let mass = args.not_negative("node_mass_kg")?;
     let acceleration = match args.get("acceleration_m_s2") {
@@ -18,7 +18,7 @@ pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, super::SolveErr
     Ok((acceleration + Vector3::new(0.0, 0.0, args.gravity()?)) * mass)
 }
 
-/// (15), (27)-(37).
+/// Tensions at a position, (15), (27)-(37).
 pub fn tensions(args: &Args) -> Solved {
     let anchors = args.anchors()?;
     let Points { points, planar } = &anchors;
@@ -28,7 +28,7 @@ pub fn tensions(args: &Args) -> Solved {
     let bounded = args.get("limits_n").is_some();
     let limits = if bounded || method != Distribution::Unique { args.limits()? } else { [0.0, f64::INFINITY] };
     let directions = directions(&anchors, &at)?;
-    // Also says that the rank is lost, before the limits have their say.
+    // Reports a lost rank before the limits are checked.
     structure(&directions, *planar)?.pseudo_inverse()?;
     let found = general::hold(points, *planar, &at, &wrench, limits, method)?;
     let mut result = summary(&found.tensions_n);
@@ -47,7 +47,7 @@ fn summary(tensions_n: &CableVec) -> Value {
     json!({ "tensions_n": tensions_n.to_vec(), "sum_n": tensions_n.sum(), "norm_sq_n2": tensions_n.norm_squared() })
 }
 
-/// (27) for any structure matrix.
+/// Tensions for any structure matrix, (27).
 pub fn distribute(args: &Args) -> Solved {
     let structure = GeneralStructure::new(&args.matrix("structure_matrix")?)?;
     let wrench = args.numbers("wrench_n")?;
@@ -61,7 +61,7 @@ pub fn distribute(args: &Args) -> Solved {
     Ok(summary(&found.tensions_n))
 }
 
-/// (16).
+/// Acceleration of the node from cable tensions, (16).
 pub fn node_acceleration(args: &Args) -> Solved {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
