@@ -1,7 +1,7 @@
 //! Cable lengths, positions and velocities.
 
-use super::args::{Args, Points, refuse};
-use super::{SolveError, Solved};
+use super::args::{Args, Points, invalid_value};
+use super::{OperationResult, SolveError};
 use cable_robot::anchors::on_a_line;
 use cable_robot::tension::general::GeneralStructure;
 use cable_robot::{Anchors, KinematicsError, Vector3, kinematics, planar};
@@ -11,7 +11,7 @@ use serde_json::{Value, json};
 const COINCIDENT_M: f64 = 1e-3;
 
 /// Formats a point in its dimension.
-pub fn written(point: &Vector3<f64>, planar: bool) -> Value {
+pub fn point_json(point: &Vector3<f64>, planar: bool) -> Value {
     if planar { json!([point.x, point.z]) } else { json!([point.x, point.y, point.z]) }
 }
 
@@ -44,7 +44,7 @@ fn node_jacobian(rows: &[Vector3<f64>], planar: bool, at: &Vector3<f64>) -> Resu
 }
 
 /// Cable lengths of a position, (6).
-pub fn inverse_kinematics(args: &Args) -> Solved {
+pub fn inverse_kinematics(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     if !anchors.planar && on_a_line(&anchors.points) {
@@ -55,11 +55,11 @@ pub fn inverse_kinematics(args: &Args) -> Solved {
 }
 
 /// Position from cable lengths, (7)-(12), in any frame.
-pub fn forward_kinematics(args: &Args) -> Solved {
+pub fn forward_kinematics(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let lengths = args.per_cable("lengths_m", anchors.points.len())?;
     if let Some(length) = lengths.iter().find(|l| !(0.0..=kinematics::LONGEST_M).contains(*l)) {
-        return Err(refuse("lengths_m", &length.to_string(), "lengths of 0 m to 1e5 m"));
+        return Err(invalid_value("lengths_m", &length.to_string(), "lengths of 0 m to 1e5 m"));
     }
     let near = args.get("near_m").map(|_| args.vector("near_m", anchors.planar)).transpose()?;
     for (i, a) in anchors.points.iter().enumerate() {
@@ -74,25 +74,25 @@ pub fn forward_kinematics(args: &Args) -> Solved {
         let anchors = Anchors::new(&points).map_err(|error| SolveError::invalid(error.to_string()))?;
         kinematics::forward_kinematics(&anchors, &lengths, near.as_ref())?
     };
-    let mut result = json!({ "position_m": written(&found.position, anchors.planar) });
+    let mut result = json!({ "position_m": point_json(&found.position, anchors.planar) });
     match found.mirror {
-        Some(mirror) => result["mirror_m"] = written(&mirror, anchors.planar),
+        Some(mirror) => result["mirror_m"] = point_json(&mirror, anchors.planar),
         None => result["residual_rms_m"] = json!(found.residual_rms_m),
     }
     Ok(result)
 }
 
 /// Jacobian, (13)-(14), and its (pseudo-)inverse.
-pub fn jacobian(args: &Args) -> Solved {
+pub fn jacobian(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     let rows = directions(&anchors, &at)?;
-    let written: Vec<Value> = rows.iter().map(|row| written(row, anchors.planar)).collect();
-    Ok(json!({ "cable_jacobian": written, "node_jacobian": node_jacobian(&rows, anchors.planar, &at)? }))
+    let jacobian: Vec<Value> = rows.iter().map(|row| point_json(row, anchors.planar)).collect();
+    Ok(json!({ "cable_jacobian": jacobian, "node_jacobian": node_jacobian(&rows, anchors.planar, &at)? }))
 }
 
 /// Cable velocities of a node velocity, (14).
-pub fn cable_velocity(args: &Args) -> Solved {
+pub fn cable_velocity(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     let velocity = args.vector("velocity_m_s", anchors.planar)?;
@@ -102,7 +102,7 @@ pub fn cable_velocity(args: &Args) -> Solved {
 }
 
 /// Node velocity of cable velocities, the inverse of (14).
-pub fn node_velocity(args: &Args) -> Solved {
+pub fn node_velocity(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     let cables = args.per_cable("cable_velocity_m_s", anchors.points.len())?;

@@ -55,8 +55,8 @@ from_errors!(
     cable_robot::tension::TensionError
 );
 
-type Solved = Result<Value, SolveError>;
-type Operation = fn(&Args) -> Solved;
+type OperationResult = Result<Value, SolveError>;
+type Operation = fn(&Args) -> OperationResult;
 
 /// All operations by name.
 const OPERATIONS: [(&str, Operation); 22] = [
@@ -85,7 +85,7 @@ const OPERATIONS: [(&str, Operation); 22] = [
 ];
 
 /// Returns the names of all operations.
-fn operations(_: &Args) -> Solved {
+fn operations(_: &Args) -> OperationResult {
     Ok(json!({ "operations": OPERATIONS.map(|(name, _)| name) }))
 }
 
@@ -95,21 +95,21 @@ pub fn answer(line: &str) -> Value {
     let request = match parse(line) {
         Ok(Value::Object(request)) => request,
         Ok(_) => {
-            return refusal(
+            return error_answer(
                 Value::Null,
                 &SolveError::invalid("the line is not a JSON object; send {\"id\": .., \"op\": \"..\", ..}"),
             );
         }
-        Err(error) => return refusal(Value::Null, &SolveError::invalid(format!("the line is not JSON: {error}"))),
+        Err(error) => return error_answer(Value::Null, &SolveError::invalid(format!("the line is not JSON: {error}"))),
     };
     let id = request.get("id").cloned().unwrap_or(Value::Null);
     match solve(&Args::new(&request)) {
         Ok(result) => json!({ "id": id, "result": result }),
-        Err(error) => refusal(id, &error),
+        Err(error) => error_answer(id, &error),
     }
 }
 
-fn solve(args: &Args) -> Solved {
+fn solve(args: &Args) -> OperationResult {
     let name = args.text("op")?;
     match OPERATIONS.iter().find(|(known, _)| *known == name) {
         Some((_, operation)) => operation(args),
@@ -120,7 +120,7 @@ fn solve(args: &Args) -> Solved {
     }
 }
 
-fn refusal(id: Value, error: &SolveError) -> Value {
+fn error_answer(id: Value, error: &SolveError) -> Value {
     let message: String = error.message.split_whitespace().collect::<Vec<_>>().join(" ");
     json!({ "id": id, "error": { "kind": error.kind, "message": message } })
 }
@@ -175,7 +175,7 @@ pub fn serve(input: impl Read, mut output: impl Write) -> std::io::Result<()> {
             return Ok(());
         }
         let value = if line.len() > LONGEST_LINE {
-            refusal(
+            error_answer(
                 Value::Null,
                 &SolveError::invalid(format!("the line is longer than {LONGEST_LINE} bytes; send shorter lines")),
             )

@@ -1,8 +1,8 @@
 //! Cable tensions and the motion that they cause.
 
-use super::Solved;
-use super::args::{Args, Points, refuse};
-use super::geometry::{directions, structure, written};
+use super::OperationResult;
+use super::args::{Args, Points, invalid_value};
+use super::geometry::{directions, point_json, structure};
 use cable_robot::tension::general::{self, GeneralStructure};
 use cable_robot::tension::{FourCables, margin};
 use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3};
@@ -19,7 +19,7 @@ pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, super::SolveErr
 }
 
 /// Tensions at a position, (15), (27)-(37).
-pub fn tensions(args: &Args) -> Solved {
+pub fn tensions(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let Points { points, planar } = &anchors;
     let at = args.vector("position_m", *planar)?;
@@ -48,13 +48,13 @@ fn summary(tensions_n: &CableVec) -> Value {
 }
 
 /// Tensions for any structure matrix, (27).
-pub fn distribute(args: &Args) -> Solved {
+pub fn distribute(args: &Args) -> OperationResult {
     let structure = GeneralStructure::new(&args.matrix("structure_matrix")?)?;
     let wrench = args.numbers("wrench_n")?;
     let limits = args.limits()?;
     if wrench.len() != structure.rows() {
         let given = format!("{} numbers for {} rows", wrench.len(), structure.rows());
-        return Err(refuse("wrench_n", &given, "one per row of structure_matrix"));
+        return Err(invalid_value("wrench_n", &given, "one per row of structure_matrix"));
     }
     let method = args.get("method").map_or(Ok(Distribution::LeastNorm), |_| args.method())?;
     let found = general::distribute(&structure, &wrench, limits, method)?;
@@ -62,7 +62,7 @@ pub fn distribute(args: &Args) -> Solved {
 }
 
 /// Acceleration of the node from cable tensions, (16).
-pub fn node_acceleration(args: &Args) -> Solved {
+pub fn node_acceleration(args: &Args) -> OperationResult {
     let anchors = args.anchors()?;
     let at = args.vector("position_m", anchors.planar)?;
     let tensions = args.per_cable("tensions_n", anchors.points.len())?;
@@ -70,5 +70,5 @@ pub fn node_acceleration(args: &Args) -> Solved {
     let rows = directions(&anchors, &at)?;
     let force = rows.iter().zip(&tensions).fold(Vector3::zeros(), |sum, (row, t)| sum - row * *t);
     let acceleration = force / mass - Vector3::new(0.0, 0.0, gravity);
-    Ok(json!({ "acceleration_m_s2": written(&acceleration, anchors.planar) }))
+    Ok(json!({ "acceleration_m_s2": point_json(&acceleration, anchors.planar) }))
 }

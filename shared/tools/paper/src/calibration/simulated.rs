@@ -28,11 +28,11 @@ fn simulate(seed: u64, trials: usize, points: usize, sigma_length: f64) -> Resul
         let anchors = survey(&mut random, SIGMA_RANGE_M)?;
         let places = anywhere(&mut random, points);
         let lengths = Encoders::noisy(sigma_length).measure(&mut random, &places);
-        let (found, clip_line) = calibrate(&anchors, &lengths)?;
+        let (found, clamped) = calibrate(&anchors, &lengths)?;
         let [ez, e3] = errors(&found);
         z.push(ez);
         full.push(e3);
-        unreal += usize::from(clip_line);
+        unreal += usize::from(clamped);
     }
     Ok(Cell { mean_z: mean(&z), median_z: median(&z), mean_3d: mean(&full), unreal: unreal as f64 / trials as f64 })
 }
