@@ -1,4 +1,4 @@
-//! Beyond the paper: paths that swing sideways as well as down, computed and flown.
+//! Improvement: paths that deviate sideways as well as down, computed and flown.
 
 use super::super::energy::flown_cost;
 use super::super::flight::{DRIVES, Flight, Track};
@@ -8,13 +8,14 @@ use anyhow::Result;
 use cable_robot::energy::{BestLateral, Bounds, WinchEnergy};
 use cable_robot::{Distribution, Vector3};
 
-/// Intervals of Simpson's rule: an error of 3e-6.
+/// Intervals of Simpson's rule, with an error of 3e-6.
 const INTERVALS: usize = 64;
 
-/// The paths of one move, each flown from rest to rest.
+/// Losses of the flown paths of one move, each from rest to rest.
 struct FlownMove {
-    /// Loss over that of the parabola: of the line, and of the lateral path.
+    /// Loss of the line divided by that of the parabola.
     line: f64,
+    /// Loss of the lateral path divided by that of the parabola.
     lateral: f64,
     expected: f64,
     complete: bool,
@@ -42,19 +43,19 @@ fn flown(ends: (Vector3<f64>, Vector3<f64>), expected: f64) -> Result<FlownMove>
     })
 }
 
-/// Paths that swing sideways too.
+/// Paths that deviate sideways too.
 pub fn lateral(effort: Effort) -> Result<Section> {
     let bounds = Bounds { ground_m: Some(0.0), time_weight_w: 0.0 };
     let mut table = Table::new(
-        "Best path of three harmonics down and three sideways, against the best parabola",
+        "Best path of three harmonics down and three sideways, compared with the best parabola",
         &[
             "anchors",
             "motors",
             "move",
             "parabola, J",
             "saved in the vertical plane",
-            "saved sideways too",
-            "swing, m",
+            "saved with lateral deviation",
+            "deviation, m",
             "time ratio",
         ],
     );
@@ -121,9 +122,9 @@ pub fn lateral(effort: Effort) -> Result<Section> {
     let flown_saving: Vec<f64> = moves.iter().map(|flown| 1.0 - flown.lateral).collect();
     Ok(Section {
         key: "lateral",
-        title: "Beyond the paper: paths that swing sideways",
-        claim: "The paper found richer paths than parabolas in a vertical plane to yield negligible improvements. With gears that lock \
-                themselves lowering is almost free and raising is dear, and a path that also swings sideways saves more."
+        title: "Improvement: paths that deviate sideways",
+        claim: "The paper found richer paths than parabolas in a vertical plane to yield negligible improvements. With self-locking \
+                gears, lowering takes almost no energy but raising much, and a path that also deviates sideways saves more."
             .into(),
         stand_in: format!(
             "{}, the triangle; {} (uneven), the square. Computed, quasi-static. Flown by the planner with `path = \"lateral\"` in \
@@ -145,7 +146,7 @@ pub fn lateral(effort: Effort) -> Result<Section> {
             ),
             Check::claim(
                 mean(ideal) < 0.03,
-                format!("with ideal motors the paper is right: {}, {:.0} % on average", percent(ideal), 100.0 * mean(ideal)),
+                format!("with ideal motors the improvement is negligible, as in the paper: {}, {:.0} % on average", percent(ideal), 100.0 * mean(ideal)),
             ),
             Check::claim(
                 moves.iter().all(|flown| flown.complete && flown.lateral < 1.0),

@@ -1,4 +1,4 @@
-//! Where we know better than the paper, each measured against its method in the same run.
+//! Improvements over the paper, each compared with its method in the same run.
 
 mod joint;
 mod lateral;
@@ -16,7 +16,7 @@ fn times(ratio: f64) -> String {
     format!("{ratio:.1}")
 }
 
-/// The least and the largest of some ratios, in words.
+/// Returns the range of ratios as text.
 fn span(ratios: &[f64]) -> String {
     let low = ratios.iter().fold(f64::INFINITY, |m: f64, r| m.min(*r));
     let high = ratios.iter().fold(0.0, |m: f64, r| m.max(*r));

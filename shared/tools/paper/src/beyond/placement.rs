@@ -1,4 +1,4 @@
-//! Calibration points at the corners.
+//! Improvement: calibration points at the corners.
 
 use super::super::calibration::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors, survey};
 use super::super::random::Random;
@@ -9,7 +9,7 @@ use anyhow::Result;
 use calibration::placement::corners;
 use plot::{Axis, Chart, Picture, Series, SeriesStyle};
 
-/// Points at the corners instead of anywhere.
+/// Compares points at the corners with random points.
 pub fn placement(effort: Effort) -> Result<Section> {
     let trials = effort.trials(3000);
     let counts = effort.some(&[3, 6, 9, 18, 20]);
@@ -25,7 +25,7 @@ pub fn placement(effort: Effort) -> Result<Section> {
         }
         Ok(mean(&all))
     };
-    let mut table = Table::new("Mean error of the heights, mm", &["M", "anywhere", "at the corners", "ratio"]);
+    let mut table = Table::new("Mean error of the heights, mm", &["M", "random", "at the corners", "ratio"]);
     let mut curves = [Vec::new(), Vec::new()];
     let mut ratios = Vec::new();
     for count in &counts {
@@ -46,7 +46,7 @@ pub fn placement(effort: Effort) -> Result<Section> {
         y: Axis::fixed("mm", 0.0, 60.0),
         series: curves
             .into_iter()
-            .zip(["anywhere", "at the corners"])
+            .zip(["random", "at the corners"])
             .enumerate()
             .map(|(k, (points, name))| Series::line(name, 1 - k, points).with_style(SeriesStyle::Marked))
             .collect(),
@@ -54,9 +54,9 @@ pub fn placement(effort: Effort) -> Result<Section> {
     };
     Ok(Section {
         key: "placement",
-        title: "Beyond the paper: calibration points at the corners",
-        claim: "Any point of the floor is a valid calibration point, but points near the corners of the triangle of the anchors tell \
-                much more. They cost nothing extra: nobody has to measure where they are."
+        title: "Improvement: calibration points at the corners",
+        claim: "Any point of the floor is a valid calibration point, but points near the corners of the triangle of the anchors are \
+                much more informative. They take no extra effort, because their positions need not be measured."
             .into(),
         stand_in: format!(
             "Simulated: {}; ranges and lengths with a standard deviation of 0.02 m; {trials} calibrations per value. Corners: at \
@@ -72,7 +72,7 @@ pub fn placement(effort: Effort) -> Result<Section> {
             ),
             Check::claim(
                 three_cornered < 1.1 * twenty_spread,
-                format!("three points at the corners ({three_cornered:.1} mm) are worth {} anywhere ({twenty_spread:.1} mm)", counts[counts.len() - 1]),
+                format!("three points at the corners ({three_cornered:.1} mm) are as good as {} random ones ({twenty_spread:.1} mm)", counts[counts.len() - 1]),
             ),
         ],
         ratio: Some(span(&ratios)),

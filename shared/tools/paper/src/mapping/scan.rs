@@ -1,4 +1,4 @@
-//! Scans flown in lockstep over a ground, and the maps that come of them.
+//! Scans flown in lockstep over a ground, and their maps.
 
 use super::super::flight::{DRIVES, Flight};
 use super::super::random::Random;
@@ -16,7 +16,7 @@ use segments::motion_of;
 use survey::adaptive::{Known, Merit, Patch, PatchOptions, patches};
 use survey::grid::{GridMap, GridOptions, GridSample, GridSpec};
 
-/// What stands on the ground: the ground file that comes with the robot.
+/// The ground file of the robot.
 const GROUND: &str = include_str!("../../../../../configs/ground/fig10.toml");
 
 /// Control period, s.
@@ -28,9 +28,9 @@ pub const SPEED_M_S: f64 = 0.35;
 /// Height at which the node flies, m.
 pub const HEIGHT_M: f64 = 0.9;
 
-/// Time between two readings of the rangefinder, s; not in step with the control.
+/// Period of the rangefinder, s; not a multiple of the control period.
 pub const READING_S: f64 = 0.0125;
-/// Time from a reading until it is told, s: known on average, and how it scatters.
+/// Latency of a reading, s: mean, which is known, and scatter.
 pub const LATENCY_S: [f64; 2] = [0.040, 0.002];
 /// Noise of a reading, m.
 pub const NOISE_M: f64 = 0.005;
@@ -39,10 +39,10 @@ pub const BEAM_DEG: f64 = 2.0;
 
 /// Side of a cell of the maps, m.
 pub const CELL_M: f64 = 0.05;
-/// Pitch of the coarse raster, m; a sample speaks for so much around.
+/// Pitch of the coarse raster and range of influence of a sample, m.
 pub const COARSE_M: f64 = 0.3;
 
-/// The area that is scanned.
+/// Scanned area.
 #[derive(Debug, Clone, Copy)]
 pub struct Area {
     /// Lowest x and y, m.
@@ -55,32 +55,32 @@ pub struct Area {
 pub struct Scan {
     /// The map.
     pub map: GridMap,
-    /// Where the setpoint went, m.
+    /// Path of the setpoint, m.
     pub way: Vec<[f64; 2]>,
-    /// Length of that way, m.
+    /// Length of the path, m.
     pub length_m: f64,
-    /// How long it took, s.
+    /// Duration, s.
     pub duration_s: f64,
-    /// Patches of the second stage, if there was one, and where the way over them begins.
+    /// Patches of the second stage, if any.
     pub patches: Vec<Patch>,
-    /// Point of the way with which the second stage begins.
+    /// Index of the first path point of the second stage.
     pub second: usize,
-    /// Length of way and RMSE of the map, now and then, m.
+    /// Samples of path length and RMSE of the map, m.
     pub course: Vec<[f64; 2]>,
 }
 
-/// Diameter of the beam on the ground, m.
+/// Returns the diameter of the beam on the ground, m.
 pub fn footprint_m() -> f64 {
     2.0 * (0.5 * BEAM_DEG.to_radians()).tan() * HEIGHT_M
 }
 
-/// The ground.
+/// Loads the ground.
 pub fn ground() -> Result<Ground> {
     let file: GroundFile = toml::from_str(GROUND).context("configs/ground/fig10.toml")?;
     Ok(ground_of(&file))
 }
 
-/// The rangefinder: readings of the true distance, told later.
+/// Rangefinder whose readings of the true distance arrive late.
 struct Rangefinder<'a> {
     ground: &'a Ground,
     random: Random,
@@ -89,7 +89,8 @@ struct Rangefinder<'a> {
 }
 
 impl Rangefinder<'_> {
-    /// Readings between the last cycle and this one, each put where the estimates around its own time say that it was taken.
+    /// Passes the readings between the previous cycle and this one, each at the position interpolated from the
+    /// estimates.
     fn readings(&mut self, cycle: &Cycle, mut take: impl FnMut(&GridSample)) {
         let now = (cycle.state.header.stamp_ns as f64 * 1e-9, cycle.truth_m, cycle.estimate.position_m);
         let Some(before) = self.before.replace(now) else {
@@ -103,7 +104,8 @@ impl Rangefinder<'_> {
                 let share = (time_s - before.0) / (now.0 - before.0);
                 [0, 1, 2].map(|k| a[k] + share * (b[k] - a[k]))
             };
-            // what it saw is where it was; where that was taken to be is the told time less the mean latency
+            // The distance is measured at the true position; its assumed position uses the arrival time less the mean
+            // latency.
             let (truth, seems) = (between(self.due_s, before.1, now.1), between(told_s - mean_s, before.2, now.2));
             let distance_m = self.ground.distance_m(truth, BEAM_DEG.to_radians()) + NOISE_M * self.random.normal();
             let covariance = cycle.estimate.covariance_m2;
@@ -119,7 +121,7 @@ impl Rangefinder<'_> {
     }
 }
 
-/// A scan in the making.
+/// A scan in progress.
 struct Flown<'a> {
     lockstep: Lockstep,
     finder: Rangefinder<'a>,
@@ -146,7 +148,7 @@ impl<'a> Flown<'a> {
         Ok(Self { lockstep, finder: Rangefinder { ground, random: Random::new(10), due_s: 0.0, before: None }, scan })
     }
 
-    /// Flies lines through points; every `each_m` of the way the map is judged.
+    /// Flies lines through points and evaluates the map after every `each_m` of path.
     fn fly(&mut self, points: &[Vector3<f64>], each_m: f64) -> Result<()> {
         let points_m = points.iter().map(|point| <[f64; 3]>::from(*point).into());
         let mut leg: Vec<Leg> = Vec::new();
@@ -155,7 +157,7 @@ impl<'a> Flown<'a> {
             leg.push(Leg::Polyline(Polyline { points_m: some.to_vec(), speed_m_s: Some(SPEED_M_S) }));
         }
         let mission = Mission { name: "scan".to_owned(), leg, ..Mission::parse(IDLE)? };
-        self.lockstep.run(&mission).context("the planner refused the scan")?;
+        self.lockstep.run(&mission).context("the planner rejected the scan")?;
         let planned_m: f64 = self.lockstep.planner().segments().iter().map(|segment| segment.path.length()).sum();
         let end_m = self.scan.length_m + planned_m;
         let mut next_m = self.scan.length_m + each_m;
@@ -185,7 +187,7 @@ impl<'a> Flown<'a> {
                 _ => {}
             }
         }
-        // the setpoint is seen once a cycle; what was planned is exact
+        // The setpoint is sampled once per cycle; the planned length is exact.
         ensure!((self.scan.length_m - end_m).abs() < 0.01 * end_m, "{} m of {end_m} m", self.scan.length_m);
         self.scan.length_m = end_m;
         self.judge();
@@ -199,14 +201,14 @@ impl<'a> Flown<'a> {
     }
 }
 
-/// A mission of nothing, for what every mission has.
+/// A mission without motion, as a base for others.
 const IDLE: &str = "name = \"idle\"\n[[leg]]\ndwell = { duration_s = 1.0 }\n";
 
 fn at_height([x, y]: [f64; 2]) -> Vector3<f64> {
     Vector3::new(x, y, HEIGHT_M)
 }
 
-/// One raster with lines along x.
+/// Flies one raster with lines along x.
 pub fn uniform(area: &Area, ground: &Ground, pitch_m: f64) -> Result<Scan> {
     let way = raster(at_height(area.low_m), at_height(area.high_m), pitch_m, Some(planner::scan::Axis::X))?;
     let mut flown = Flown::new(area, ground, way[0])?;
@@ -215,7 +217,7 @@ pub fn uniform(area: &Area, ground: &Ground, pitch_m: f64) -> Result<Scan> {
     Ok(flown.scan)
 }
 
-/// A coarse raster, and fine ones of `fine_m` where its map changes.
+/// Flies a coarse raster, then fine ones with pitch `fine_m` where its map changes.
 pub fn adaptive(area: &Area, ground: &Ground, fine_m: f64, share: f64) -> Result<Scan> {
     let way = raster(at_height(area.low_m), at_height(area.high_m), COARSE_M, Some(planner::scan::Axis::X))?;
     let mut flown = Flown::new(area, ground, way[0])?;
@@ -232,23 +234,23 @@ pub fn adaptive(area: &Area, ground: &Ground, fine_m: f64, share: f64) -> Result
     Ok(flown.scan)
 }
 
-/// How far a map is from the truth.
+/// Errors of a map.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Errors {
     /// RMSE over every cell, m.
     pub all_m: f64,
-    /// RMSE over the cells that are away from edges, m.
+    /// RMSE over the cells away from edges, m.
     pub away_m: f64,
-    /// Share of the cells that are near one.
+    /// Share of the cells near an edge.
     pub near: f64,
-    /// Cells of which nothing is known; they count as ground.
+    /// Number of unknown cells, which count as ground.
     pub unknown: usize,
-    /// Share of all cells whose error is within three of the map's own standard deviations.
+    /// Share of all cells with an error within three of the map's standard deviations.
     pub within: f64,
 }
 
 impl Errors {
-    /// Of all cells, and of those farther than `band_m` from every edge.
+    /// Computes the errors of all cells, and of those farther than `band_m` from every edge.
     pub fn of(map: &GridMap, ground: &Ground, band_m: f64) -> Self {
         let spec = map.spec();
         let (mut all, mut away, mut count, mut unknown, mut within) = (0.0, 0.0, 0usize, 0, 0usize);
@@ -276,7 +278,7 @@ impl Errors {
     }
 }
 
-/// Whether the ground has another height within that distance, m: looked at on rings a centimetre apart.
+/// Returns whether the height of the ground differs within this distance, m; checked on rings a centimetre apart.
 fn near_edge(ground: &Ground, place: [f64; 2], within_m: f64) -> bool {
     let height_m = ground.height_m(place);
     let rings = (within_m / 0.01).ceil().max(1.0);
