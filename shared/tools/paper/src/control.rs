@@ -1,6 +1,6 @@
 //! Figures 7 and 8 and Table III: trajectory tracking, and the prediction of cable lengths.
 
-use super::flight::{DRIVES, Drives, Flight, Track, oblique};
+use super::flight::{ClosedLoopFlight, DRIVES, Drives, Track, oblique};
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use anyhow::Result;
@@ -43,8 +43,8 @@ pub fn missions(effort: Effort) -> [(&'static str, &'static str); 2] {
 /// Horizons of the sweep.
 const HORIZONS: [u32; 8] = [1, 2, 3, 4, 6, 8, 10, 15];
 
-fn flight(mission: &str, horizon: u32, drives: Drives) -> Flight {
-    Flight { period_s: PERIOD_S, horizon, ..Flight::new(START_M, mission.to_owned(), drives) }
+fn flight(mission: &str, horizon: u32, drives: Drives) -> ClosedLoopFlight {
+    ClosedLoopFlight { period_s: PERIOD_S, horizon, ..ClosedLoopFlight::new(START_M, mission.to_owned(), drives) }
 }
 
 fn stand_in_words(drives: &str) -> String {
@@ -129,7 +129,7 @@ fn horizon_checks(quick: &[(u32, Track)], slow: &[(u32, Track)]) -> Result<Vec<C
 
 /// Figure 7: x along straight lines.
 pub fn fig7(effort: Effort) -> Result<Section> {
-    let horizons = effort.some(&HORIZONS);
+    let horizons = effort.select(&HORIZONS);
     let [(_, mission), _] = missions(effort);
     let quick = sweep(mission, DRIVES[0], &horizons)?;
     let slow = sweep(mission, DRIVES[1], &horizons)?;
@@ -179,7 +179,7 @@ pub fn fig7(effort: Effort) -> Result<Section> {
 
 /// Figure 8: the spiral.
 pub fn fig8(effort: Effort) -> Result<Section> {
-    let horizons = effort.some(&HORIZONS);
+    let horizons = effort.select(&HORIZONS);
     let [_, (_, mission)] = missions(effort);
     let quick = sweep(mission, DRIVES[0], &horizons)?;
     let slow = sweep(mission, DRIVES[1], &horizons)?;
@@ -259,7 +259,7 @@ pub fn table3(effort: Effort) -> Result<Section> {
     );
     let mut ratios = Vec::new();
     let mut ridge_ratios = Vec::new();
-    let drives = effort.some(&DRIVES);
+    let drives = effort.select(&DRIVES);
     let mut flown = Vec::new();
     let [(_, lines), (_, spiral)] = missions(effort);
     for (name, mission) in missions(effort) {

@@ -1,6 +1,6 @@
 //! Figures 11 to 13 and Tables V and VIII: losses of moves.
 
-use super::flight::{DRIVES, Flight, Instant, Track};
+use super::flight::{ClosedLoopFlight, DRIVES, Track, TrackPoint};
 use super::section::{Check, Effort, Section, Table, fixed, mean, rms};
 use super::stand_in;
 use anyhow::{Context, Result};
@@ -22,12 +22,12 @@ fn moves<const N: usize>(corners: &[[f64; 3]; N]) -> Vec<(Vector3<f64>, Vector3<
 }
 
 /// Anchors and motor for the energy of moves.
-struct Rig {
+struct WinchSetup {
     anchors: Vec<Vector3<f64>>,
     motor: Motor,
 }
 
-impl Rig {
+impl WinchSetup {
     fn new(anchors: &[[f64; 3]], motor: Motor) -> Self {
         Self { anchors: anchors.iter().map(|a| Vector3::from(*a)).collect(), motor }
     }
@@ -65,7 +65,7 @@ impl Rig {
 
 /// Returns the current of a winch of the plant that raises (or, below zero, lowers) a load at constant speed, A: the
 /// mean after the transient, as measured in the paper.
-fn hoisted_current(tension_n: f64, reel_in_m_s: f64) -> Result<f64> {
+fn winch_current(tension_n: f64, reel_in_m_s: f64) -> Result<f64> {
     const RUN_S: f64 = 1.6;
     const TRANSIENT_S: f64 = 0.8;
     let travel_m = reel_in_m_s * RUN_S;
@@ -104,11 +104,11 @@ fn quadratic(points: &[[f64; 2]]) -> Option<[f64; 2]> {
 
 /// Figure 11: square of the current over speed and tension.
 pub fn fig11(effort: Effort) -> Result<Section> {
-    let speeds = effort.some(&[-0.3, -0.25, -0.2, -0.15, -0.1, -0.05, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]);
-    let tensions = effort.some(&[5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0]);
+    let speeds = effort.select(&[-0.3, -0.25, -0.2, -0.15, -0.1, -0.05, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3]);
+    let tensions = effort.select(&[5.0, 10.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0]);
     let rows: Vec<Vec<f64>> = speeds
         .iter()
-        .map(|v| tensions.iter().map(|t| hoisted_current(*t, *v)).collect::<Result<Vec<_>>>())
+        .map(|v| tensions.iter().map(|t| winch_current(*t, *v)).collect::<Result<Vec<_>>>())
         .collect::<Result<_>>()?;
     let motor = stand_in::geared();
     let table = CurrentTable::new(speeds.clone(), tensions.clone(), &rows, motor.resistance_ohm)?;
@@ -214,16 +214,16 @@ pub fn fig11(effort: Effort) -> Result<Section> {
 }
 
 /// Parabolas compared with lines in the three-cable configuration, computed and flown.
-struct Moves {
+struct MoveComparison {
     /// Computed costs of line and best parabola.
     expected: Vec<(Cost, Best)>,
     /// Flights along the line and along the parabola.
     flown: Vec<[Track; 2]>,
 }
 
-impl Moves {
+impl MoveComparison {
     fn fly(effort: Effort) -> Result<Self> {
-        let rig = Rig::new(&stand_in::three(), stand_in::geared());
+        let rig = WinchSetup::new(&stand_in::three(), stand_in::geared());
         let mut moves = moves(&stand_in::TRIANGLE_PATH);
         if effort == Effort::Quick {
             moves.truncate(1);
@@ -234,8 +234,12 @@ impl Moves {
             let [x, y, z]: [f64; 3] = ends.1.into();
             let fly = |leg: String| -> Result<Track> {
                 let mission = format!("name = \"move\"\nspeed_m_s = {}\n[[leg]]\n{leg}\n", stand_in::SPEED_M_S);
-                let track =
-                    Flight { period_s: 0.02, horizon: 10, ..Flight::new(ends.0.into(), mission, DRIVES[0]) }.fly()?;
+                let track = ClosedLoopFlight {
+                    period_s: 0.02,
+                    horizon: 10,
+                    ..ClosedLoopFlight::new(ends.0.into(), mission, DRIVES[0])
+                }
+                .fly()?;
                 anyhow::ensure!(track.done, "the robot stopped on the way to {x}, {y}, {z}");
                 Ok(track)
             };
@@ -251,11 +255,11 @@ impl Moves {
 
 /// Returns loss and duration of a flown move, J and s.
 pub(super) fn flown_cost(track: &Track, resistance_ohm: f64) -> [f64; 2] {
-    let moving: Vec<&Instant> = track.instants.iter().filter(|at| at.moving).collect();
+    let moving: Vec<&TrackPoint> = track.instants.iter().filter(|at| at.moving).collect();
     let energy: f64 = moving
         .windows(2)
         .map(|pair| {
-            let loss = |at: &Instant| at.current_a[..3].iter().map(|i| i * i).sum::<f64>() * resistance_ohm;
+            let loss = |at: &TrackPoint| at.current_a[..3].iter().map(|i| i * i).sum::<f64>() * resistance_ohm;
             0.5 * (loss(pair[0]) + loss(pair[1])) * (pair[1].time_s - pair[0].time_s)
         })
         .sum();
@@ -281,7 +285,7 @@ fn track_path(track: &Track, name: &str, colour: usize, onto: fn(&Vector3<f64>) 
 
 /// Figure 12: paths.
 pub fn fig12(effort: Effort) -> Result<Section> {
-    let moves = Moves::fly(effort)?;
+    let moves = MoveComparison::fly(effort)?;
     let view = |caption: &str, y: &str, onto: fn(&Vector3<f64>) -> [f64; 2]| {
         let anchors: Vec<[f64; 2]> = stand_in::three().iter().map(|a| onto(&Vector3::from(*a))).collect();
         let mut outline = anchors.clone();
@@ -375,7 +379,7 @@ fn expected_current(track: &Track, motor: &Motor, cable: usize) -> Result<Vec<[f
 
 /// Figure 13: current of motor 2 compared with the expected values.
 pub fn fig13(effort: Effort) -> Result<Section> {
-    let moves = Moves::fly(effort)?;
+    let moves = MoveComparison::fly(effort)?;
     let motor = stand_in::geared();
     let cable = 1;
     let mut charts = Vec::new();
@@ -446,7 +450,7 @@ pub fn table5(effort: Effort) -> Result<Section> {
     let mut ordered = true;
     let mut largest: f64 = 0.0;
     for (name, motor) in [("ideal", stand_in::ideal()), ("geared", stand_in::geared())] {
-        let rig = Rig::new(&stand_in::three(), motor);
+        let rig = WinchSetup::new(&stand_in::three(), motor);
         for (k, ends) in moves(&stand_in::TRIANGLE_PATH).into_iter().enumerate() {
             let (line, best) = rig.line_and_best(Distribution::Unique, ends)?;
             let [e, t] = [best.cost.energy_j / line.energy_j, best.cost.duration_s / line.duration_s];
@@ -463,7 +467,7 @@ pub fn table5(effort: Effort) -> Result<Section> {
             ]);
         }
     }
-    let flown = Moves::fly(effort)?;
+    let flown = MoveComparison::fly(effort)?;
     let mut apart: f64 = 0.0;
     for (k, ((line, best), tracks)) in flown.expected.iter().zip(&flown.flown).enumerate() {
         let [[e0, t0], [e1, t1]] = [0, 1].map(|i| flown_cost(&tracks[i], stand_in::geared().resistance_ohm));
@@ -480,9 +484,9 @@ pub fn table5(effort: Effort) -> Result<Section> {
         ]);
     }
     // The same triangle at other heights.
-    let rig = Rig::new(&stand_in::three(), stand_in::ideal());
+    let rig = WinchSetup::new(&stand_in::three(), stand_in::ideal());
     let mut regions = Vec::new();
-    for height in effort.some(&[2.7, 2.45, 2.2, 1.9, 1.6, 1.3, 1.0, 0.7, 0.4]) {
+    for height in effort.select(&[2.7, 2.45, 2.2, 1.9, 1.6, 1.3, 1.0, 0.7, 0.4]) {
         let (a, b) = moves(&stand_in::TRIANGLE_PATH)[0];
         let lift = |p: Vector3<f64>| Vector3::new(p.x, p.y, height);
         let (line, best) = rig.line_and_best(Distribution::Unique, (lift(a), lift(b)))?;
@@ -541,7 +545,7 @@ pub fn table8(_: Effort) -> Result<Section> {
         for (which, (name, motor)) in
             [("ideal", stand_in::ideal()), ("geared", stand_in::geared())].into_iter().enumerate()
         {
-            let rig = Rig::new(&anchors, motor);
+            let rig = WinchSetup::new(&anchors, motor);
             // The four sides of the square are equivalent by symmetry.
             let sides = if place == "square" { 1 } else { 4 };
             for (k, ends) in moves(&stand_in::SQUARE_PATH).into_iter().take(sides).enumerate() {

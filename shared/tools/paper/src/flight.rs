@@ -38,7 +38,7 @@ pub const DRIVES: [Drives; 3] = [
 
 /// Configuration of a flight.
 #[derive(Debug, Clone)]
-pub struct Flight {
+pub struct ClosedLoopFlight {
     /// Initial position of the node, m.
     pub start_m: [f64; 3],
     /// Mission file.
@@ -61,7 +61,7 @@ pub struct Flight {
 
 /// One cycle of a motion.
 #[derive(Debug, Clone, Copy)]
-pub struct Instant {
+pub struct TrackPoint {
     /// Time since the start of the mission, s.
     pub time_s: f64,
     /// Setpoint of the node, m.
@@ -89,7 +89,7 @@ pub struct Instant {
 #[derive(Debug, Clone)]
 pub struct Track {
     /// Cycle by cycle.
-    pub instants: Vec<Instant>,
+    pub instants: Vec<TrackPoint>,
     /// Whether the mission was completed.
     pub done: bool,
     /// Number of periods that were not steered by a fresh command.
@@ -98,7 +98,7 @@ pub struct Track {
     pub identified: Option<DriveLag>,
 }
 
-impl Flight {
+impl ClosedLoopFlight {
     /// Creates a flight with the paper's law, stretch compensation and ten cycles per second.
     pub fn new(start_m: [f64; 3], mission: String, drives: Drives) -> Self {
         let law = Law::LqEndpoint { state_weight: 0.0, input_weight: 1.0 };
@@ -176,7 +176,7 @@ impl Flight {
     }
 }
 
-fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<Instant> {
+fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<TrackPoint> {
     let Cycle { authority, state, estimate, .. } = cycle;
     if authority.mode != MotorAuthority::MODE_FOLLOWING {
         return None;
@@ -192,7 +192,7 @@ fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<In
             .ok()?;
     let off_m = held.unstretched_m.zip_map(&estimate.predicted_m, |wanted, is| is - wanted);
     let node_jacobian = Jacobian::at(robot.anchors(), &setpoint.position).ok()?.node_jacobian()?;
-    Some(Instant {
+    Some(TrackPoint {
         time_s: time_s - *began_s.get_or_insert(time_s),
         setpoint: setpoint.position,
         estimate: Vector3::from(estimate.position_m),
@@ -208,7 +208,7 @@ fn instant(cycle: &Cycle, robot: &Robot, began_s: &mut Option<f64>) -> Option<In
 
 impl Track {
     /// Returns a distance of each cycle with a moving setpoint, m.
-    pub fn distances(&self, of: impl Fn(&Instant) -> f64) -> Vec<f64> {
+    pub fn distances(&self, of: impl Fn(&TrackPoint) -> f64) -> Vec<f64> {
         self.instants.iter().filter(|instant| instant.moving).map(of).collect()
     }
 
@@ -228,7 +228,7 @@ impl Track {
     }
 
     /// Returns a quantity over time.
-    pub fn over_time(&self, name: &str, colour: usize, of: impl Fn(&Instant) -> f64) -> Series {
+    pub fn over_time(&self, name: &str, colour: usize, of: impl Fn(&TrackPoint) -> f64) -> Series {
         let step = (self.instants.len() / 1500).max(1);
         let points = self.instants.iter().step_by(step).map(|instant| [instant.time_s, of(instant)]).collect();
         Series::line(name, colour, points)
@@ -239,7 +239,7 @@ impl Track {
         &self,
         name: &str,
         colour: usize,
-        of: impl Fn(&Instant) -> Vector3<f64>,
+        of: impl Fn(&TrackPoint) -> Vector3<f64>,
         onto: impl Fn(&Vector3<f64>) -> [f64; 2],
     ) -> Series {
         let step = (self.instants.len() / 600).max(1);

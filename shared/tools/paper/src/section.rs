@@ -111,7 +111,7 @@ impl Effort {
     }
 
     /// Returns the whole list, or its first, middle and last element.
-    pub fn some<T: Copy>(self, all: &[T]) -> Vec<T> {
+    pub fn select<T: Copy>(self, all: &[T]) -> Vec<T> {
         match self {
             Self::Full => all.to_vec(),
             Self::Quick if all.len() <= 3 => all.to_vec(),

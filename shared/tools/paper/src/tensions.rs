@@ -15,7 +15,7 @@ const MU_PER_M: f64 = 0.1;
 // The number of steps is odd, so that no point lies in the middle, where the symmetric configuration has a tie.
 
 /// Both distributions along the parabola from the first to the second corner.
-struct Along {
+struct TensionProfiles {
     /// Fraction of the way, 0 to 1.
     at: Vec<f64>,
     least_norm: Vec<CableVec>,
@@ -26,7 +26,7 @@ struct Along {
     interval_n: Vec<[f64; 2]>,
 }
 
-impl Along {
+impl TensionProfiles {
     fn new(anchors: &[[f64; 3]], steps: usize) -> Result<Self> {
         let anchors: Anchors = stand_in::anchors(anchors)?;
         let [from, to] = [0, 1].map(|k| Vector3::from(stand_in::SQUARE_PATH[k]));
@@ -74,7 +74,7 @@ fn tension_axis() -> Axis {
 }
 
 /// Splits a curve at a jump, so that no line is drawn through it.
-fn broken(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]> {
+fn split_at_jump(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]> {
     if let Some(i) = jump {
         points.insert(i + 1, [f64::NAN, f64::NAN]);
     }
@@ -83,11 +83,11 @@ fn broken(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]> {
 
 /// Figure 14: sums and single tensions.
 pub fn fig14(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
-    let (at, cable, step_n) = Along::largest_step(&along.min_sum);
+    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
+    let (at, cable, step_n) = TensionProfiles::largest_step(&along.min_sum);
     let jumps = step_n > 1.0;
     let jump = jumps.then_some(at);
-    let smooth_n = Along::largest_step(&along.least_norm).2;
+    let smooth_n = TensionProfiles::largest_step(&along.least_norm).2;
     let ratios: Vec<f64> = along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.sum() / lp.sum()).collect();
     let (ratio, worst) = (mean(&ratios), ratios.iter().fold(0.0, |m: f64, r| m.max(*r)));
     let margin = |tensions: &[CableVec]| {
@@ -98,8 +98,8 @@ pub fn fig14(effort: Effort) -> Result<Section> {
     let (ln, lp) = (margin(&along.least_norm), margin(&along.min_sum));
     let at_bound = along.min_sum.iter().filter(|t| t.iter().any(|v| *v < stand_in::LIMITS_N[0] + 1e-6)).count();
     let at_bound = at_bound as f64 / along.min_sum.len() as f64;
-    let uneven = Along::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
-    let (uneven_at, _, uneven_n) = Along::largest_step(&uneven.min_sum);
+    let uneven = TensionProfiles::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
+    let (uneven_at, _, uneven_n) = TensionProfiles::largest_step(&uneven.min_sum);
 
     let sums = Chart {
         caption: "sum of tensions".into(),
@@ -113,7 +113,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
     };
     let mut series = Vec::new();
     for cable in 0..4 {
-        let lines = broken(along.curve(|i| along.min_sum[i][cable]), jump);
+        let lines = split_at_jump(along.curve(|i| along.min_sum[i][cable]), jump);
         series.push(Series::line(&format!("cable {}, least sum", cable + 1), cable, lines));
     }
     for cable in 0..4 {
@@ -187,7 +187,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
 
 /// Figure 15: sums of squares.
 pub fn fig15(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
+    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
     let ratios: Vec<f64> =
         along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.norm_squared() / lp.norm_squared()).collect();
     let (ratio, best) = (mean(&ratios), ratios.iter().fold(f64::INFINITY, |m: f64, r| m.min(*r)));
@@ -226,8 +226,8 @@ pub fn fig15(effort: Effort) -> Result<Section> {
 
 /// Figure 16: origin of the least-sum jump.
 pub fn fig16(effort: Effort) -> Result<Section> {
-    let along = Along::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
-    let (at, ..) = Along::largest_step(&along.min_sum);
+    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
+    let (at, ..) = TensionProfiles::largest_step(&along.min_sum);
     let last = |tensions: &[CableVec], i: usize| tensions[i][3];
     let width = |i: usize| along.interval_n[i][1] - along.interval_n[i][0];
     let place = |tensions: &[CableVec], i: usize| (last(tensions, i) - along.interval_n[i][0]) / width(i);
@@ -239,7 +239,7 @@ pub fn fig16(effort: Effort) -> Result<Section> {
         series: vec![
             Series::line("feasible from", GREY, along.curve(|i| along.interval_n[i][0])),
             Series::line("feasible to", BLACK, along.curve(|i| along.interval_n[i][1])),
-            Series::line("least sum (LP)", 1, broken(along.curve(|i| last(&along.min_sum, i)), jump))
+            Series::line("least sum (LP)", 1, split_at_jump(along.curve(|i| last(&along.min_sum, i)), jump))
                 .with_style(SeriesStyle::Dashed),
             Series::line("least norm", 0, along.curve(|i| last(&along.least_norm, i))),
         ],

@@ -1,10 +1,10 @@
 //! Improvement: joint estimation in the calibration.
 
-use super::super::calibration::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors};
+use super::super::calibration::{Encoders, SIGMA_RANGE_M, calibrate, errors, random_points};
 use super::super::random::Random;
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::stand_in;
-use super::{span, times};
+use super::{format_ratio, ratio_range};
 use anyhow::Result;
 use cable_robot::CableVec;
 use calibration::{JointInput, Loss, Range, calibrate_joint};
@@ -63,7 +63,7 @@ impl Case {
             let noise: [f64; 3] = [0, 1, 2].map(|_| self.sigma_range_m * random.normal());
             let measured = [0, 1, 2].map(|k| stand_in::RANGES_M[k] + noise[k]);
             let anchors = calibration::survey_anchors(measured, calibration::Side::Left)?;
-            let points = anywhere(&mut random, count);
+            let points = random_points(&mut random, count);
             let encoders = Encoders {
                 sigma_m: self.sigma_m,
                 scale: self.scale,
@@ -102,7 +102,7 @@ impl Case {
 /// Joint estimation.
 pub fn joint(effort: Effort) -> Result<Section> {
     let trials = effort.trials(400);
-    let counts = effort.some(&[10, 20, 43]);
+    let counts = effort.select(&[10, 20, 43]);
     let mut table = Table::new("Mean error, mm", &["error", "M", "the paper's method", "joint estimator", "ratio"]);
     let mut best = Vec::new();
     for (k, case) in CASES.iter().enumerate() {
@@ -115,7 +115,7 @@ pub fn joint(effort: Effort) -> Result<Section> {
                 count.to_string(),
                 fixed(1e3 * paper, 1),
                 fixed(1e3 * joint, 1),
-                times(last),
+                format_ratio(last),
             ]);
         }
         best.push((case.name, last));
@@ -136,10 +136,10 @@ pub fn joint(effort: Effort) -> Result<Section> {
         checks: best
             .iter()
             .map(|(name, ratio)| {
-                Check::claim(*ratio > 1.5, format!("{name}: {} times more accurate with {most} points", times(*ratio)))
+                Check::claim(*ratio > 1.5, format!("{name}: {} times more accurate with {most} points", format_ratio(*ratio)))
             })
             .collect(),
-        ratio: Some(format!("{} with {most} points", span(&best.iter().map(|b| b.1).collect::<Vec<_>>()))),
+        ratio: Some(format!("{} with {most} points", ratio_range(&best.iter().map(|b| b.1).collect::<Vec<_>>()))),
         ..Section::default()
     })
 }

@@ -1,7 +1,7 @@
 //! Improvement: paths that deviate sideways as well as down, computed and flown.
 
 use super::super::energy::flown_cost;
-use super::super::flight::{DRIVES, Flight, Track};
+use super::super::flight::{ClosedLoopFlight, DRIVES, Track};
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::stand_in;
 use anyhow::Result;
@@ -27,7 +27,7 @@ fn fly(ends: (Vector3<f64>, Vector3<f64>), path: &str) -> Result<Track> {
         "name = \"move\"\nspeed_m_s = {}\npath = \"{path}\"\n[[leg]]\nline = {{ to_m = [{x}, {y}, {z}] }}\n",
         stand_in::SPEED_M_S
     );
-    Flight { period_s: 0.02, horizon: 10, ..Flight::new(ends.0.into(), mission, DRIVES[0]) }.fly()
+    ClosedLoopFlight { period_s: 0.02, horizon: 10, ..ClosedLoopFlight::new(ends.0.into(), mission, DRIVES[0]) }.fly()
 }
 
 fn flown(ends: (Vector3<f64>, Vector3<f64>), expected: f64) -> Result<FlownMove> {
@@ -81,7 +81,7 @@ pub fn lateral(effort: Effort) -> Result<Section> {
                 method: *method,
                 current: &motor,
             };
-            for k in effort.some(&(0..corners.len()).collect::<Vec<_>>()) {
+            for k in effort.select(&(0..corners.len()).collect::<Vec<_>>()) {
                 let ends = (Vector3::from(corners[k]), Vector3::from(corners[(k + 1) % corners.len()]));
                 let BestLateral { lateral, parabola, upright } =
                     winch_energy.best_lateral(&ends.0, &ends.1, stand_in::SPEED_M_S, INTERVALS, &bounds)?;

@@ -12,16 +12,16 @@ pub use placement::placement;
 pub use preview::preview;
 pub use stretch::stretch;
 
-fn times(ratio: f64) -> String {
+fn format_ratio(ratio: f64) -> String {
     format!("{ratio:.1}")
 }
 
 /// Returns the range of ratios as text.
-fn span(ratios: &[f64]) -> String {
+fn ratio_range(ratios: &[f64]) -> String {
     let low = ratios.iter().fold(f64::INFINITY, |m: f64, r| m.min(*r));
     let high = ratios.iter().fold(0.0, |m: f64, r| m.max(*r));
-    if times(low) == times(high) {
-        return format!("{} times", times(low));
+    if format_ratio(low) == format_ratio(high) {
+        return format!("{} times", format_ratio(low));
     }
-    format!("{} to {} times", times(low), times(high))
+    format!("{} to {} times", format_ratio(low), format_ratio(high))
 }

@@ -1,10 +1,10 @@
 //! Improvement: calibration points at the corners.
 
-use super::super::calibration::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors, survey};
+use super::super::calibration::{Encoders, SIGMA_RANGE_M, calibrate, errors, random_points, survey};
 use super::super::random::Random;
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::stand_in;
-use super::{span, times};
+use super::{format_ratio, ratio_range};
 use anyhow::Result;
 use calibration::placement::corners;
 use plot::{Axis, Chart, Picture, Series, SeriesStyle};
@@ -12,7 +12,7 @@ use plot::{Axis, Chart, Picture, Series, SeriesStyle};
 /// Compares points at the corners with random points.
 pub fn placement(effort: Effort) -> Result<Section> {
     let trials = effort.trials(3000);
-    let counts = effort.some(&[3, 6, 9, 18, 20]);
+    let counts = effort.select(&[3, 6, 9, 18, 20]);
     let sigma = 0.02;
     let run = |seed: u64, places: &dyn Fn(&mut Random) -> Vec<[f64; 2]>| -> Result<f64> {
         let mut random = Random::new(seed);
@@ -30,14 +30,19 @@ pub fn placement(effort: Effort) -> Result<Section> {
     let mut ratios = Vec::new();
     for count in &counts {
         let (count, seed) = (*count, 1000 + *count as u64);
-        let spread = run(seed, &|random| anywhere(random, count))?;
+        let spread = run(seed, &|random| random_points(random, count))?;
         let cornered = run(seed + 100, &|_| corners(&stand_in::three_xy(), count, 0.9))?;
         curves[0].push([count as f64, 1e3 * spread]);
         curves[1].push([count as f64, 1e3 * cornered]);
         if count > 3 {
             ratios.push(spread / cornered);
         }
-        table.row([count.to_string(), fixed(1e3 * spread, 1), fixed(1e3 * cornered, 1), times(spread / cornered)]);
+        table.row([
+            count.to_string(),
+            fixed(1e3 * spread, 1),
+            fixed(1e3 * cornered, 1),
+            format_ratio(spread / cornered),
+        ]);
     }
     let (three_cornered, twenty_spread) = (curves[1][0][1], curves[0][curves[0].len() - 1][1]);
     let chart = Chart {
@@ -68,14 +73,14 @@ pub fn placement(effort: Effort) -> Result<Section> {
         checks: vec![
             Check::claim(
                 ratios.iter().all(|ratio| *ratio > 1.5),
-                format!("with six points or more the error is {} smaller (with three, the mean error of random points has a heavy tail)", span(&ratios)),
+                format!("with six points or more the error is {} smaller (with three, the mean error of random points has a heavy tail)", ratio_range(&ratios)),
             ),
             Check::claim(
                 three_cornered < 1.1 * twenty_spread,
                 format!("three points at the corners ({three_cornered:.1} mm) are as good as {} random ones ({twenty_spread:.1} mm)", counts[counts.len() - 1]),
             ),
         ],
-        ratio: Some(span(&ratios)),
+        ratio: Some(ratio_range(&ratios)),
         ..Section::default()
     })
 }

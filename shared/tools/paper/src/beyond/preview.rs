@@ -1,9 +1,9 @@
 //! Improvement: the lag-aware law compared with the paper's law.
 
-use super::super::flight::{DRIVES, Drives, Flight, Instant, Track};
+use super::super::flight::{ClosedLoopFlight, DRIVES, Drives, Track, TrackPoint};
 use super::super::section::{Check, Effort, Section, Table, fixed, rms};
 use super::super::{control, stand_in};
-use super::{span, times};
+use super::{format_ratio, ratio_range};
 use anyhow::{Context, Result};
 use config::{ControlLaw, ControllerSection};
 use controller::Law;
@@ -38,7 +38,8 @@ fn fly(mission: &str, drives: Drives, law: Option<Law>, horizon: u32) -> Result<
     /// Default control period of the robot, s.
     const PERIOD_S: f64 = 0.01;
     let mission = mission.replacen("[[leg]]", STEP_TEST, 1);
-    let mut flight = Flight { period_s: PERIOD_S, horizon, ..Flight::new(control::START_M, mission, drives) };
+    let mut flight =
+        ClosedLoopFlight { period_s: PERIOD_S, horizon, ..ClosedLoopFlight::new(control::START_M, mission, drives) };
     flight.law = law.unwrap_or(flight.law);
     let mut track = flight.fly()?;
     track.instants.retain(|at| at.segment > STEP_TEST_SEGMENTS);
@@ -65,7 +66,7 @@ impl Ratios {
 
 /// Lag-aware preview control.
 pub fn preview(effort: Effort) -> Result<Section> {
-    let horizons = effort.some(&[12, 15, 18, 21, 25, 30, 36, 42, 50]);
+    let horizons = effort.select(&[12, 15, 18, 21, 25, 30, 36, 42, 50]);
     let missions = control::missions(effort);
     let (missions, drives) = match effort {
         Effort::Full => (&missions[..], &DRIVES[..2]),
@@ -113,7 +114,7 @@ pub fn preview(effort: Effort) -> Result<Section> {
             };
             let (near, double) = (told(1.1)?, told(2.0)?);
             if traces.is_empty() {
-                let off = |at: &Instant| 1e3 * at.by_lengths.norm();
+                let off = |at: &TrackPoint| 1e3 * at.by_lengths.norm();
                 traces =
                     vec![paper_track.over_time("lq-endpoint", 1, off), track.over_time("preview, identified", 0, off)];
             }
@@ -132,8 +133,8 @@ pub fn preview(effort: Effort) -> Result<Section> {
                     cell(identified[k]),
                     cell(near[k]),
                     cell(double[k]),
-                    times(ratio(identified[k])),
-                    times(ratio(near[k])),
+                    format_ratio(ratio(identified[k])),
+                    format_ratio(ratio(near[k])),
                 ]);
             }
         }
@@ -167,7 +168,7 @@ pub fn preview(effort: Effort) -> Result<Section> {
              remaining error by truth is mostly the oscillation of the node on its elastic cables, which the lengths do not show."
                 .into(),
         ],
-        ratio: Some(format!("{} by measured lengths, {} by truth", span(&all(by_lengths)), span(&all(by_truth)))),
+        ratio: Some(format!("{} by measured lengths, {} by truth", ratio_range(&all(by_lengths)), ratio_range(&all(by_truth)))),
     })
 }
 
@@ -183,8 +184,8 @@ fn checks(by_lengths: &Ratios, by_truth: &Ratios) -> Vec<Check> {
                 least(lengths) > 1.0 && least(truth) > 1.0,
                 format!(
                     "with {words} drives it is better in all cases: {} by measured lengths, {} by truth",
-                    span(lengths),
-                    span(truth)
+                    ratio_range(lengths),
+                    ratio_range(truth)
                 ),
             ));
         }
@@ -193,8 +194,8 @@ fn checks(by_lengths: &Ratios, by_truth: &Ratios) -> Vec<Check> {
         least(&by_lengths.near) > 1.0 && least(&by_truth.near) > 1.0,
         format!(
             "it is also better with a model of delay and lag that is 10 % too long: {} by measured lengths, {} by truth",
-            span(&by_lengths.near),
-            span(&by_truth.near)
+            ratio_range(&by_lengths.near),
+            ratio_range(&by_truth.near)
         ),
     ));
     checks.push(Check::condition(
@@ -210,7 +211,7 @@ fn checks(by_lengths: &Ratios, by_truth: &Ratios) -> Vec<Check> {
         format!(
             "it is better even with a model of twice the delay and lag: {}; therefore the robot checks its model and falls back to the \
              paper's law above a misfit",
-            if worst > 0.0 { format!("{} times", times(worst)) } else { "without that check the robot stops".into() }
+            if worst > 0.0 { format!("{} times", format_ratio(worst)) } else { "without that check the robot stops".into() }
         ),
     ));
     checks

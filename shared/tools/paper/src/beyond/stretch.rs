@@ -1,6 +1,6 @@
 //! Improvement: compensation of cable stretch.
 
-use super::super::flight::{DRIVES, Flight, Track};
+use super::super::flight::{ClosedLoopFlight, DRIVES, Track};
 use super::super::section::{Check, Effort, Section, Table, fixed, mean};
 use super::super::{control, stand_in};
 use anyhow::Result;
@@ -12,12 +12,12 @@ fn deflection(stretch: bool, stiffness_share: f64, height_m: f64) -> Result<(f64
     let mission = format!(
         "name = \"climb\"\nspeed_m_s = 0.2\n[[leg]]\nline = {{ to_m = [4.8, 3.0, {height_m}] }}\n[[leg]]\ndwell = {{ duration_s = 1.0 }}\n"
     );
-    let track = Flight {
+    let track = ClosedLoopFlight {
         period_s: 0.02,
         horizon: 10,
         stretch,
         stiffness_share,
-        ..Flight::new(control::START_M, mission, DRIVES[0])
+        ..ClosedLoopFlight::new(control::START_M, mission, DRIVES[0])
     }
     .fly()?;
     anyhow::ensure!(track.done, "the climb to {height_m} m was not completed");

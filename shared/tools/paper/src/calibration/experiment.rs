@@ -3,7 +3,7 @@
 use super::super::random::Random;
 use super::super::section::{Check, Effort, Section, Table, deviation, fixed, mean, median, rms};
 use super::super::stand_in;
-use super::{Encoders, SIGMA_LASER_M, anywhere, calibrate, survey};
+use super::{Encoders, SIGMA_LASER_M, calibrate, random_points, survey};
 use anyhow::Result;
 use cable_robot::{Anchors, CableVec, kinematics};
 use plot::{Axis, Chart, GREY, Picture, Series, SeriesStyle};
@@ -22,7 +22,7 @@ impl Experiment {
     fn new(seed: u64, encoders: Encoders) -> Result<Self> {
         let mut random = Random::new(seed);
         let anchors_xy = survey(&mut random, SIGMA_LASER_M)?;
-        let places = anywhere(&mut random, POINTS);
+        let places = random_points(&mut random, POINTS);
         let lengths = encoders.measure(&mut random, &places);
         Ok(Self { anchors_xy, lengths })
     }

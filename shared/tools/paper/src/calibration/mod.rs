@@ -21,14 +21,14 @@ pub const SIGMA_LASER_M: f64 = 0.0015;
 const REACH: f64 = 0.9;
 
 /// Scales a triangle about its centroid.
-pub fn shrunk(triangle: [[f64; 2]; 3], share: f64) -> [[f64; 2]; 3] {
+pub fn scaled(triangle: [[f64; 2]; 3], share: f64) -> [[f64; 2]; 3] {
     let middle = [0, 1].map(|k| (triangle[0][k] + triangle[1][k] + triangle[2][k]) / 3.0);
     triangle.map(|p| [0, 1].map(|k| middle[k] + share * (p[k] - middle[k])))
 }
 
 /// Returns random points under the robot, m.
-pub fn anywhere(random: &mut Random, count: usize) -> Vec<[f64; 2]> {
-    let triangle = shrunk(stand_in::three_xy(), REACH);
+pub fn random_points(random: &mut Random, count: usize) -> Vec<[f64; 2]> {
+    let triangle = scaled(stand_in::three_xy(), REACH);
     (0..count).map(|_| random.in_triangle(triangle)).collect()
 }
 

@@ -3,14 +3,14 @@
 use super::super::random::Random;
 use super::super::section::{Check, Effort, Section, Table, fixed, mean, median};
 use super::super::stand_in;
-use super::{Encoders, SIGMA_RANGE_M, anywhere, calibrate, errors, shrunk, survey};
+use super::{Encoders, SIGMA_RANGE_M, calibrate, errors, random_points, scaled, survey};
 use anyhow::Result;
 use calibration::gps_anchor;
 use plot::{Axis, Chart, GREY, Picture, Series, SeriesStyle};
 
 /// Statistics of many simulated calibrations.
 #[derive(Debug, Clone, Copy)]
-struct Cell {
+struct TrialStatistics {
     /// Mean error of heights, m.
     mean_z: f64,
     /// Median error of heights, m.
@@ -21,12 +21,12 @@ struct Cell {
     unreal: f64,
 }
 
-fn simulate(seed: u64, trials: usize, points: usize, sigma_length: f64) -> Result<Cell> {
+fn simulate(seed: u64, trials: usize, points: usize, sigma_length: f64) -> Result<TrialStatistics> {
     let mut random = Random::new(seed);
     let (mut z, mut full, mut unreal) = (Vec::new(), Vec::new(), 0);
     for _ in 0..trials {
         let anchors = survey(&mut random, SIGMA_RANGE_M)?;
-        let places = anywhere(&mut random, points);
+        let places = random_points(&mut random, points);
         let lengths = Encoders::noisy(sigma_length).measure(&mut random, &places);
         let (found, clamped) = calibrate(&anchors, &lengths)?;
         let [ez, e3] = errors(&found);
@@ -34,7 +34,12 @@ fn simulate(seed: u64, trials: usize, points: usize, sigma_length: f64) -> Resul
         full.push(e3);
         unreal += usize::from(clamped);
     }
-    Ok(Cell { mean_z: mean(&z), median_z: median(&z), mean_3d: mean(&full), unreal: unreal as f64 / trials as f64 })
+    Ok(TrialStatistics {
+        mean_z: mean(&z),
+        median_z: median(&z),
+        mean_3d: mean(&full),
+        unreal: unreal as f64 / trials as f64,
+    })
 }
 
 const SIGMAS_M: [f64; 5] = [0.02, 0.05, 0.10, 0.15, 0.20];
@@ -49,13 +54,13 @@ fn stand_in_words() -> String {
 
 /// Figure 3: error over the number of points.
 pub fn fig3(effort: Effort) -> Result<Section> {
-    let counts = effort.some(&[3, 4, 5, 6, 8, 10, 15, 20]);
+    let counts = effort.select(&[3, 4, 5, 6, 8, 10, 15, 20]);
     let trials = effort.trials(4000);
     let mut table = Table::new("Mean error of the heights, m (median where the mean is heavy-tailed)", &["M"]);
     table.head.extend(SIGMAS_M.map(|sigma| format!("sigma_L = {sigma:.2} m")));
     let mut cells = Vec::new();
     for count in &counts {
-        let row: Vec<Cell> = SIGMAS_M
+        let row: Vec<TrialStatistics> = SIGMAS_M
             .iter()
             .enumerate()
             .map(|(k, sigma)| simulate(300 + 10 * *count as u64 + k as u64, trials, *count, *sigma))
@@ -118,9 +123,9 @@ pub fn fig3(effort: Effort) -> Result<Section> {
 
 /// Calibrates by the baseline, with three exactly known points on the floor; returns the mean error of heights and of
 /// positions, m.
-fn gps(seed: u64, trials: usize, sigma_length: f64, share: f64) -> Result<[f64; 2]> {
+fn simulate_baseline(seed: u64, trials: usize, sigma_length: f64, share: f64) -> Result<[f64; 2]> {
     let mut random = Random::new(seed);
-    let places = shrunk(stand_in::three_xy(), share);
+    let places = scaled(stand_in::three_xy(), share);
     let points = places.map(|[x, y]| [x, y, 0.0]);
     let mut all = [Vec::new(), Vec::new()];
     for _ in 0..trials {
@@ -144,10 +149,10 @@ fn gps(seed: u64, trials: usize, sigma_length: f64, share: f64) -> Result<[f64; 
 
 /// Figure 4: comparison with the baseline.
 pub fn fig4(effort: Effort) -> Result<Section> {
-    let counts = effort.some(&[4, 5, 6, 7, 8, 9, 10, 12, 14, 20]);
+    let counts = effort.select(&[4, 5, 6, 7, 8, 9, 10, 12, 14, 20]);
     let trials = effort.trials(4000);
     let sigmas = [0.02, 0.05, 0.10, 0.20];
-    let ours: Vec<Vec<Cell>> = counts
+    let ours: Vec<Vec<TrialStatistics>> = counts
         .iter()
         .map(|count| {
             sigmas
@@ -158,7 +163,7 @@ pub fn fig4(effort: Effort) -> Result<Section> {
         })
         .collect::<Result<_>>()?;
     let baseline = |seed: u64, share: f64| -> Result<Vec<[f64; 2]>> {
-        sigmas.iter().enumerate().map(|(k, sigma)| gps(seed + k as u64, trials, *sigma, share)).collect()
+        sigmas.iter().enumerate().map(|(k, sigma)| simulate_baseline(seed + k as u64, trials, *sigma, share)).collect()
     };
     let at_08 = baseline(480, 0.8)?;
     let at_05 = baseline(490, 0.5)?;
@@ -187,7 +192,7 @@ pub fn fig4(effort: Effort) -> Result<Section> {
     }
     let within = crossovers.iter().all(|(main, _)| main.is_some_and(|count| (5..=10).contains(&count)));
     let by_height = crossovers.iter().all(|(_, heights)| heights.is_some_and(|count| (5..=10).contains(&count)));
-    let shown = effort.some(&[5, 6, 10, 20]);
+    let shown = effort.select(&[5, 6, 10, 20]);
     let mut series: Vec<Series> = shown
         .iter()
         .filter_map(|count| counts.iter().position(|c| c == count))

@@ -7,7 +7,7 @@ use super::stand_in;
 use anyhow::Result;
 use plant::ground::Ground;
 use plot::{Axis, BLACK, Chart, GREY, Legend, Picture, Series, SeriesStyle};
-use scan::{Area, Errors, Scan};
+use scan::{Area, MapErrors, Scan};
 use survey::grid::GridSpec;
 
 /// Scanned part of the robot's span; some objects extend beyond it.
@@ -46,7 +46,7 @@ pub fn fig10(effort: Effort) -> Result<Section> {
         ("uniform, one line per row of cells", ROWS_M, &rows),
         ("adaptive", PATCH_M, &adaptive),
     ];
-    let errors = flown.map(|(_, _, scan)| Errors::of(&scan.map, &ground, band_m));
+    let errors = flown.map(|(_, _, scan)| MapErrors::of(&scan.map, &ground, band_m));
     let [_, _, by_fine, by_rows, by_adaptive] = errors;
     let mut table = Table::new(
         "Error of the heights",
@@ -74,8 +74,9 @@ pub fn fig10(effort: Effort) -> Result<Section> {
         ]);
     }
     // The adaptive scan is as good as the uniform one from this point on.
-    let reached = adaptive.course.iter().rposition(|[_, rmse_m]| *rmse_m > by_fine.all_m).map_or(0, |last| last + 1);
-    let reached_m = adaptive.course.get(reached).map_or(f64::INFINITY, |[length_m, _]| *length_m);
+    let reached =
+        adaptive.rmse_by_length.iter().rposition(|[_, rmse_m]| *rmse_m > by_fine.all_m).map_or(0, |last| last + 1);
+    let reached_m = adaptive.rmse_by_length.get(reached).map_or(f64::INFINITY, |[length_m, _]| *length_m);
     let share = reached_m / fine.length_m;
     let checks = vec![
         Check::claim(
@@ -146,7 +147,7 @@ pub fn fig10(effort: Effort) -> Result<Section> {
             scan::CELL_M
         ),
         tables: vec![table],
-        pictures: vec![maps(&area, &ground, &fine, &adaptive), course(&flown, &errors, &adaptive)],
+        pictures: vec![maps(&area, &ground, &fine, &adaptive), rmse_by_length(&flown, &errors, &adaptive)],
         checks,
         remarks: vec![
             format!(
@@ -207,10 +208,10 @@ fn maps(area: &Area, ground: &Ground, fine: &Scan, adaptive: &Scan) -> Picture {
 }
 
 /// Plots the path of the adaptive scan, and the error over the path length.
-fn course(flown: &[(&str, f64, &Scan)], errors: &[Errors], adaptive: &Scan) -> Picture {
+fn rmse_by_length(flown: &[(&str, f64, &Scan)], errors: &[MapErrors], adaptive: &Scan) -> Picture {
     let (low, high) = (adaptive.map.spec().origin_m, adaptive.map.spec().end_m());
-    let (coarse, patches) = adaptive.way.split_at(adaptive.second);
-    let way = Chart {
+    let (coarse, patches) = adaptive.path.split_at(adaptive.second);
+    let path = Chart {
         caption: "path of the adaptive scan".into(),
         x: Axis::fixed("x, m", low[0] - 0.1, high[0] + 0.1),
         // Space for the legend.
@@ -230,7 +231,7 @@ fn course(flown: &[(&str, f64, &Scan)], errors: &[Errors], adaptive: &Scan) -> P
         .collect();
     let level = uniform.get(2).map_or(f64::NAN, |[_, rmse_mm]| *rmse_mm);
     let longest = uniform.last().map_or(0.0, |[length_m, _]| *length_m);
-    let course = adaptive.course.iter().map(|[length_m, rmse_m]| [*length_m, 1e3 * rmse_m]).collect();
+    let rmse_by_length = adaptive.rmse_by_length.iter().map(|[length_m, rmse_m]| [*length_m, 1e3 * rmse_m]).collect();
     let error = Chart {
         caption: "RMSE of all cells over the path length".into(),
         x: Axis::auto("path, m"),
@@ -239,9 +240,9 @@ fn course(flown: &[(&str, f64, &Scan)], errors: &[Errors], adaptive: &Scan) -> P
             Series::line("level of the fine raster", BLACK, vec![[0.0, level], [longest, level]])
                 .with_style(SeriesStyle::Dashed),
             Series::line("uniform rasters", 0, uniform).with_style(SeriesStyle::Marked),
-            Series::line("adaptive", 1, course),
+            Series::line("adaptive", 1, rmse_by_length),
         ],
         ..Chart::default()
     };
-    Picture { title: String::new(), size: (1040, 460), columns: 2, charts: vec![way, error] }
+    Picture { title: String::new(), size: (1040, 460), columns: 2, charts: vec![path, error] }
 }

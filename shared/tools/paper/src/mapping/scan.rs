@@ -1,6 +1,6 @@
 //! Scans flown in lockstep over a ground, and their maps.
 
-use super::super::flight::{DRIVES, Flight};
+use super::super::flight::{ClosedLoopFlight, DRIVES};
 use super::super::random::Random;
 use anyhow::{Context, Result, ensure};
 use cable_robot::Vector3;
@@ -56,7 +56,7 @@ pub struct Scan {
     /// The map.
     pub map: GridMap,
     /// Path of the setpoint, m.
-    pub way: Vec<[f64; 2]>,
+    pub path: Vec<[f64; 2]>,
     /// Length of the path, m.
     pub length_m: f64,
     /// Duration, s.
@@ -66,7 +66,7 @@ pub struct Scan {
     /// Index of the first path point of the second stage.
     pub second: usize,
     /// Samples of path length and RMSE of the map, m.
-    pub course: Vec<[f64; 2]>,
+    pub rmse_by_length: Vec<[f64; 2]>,
 }
 
 /// Returns the diameter of the beam on the ground, m.
@@ -122,28 +122,31 @@ impl Rangefinder<'_> {
 }
 
 /// A scan in progress.
-struct Flown<'a> {
+struct ScanFlight<'a> {
     lockstep: Lockstep,
     finder: Rangefinder<'a>,
     scan: Scan,
 }
 
-impl<'a> Flown<'a> {
+impl<'a> ScanFlight<'a> {
     fn new(area: &Area, ground: &'a Ground, start: Vector3<f64>) -> Result<Self> {
-        let flight =
-            Flight { period_s: PERIOD_S, horizon: HORIZON, ..Flight::new(start.into(), IDLE.to_owned(), DRIVES[0]) };
+        let flight = ClosedLoopFlight {
+            period_s: PERIOD_S,
+            horizon: HORIZON,
+            ..ClosedLoopFlight::new(start.into(), IDLE.to_owned(), DRIVES[0])
+        };
         let mut lockstep = Lockstep::new(flight.scenario()?)?;
         lockstep.zero_and_arm()?;
         let spec = GridSpec::covering(area.low_m, area.high_m, CELL_M)?;
         let options = GridOptions { footprint_m: footprint_m(), reach_m: COARSE_M, least_sigma: 0.0 };
         let scan = Scan {
             map: GridMap::new(spec, options)?,
-            way: Vec::new(),
+            path: Vec::new(),
             length_m: 0.0,
             duration_s: 0.0,
             patches: Vec::new(),
             second: 0,
-            course: Vec::new(),
+            rmse_by_length: Vec::new(),
         };
         Ok(Self { lockstep, finder: Rangefinder { ground, random: Random::new(10), due_s: 0.0, before: None }, scan })
     }
@@ -173,8 +176,8 @@ impl<'a> Flown<'a> {
                 let at = motion.setpoint(cycle.authority.plan_time_s).position;
                 self.scan.length_m += last.map_or(0.0, |last| (at - last).norm());
                 last = Some(at);
-                if self.scan.way.last().is_none_or(|[x, y]| (x - at.x).hypot(y - at.y) > 0.02) {
-                    self.scan.way.push([at.x, at.y]);
+                if self.scan.path.last().is_none_or(|[x, y]| (x - at.x).hypot(y - at.y) > 0.02) {
+                    self.scan.path.push([at.x, at.y]);
                 }
             }
             if self.scan.length_m >= next_m {
@@ -196,8 +199,8 @@ impl<'a> Flown<'a> {
 
     fn judge(&mut self) {
         self.scan.map.refresh();
-        let error = Errors::of(&self.scan.map, self.finder.ground, 0.0);
-        self.scan.course.push([self.scan.length_m, error.all_m]);
+        let error = MapErrors::of(&self.scan.map, self.finder.ground, 0.0);
+        self.scan.rmse_by_length.push([self.scan.length_m, error.all_m]);
     }
 }
 
@@ -210,25 +213,25 @@ fn at_height([x, y]: [f64; 2]) -> Vector3<f64> {
 
 /// Flies one raster with lines along x.
 pub fn uniform(area: &Area, ground: &Ground, pitch_m: f64) -> Result<Scan> {
-    let way = raster(at_height(area.low_m), at_height(area.high_m), pitch_m, Some(planner::scan::Axis::X))?;
-    let mut flown = Flown::new(area, ground, way[0])?;
-    flown.fly(&way[1..], f64::INFINITY)?;
+    let path = raster(at_height(area.low_m), at_height(area.high_m), pitch_m, Some(planner::scan::Axis::X))?;
+    let mut flown = ScanFlight::new(area, ground, path[0])?;
+    flown.fly(&path[1..], f64::INFINITY)?;
     flown.scan.map.refresh_all();
     Ok(flown.scan)
 }
 
 /// Flies a coarse raster, then fine ones with pitch `fine_m` where its map changes.
 pub fn adaptive(area: &Area, ground: &Ground, fine_m: f64, share: f64) -> Result<Scan> {
-    let way = raster(at_height(area.low_m), at_height(area.high_m), COARSE_M, Some(planner::scan::Axis::X))?;
-    let mut flown = Flown::new(area, ground, way[0])?;
-    flown.fly(&way[1..], f64::INFINITY)?;
-    flown.scan.second = flown.scan.way.len();
-    let here = way[way.len() - 1];
+    let path = raster(at_height(area.low_m), at_height(area.high_m), COARSE_M, Some(planner::scan::Axis::X))?;
+    let mut flown = ScanFlight::new(area, ground, path[0])?;
+    flown.fly(&path[1..], f64::INFINITY)?;
+    flown.scan.second = flown.scan.path.len();
+    let here = path[path.len() - 1];
     let options = PatchOptions { merit: Merit::Gradient, tile_m: 0.5 * COARSE_M, share, least: 0.2 };
     let chosen = patches(&Known::from(&flown.scan.map), area.low_m, area.high_m, [here.x, here.y], &options);
-    let way = over_patches(&chosen, HEIGHT_M, fine_m, here)?;
+    let path = over_patches(&chosen, HEIGHT_M, fine_m, here)?;
     flown.scan.patches = chosen;
-    flown.fly(&way, 4.0)?;
+    flown.fly(&path, 4.0)?;
     flown.scan.map.refresh_all();
     flown.judge();
     Ok(flown.scan)
@@ -236,7 +239,7 @@ pub fn adaptive(area: &Area, ground: &Ground, fine_m: f64, share: f64) -> Result
 
 /// Errors of a map.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Errors {
+pub struct MapErrors {
     /// RMSE over every cell, m.
     pub all_m: f64,
     /// RMSE over the cells away from edges, m.
@@ -249,7 +252,7 @@ pub struct Errors {
     pub within: f64,
 }
 
-impl Errors {
+impl MapErrors {
     /// Computes the errors of all cells, and of those farther than `band_m` from every edge.
     pub fn of(map: &GridMap, ground: &Ground, band_m: f64) -> Self {
         let spec = map.spec();
