@@ -26,7 +26,7 @@ pub(super) fn write(
     let mut written = Vec::new();
     let mut file = |name: String, text: String| -> Answer {
         let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|error| super::cannot(&path, &error))?;
+        std::fs::write(&path, text).map_err(|error| super::write_failure(&path, &error))?;
         written.push(path);
         Ok(())
     };

@@ -1,7 +1,7 @@
 //! Sensor maps for the page.
 
 use super::charts::{Figure, VIEW};
-use super::gather::Gathered;
+use super::gather::RunData;
 use super::samples::Sensors;
 use crate::map;
 use georeference::{LoggerConfig, SensorMap};
@@ -40,7 +40,7 @@ fn areas(sensors: &Sensors, config: &LoggerConfig) -> BTreeMap<String, [[f64; 2]
 }
 
 /// Creates a figure for each map.
-pub fn figures(run: &Gathered) -> Vec<Figure> {
+pub fn figures(run: &RunData) -> Vec<Figure> {
     run.maps.iter().filter_map(|(name, map)| figure(name, map)).collect()
 }
 
