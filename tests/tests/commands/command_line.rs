@@ -215,7 +215,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
 fn sensor_and_scene_files_are_checked_too() {
     let finding = |file: &str| answer(&["check", file, "--json"])["findings"][0]["finding"].to_string();
     assert!(finding("configs/sensors/tfmini.toml").contains("distance in m"));
-    assert!(finding("configs/ground/fig10.toml").contains("prisms on the ground"));
+    assert!(finding("configs/ground/fig10.toml").contains("prisms on a plane"));
     let folder = tempfile::tempdir().unwrap();
     let spoilt = |from: &str, what: &str, with: &str| {
         let text = std::fs::read_to_string(root().join(from)).unwrap();

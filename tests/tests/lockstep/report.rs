@@ -104,7 +104,7 @@ fn one_run_several_and_a_torn_one() {
 fn what_is_no_run_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let nothing = report(&[folder.path().join("nothing")], None).unwrap_err();
-    assert!(nothing.to_string().contains("there is no run") && nothing.exit_code() == 2, "{nothing}");
+    assert!(nothing.to_string().contains("does not exist") && nothing.exit_code() == 2, "{nothing}");
     let empty = report(&[folder.path().to_path_buf()], None).unwrap_err();
     assert!(empty.to_string().contains("no run file"), "{empty}");
 }

@@ -56,12 +56,12 @@ pub struct Analysis {
     pub periods: Periods,
     /// Points for plots.
     #[serde(skip)]
-    pub track: Vec<Point>,
+    pub track: Vec<TrackPoint>,
 }
 
 /// One moving cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Point {
+pub struct TrackPoint {
     /// Time since the first moving cycle, s.
     pub time_s: f64,
     /// Setpoint, m.
@@ -76,19 +76,19 @@ pub struct Point {
 
 /// Accumulates the cycles of a run.
 #[derive(Default)]
-pub struct Tally {
+pub struct AccuracySum {
     first: Option<MotorAuthority>,
     last: Option<MotorAuthority>,
     moving: u64,
     begin_ns: Option<u64>,
     estimate: Distances,
     truth: Distances,
-    tensions: TensionTally,
+    tensions: TensionSum,
 }
 
-impl Tally {
+impl AccuracySum {
     /// Adds the next cycle; returns a point for plots if the setpoint moves.
-    pub fn add(&mut self, cycle: &Cycle<'_>) -> Option<Point> {
+    pub fn add(&mut self, cycle: &Cycle<'_>) -> Option<TrackPoint> {
         let now = cycle.authority;
         self.first.get_or_insert(*now);
         self.last = Some(*now);
@@ -108,7 +108,7 @@ impl Tally {
         }
         let estimate = cycle.estimate?;
         let begin_ns = *self.begin_ns.get_or_insert(now.header.stamp_ns);
-        let point = Point {
+        let point = TrackPoint {
             time_s: now.header.stamp_ns.saturating_sub(begin_ns) as f64 * 1e-9,
             setpoint: setpoint.position,
             estimate: Vector3::from(estimate.position_m),
@@ -122,7 +122,7 @@ impl Tally {
 
     /// Returns the accuracy; `None` without cycles or motion.
     #[must_use]
-    pub fn result(&self, track: Vec<Point>, periods: Periods) -> Option<Analysis> {
+    pub fn result(&self, track: Vec<TrackPoint>, periods: Periods) -> Option<Analysis> {
         let (first, last) = (self.first.as_ref()?, self.last.as_ref()?);
         Some(Analysis {
             moving_s: self.moving as f64 * last.period_s,
@@ -141,13 +141,13 @@ impl Tally {
 /// # Errors
 /// The run cannot be read, or nothing moved in it.
 pub fn analyse(run: &Path) -> Answer<Analysis> {
-    let (mut tracker, mut tally, mut track) = (Tracker::default(), Tally::default(), Vec::new());
+    let (mut tracker, mut tally, mut track) = (Tracker::default(), AccuracySum::default(), Vec::new());
     let mut count = Count::default();
     let mut each = |cycle: &Cycle<'_>| track.extend(tally.add(cycle));
     let mut reader = runlog::RunReader::open(run).map_err(Failure::not_now)?;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
         count.note(&recorded);
-        tracker.note(&recorded, &mut each);
+        tracker.record(&recorded, &mut each);
     }
     tracker.finish(&mut each);
     if tally.first.is_none() {
@@ -183,7 +183,7 @@ impl Distances {
     }
 }
 
-struct TensionTally {
+struct TensionSum {
     samples: u64,
     good: u64,
     worst_n: f64,
@@ -191,13 +191,13 @@ struct TensionTally {
     greatest_n: f64,
 }
 
-impl Default for TensionTally {
+impl Default for TensionSum {
     fn default() -> Self {
         Self { samples: 0, good: 0, worst_n: 0.0, least_n: f64::INFINITY, greatest_n: 0.0 }
     }
 }
 
-impl TensionTally {
+impl TensionSum {
     fn add(&mut self, truth: &TruthNode, chosen: &ControlStatus) {
         let cables = usize::from(truth.cable_count).min(truth.tension_n.len());
         if chosen.valid != 1 || chosen.tension_n[..cables].iter().all(|tension| *tension == 0.0) {

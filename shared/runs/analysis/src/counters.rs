@@ -7,11 +7,11 @@ use std::collections::VecDeque;
 
 /// Maximum number of samples of one channel that wait for the other channel's sample of the same cycle. Beyond this the
 /// other channel is considered missing.
-const WAITING: usize = 4096;
+const MAX_WAITING: usize = 4096;
 
 /// Fields of `motor/input` used for counting.
 #[derive(Debug, Clone, Copy)]
-struct Tick {
+struct InputRecord {
     at: (u64, u64),
     tick_ns: u64,
     mission: u32,
@@ -19,7 +19,7 @@ struct Tick {
 
 /// Fields of `motor/authority` used for counting.
 #[derive(Debug, Clone, Copy)]
-struct Word {
+struct AuthorityRecord {
     at: (u64, u64),
     periods: Periods,
     period: u8,
@@ -30,9 +30,9 @@ struct Word {
 /// Counts the periods of a run over all its lives of motor-io. Requires every sample in file order.
 #[derive(Debug, Default)]
 pub struct Count {
-    ticks: VecDeque<Tick>,
-    words: VecDeque<Word>,
-    last: Option<(Tick, Word)>,
+    inputs: VecDeque<InputRecord>,
+    authorities: VecDeque<AuthorityRecord>,
+    last: Option<(InputRecord, AuthorityRecord)>,
     /// Sum over completed lives and the time between lives.
     before: Periods,
     /// Mission that was active when the last life ended, until it resumes or ends.
@@ -51,14 +51,18 @@ impl Count {
 
     /// Records the input of a cycle.
     pub fn input(&mut self, input: &MotorInput) {
-        self.ticks.push_back(Tick { at: place(input), tick_ns: input.tick_ns, mission: input.mission });
+        self.inputs.push_back(InputRecord {
+            at: life_and_cycle(input),
+            tick_ns: input.tick_ns,
+            mission: input.mission,
+        });
         self.pair();
     }
 
     /// Records the outcome of a cycle.
     pub fn authority(&mut self, authority: &MotorAuthority) {
-        self.words.push_back(Word {
-            at: place(authority),
+        self.authorities.push_back(AuthorityRecord {
+            at: life_and_cycle(authority),
             periods: Periods::of(authority),
             period: authority.period,
             period_s: authority.period_s,
@@ -71,10 +75,10 @@ impl Count {
     #[must_use]
     pub fn periods(&self) -> Periods {
         let mut all = self.before;
-        match (&self.last, self.words.back()) {
-            (Some((_, word)), _) => all.add(&word.periods),
+        match (&self.last, self.authorities.back()) {
+            (Some((_, authority)), _) => all.add(&authority.periods),
             // Without motor/input, the time between lives is unknown.
-            (None, Some(word)) => all.add(&word.periods),
+            (None, Some(authority)) => all.add(&authority.periods),
             (None, None) => {}
         }
         all
@@ -82,33 +86,33 @@ impl Count {
 
     /// Counts a cycle as soon as both its samples are present; a life may end between them.
     fn pair(&mut self) {
-        while let (Some(tick), Some(word)) = (self.ticks.front().copied(), self.words.front().copied()) {
-            if tick.at <= word.at {
-                self.ticks.pop_front();
+        while let (Some(input), Some(authority)) = (self.inputs.front().copied(), self.authorities.front().copied()) {
+            if input.at <= authority.at {
+                self.inputs.pop_front();
             }
-            if word.at <= tick.at {
-                self.words.pop_front();
+            if authority.at <= input.at {
+                self.authorities.pop_front();
             }
-            if tick.at == word.at {
-                self.cycle(tick, word);
+            if input.at == authority.at {
+                self.cycle(input, authority);
             }
         }
-        if self.ticks.len() > WAITING {
-            self.ticks.pop_front();
+        if self.inputs.len() > MAX_WAITING {
+            self.inputs.pop_front();
         }
-        if self.words.len() > WAITING {
-            self.words.pop_front();
+        if self.authorities.len() > MAX_WAITING {
+            self.authorities.pop_front();
         }
     }
 
-    fn cycle(&mut self, tick: Tick, word: Word) {
-        let skipped = |before: &Tick| {
-            let periods = tick.tick_ns.saturating_sub(before.tick_ns) as f64 * 1e-9 / word.period_s;
+    fn cycle(&mut self, input: InputRecord, authority: AuthorityRecord) {
+        let skipped = |before: &InputRecord| {
+            let periods = input.tick_ns.saturating_sub(before.tick_ns) as f64 * 1e-9 / authority.period_s;
             ((periods + 0.5) as u64).saturating_sub(1)
         };
         let mut between = 0;
         match &self.last {
-            Some((before, _)) if before.at.0 == tick.at.0 => between = skipped(before),
+            Some((before, _)) if before.at.0 == input.at.0 => between = skipped(before),
             Some((before, then)) => {
                 self.before.add(&then.periods);
                 if then.motion != 0 {
@@ -120,17 +124,17 @@ impl Count {
             None => {}
         }
         if let Some(mission) = self.carried {
-            let on = word.period == MotorAuthority::PERIOD_NO_MISSION && tick.mission == mission && mission != 0;
+            let on = authority.period == MotorAuthority::PERIOD_NO_MISSION && input.mission == mission && mission != 0;
             match on {
                 true => self.before.answer += 1 + between,
                 false => self.carried = None,
             }
         }
-        self.last = Some((tick, word));
+        self.last = Some((input, authority));
     }
 }
 
-fn place(sample: &impl Message) -> (u64, u64) {
+fn life_and_cycle(sample: &impl Message) -> (u64, u64) {
     let header = sample.header();
     (header.life, header.cycle)
 }

@@ -59,30 +59,30 @@ const CONTENTS: &str = "tables.json";
 ///
 /// # Errors
 /// The run does not exist or lacks what was requested, or a table cannot be written.
-pub fn run(asked: &Args) -> Answer<Output> {
-    there(&asked.run)?;
-    let wanted = ExportRequest {
-        format: asked.format.into(),
-        folder: asked.out.clone().unwrap_or_else(|| beside(&asked.run)),
-        channels: asked.channel.clone(),
-        from_s: asked.from.unwrap_or(f64::NEG_INFINITY),
-        to_s: asked.to.unwrap_or(f64::INFINITY),
+pub fn run(args: &Args) -> Answer<Output> {
+    there(&args.run)?;
+    let request = ExportRequest {
+        format: args.format.into(),
+        folder: args.out.clone().unwrap_or_else(|| default_folder(&args.run)),
+        channels: args.channel.clone(),
+        from_s: args.from.unwrap_or(f64::NEG_INFINITY),
+        to_s: args.to.unwrap_or(f64::INFINITY),
     };
-    if wanted.from_s >= wanted.to_s {
-        return Err(Failure::BadInput(format!("--from {} is not before --to {}", wanted.from_s, wanted.to_s)));
+    if request.from_s >= request.to_s {
+        return Err(Failure::BadInput(format!("--from {} is not before --to {}", request.from_s, request.to_s)));
     }
-    let export = runlog::export::export(&asked.run, &wanted, &mut progress("exporting"))?;
-    let value = json!({ "run": asked.run, "folder": wanted.folder, "tables": export.tables, "left_out": export.left_out,
+    let export = runlog::export::export(&args.run, &request, &mut progress("exporting"))?;
+    let value = json!({ "run": args.run, "folder": request.folder, "tables": export.tables, "left_out": export.left_out,
         "repeated": export.repeated, "damaged": export.damaged });
-    let contents = wanted.folder.join(CONTENTS);
+    let contents = request.folder.join(CONTENTS);
     let text = serde_json::to_string_pretty(&value).map_err(Failure::not_now)?;
     std::fs::write(&contents, text + "\n")
         .map_err(|error| Failure::NotNow(format!("{} cannot be written: {error}", contents.display())))?;
-    Ok(Output::new(value, words(&export, &wanted.folder)))
+    Ok(Output::new(value, words(&export, &request.folder)))
 }
 
 /// Returns `export` in the run folder, or in the folder of a run file.
-fn beside(run: &Path) -> PathBuf {
+fn default_folder(run: &Path) -> PathBuf {
     if run.is_dir() { run.join("export") } else { run.parent().unwrap_or(Path::new("")).join("export") }
 }
 

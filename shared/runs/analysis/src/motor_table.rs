@@ -40,7 +40,7 @@ const STANDING_M_S: f64 = 0.005;
 
 /// Recorded data of a cycle; only cycles that follow a motion with a valid estimate are used.
 #[derive(Debug, Clone, Copy, Default)]
-struct Cycle {
+struct CycleData {
     state: Option<MotorState>,
     estimate: Option<NodeEstimate>,
     period_s: f64,
@@ -53,7 +53,7 @@ struct Cycle {
 /// # Errors
 /// The run cannot be read or has no usable motion.
 pub fn samples(run: &Path) -> Answer<Vec<Sample>> {
-    let mut cycles: BTreeMap<u64, Cycle> = BTreeMap::new();
+    let mut cycles: BTreeMap<u64, CycleData> = BTreeMap::new();
     let mut reader = runlog::RunReader::open(run).map_err(Failure::bad)?;
     while let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? {
         match recorded.channel.name.as_str() {
@@ -130,14 +130,14 @@ fn steady(cycles: &[(u64, MotorState, NodeEstimate, f64)], cable: usize) -> Opti
 /// # Errors
 /// Runs that cannot be read or do not cover enough speeds and tensions, or a file that already exists or cannot be
 /// written.
-pub fn run(asked: &Args) -> Answer<Output> {
-    let out = asked.out.as_path();
+pub fn run(args: &Args) -> Answer<Output> {
+    let out = args.out.as_path();
     if out.exists() {
         let out = out.display();
         return Err(Failure::BadInput(format!("{out} already exists; name a new file or move this one")));
     }
     let mut all = Vec::new();
-    for run in &asked.runs {
+    for run in &args.runs {
         if !run.exists() {
             return Err(Failure::BadInput(format!(
                 "{} does not exist; give a run folder or a run file",
@@ -147,7 +147,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
         all.extend(samples(run)?);
     }
     let given = |axis: &Option<Numbers>| axis.as_ref().map(|Numbers(values)| values.clone());
-    let (speeds, tensions) = match (given(&asked.speeds), given(&asked.tensions)) {
+    let (speeds, tensions) = match (given(&args.speeds), given(&args.tensions)) {
         (Some(speeds), Some(tensions)) => (speeds, tensions),
         (speeds, tensions) => {
             let found = covered(&all).map_err(Failure::bad)?;
@@ -155,7 +155,7 @@ pub fn run(asked: &Args) -> Answer<Output> {
         }
     };
     let found = fit(&all, &speeds, &tensions).map_err(Failure::bad)?;
-    write(asked, &speeds, &tensions, &found.currents_a)?;
+    write(args, &speeds, &tensions, &found.currents_a)?;
     let value = json!({
         "speeds_m_s": speeds,
         "tensions_n": tensions,
@@ -178,11 +178,11 @@ pub fn run(asked: &Args) -> Answer<Output> {
     Ok(Output::new(value, words))
 }
 
-fn write(asked: &Args, speeds: &[f64], tensions: &[f64], currents: &[Vec<f64>]) -> Answer {
+fn write(args: &Args, speeds: &[f64], tensions: &[f64], currents: &[Vec<f64>]) -> Answer {
     let list = |values: &[f64], decimals: usize| {
         values.iter().map(|value| format!("{value:.decimals$}")).collect::<Vec<_>>().join(", ")
     };
-    let runs: Vec<String> = asked
+    let runs: Vec<String> = args
         .runs
         .iter()
         .filter_map(|run| run.file_name())
@@ -200,8 +200,9 @@ fn write(asked: &Args, speeds: &[f64], tensions: &[f64], currents: &[Vec<f64>]) 
         let _ = writeln!(text, "    [{}],", list(row, 4));
     }
     text.push_str("]\n");
-    let cannot = |why: std::io::Error| Failure::NotNow(format!("{} cannot be written: {why}", asked.out.display()));
+    let write_failure =
+        |why: std::io::Error| Failure::NotNow(format!("{} cannot be written: {why}", args.out.display()));
     // create_new never overwrites a file that was created in the meantime.
-    let mut file = std::fs::File::create_new(&asked.out).map_err(cannot)?;
-    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(cannot)
+    let mut file = std::fs::File::create_new(&args.out).map_err(write_failure)?;
+    file.write_all(text.as_bytes()).and_then(|()| file.sync_all()).map_err(write_failure)
 }

@@ -15,7 +15,7 @@ pub fn info(run: &Path) -> Answer<Output> {
     let mut value = serde_json::to_value(&report).map_err(Failure::not_now)?;
     let mut words = report.to_string();
     if let Some(manifest) = manifest_of(run) {
-        words = format!("{}{words}", of_manifest(&manifest, &report));
+        words = format!("{}{words}", manifest_text(&manifest, &report));
         let unrecorded_s = unrecorded_ends_s(run, &report);
         for (seconds, which) in unrecorded_s.iter().zip(ENDS).filter(|(seconds, _)| **seconds > 0.0) {
             words.push_str(&format!("the {which} {seconds:.1} s of the run were not recorded\n"));
@@ -61,7 +61,7 @@ pub fn unrecorded_ends_s(run: &Path, report: &runlog::RunReport) -> [f64; 2] {
 }
 
 /// Summarises the manifest of a run.
-fn of_manifest(manifest: &Value, report: &runlog::RunReport) -> String {
+fn manifest_text(manifest: &Value, report: &runlog::RunReport) -> String {
     let closed = report.files.iter().all(|file| file.finished && !file.recovered);
     let text = |key: &str| manifest[key].as_str().unwrap_or("?");
     let ended = match manifest["ended_because"].as_str() {
@@ -91,7 +91,7 @@ fn of_manifest(manifest: &Value, report: &runlog::RunReport) -> String {
 /// The run does not exist, or nothing in it can be read.
 pub fn recover(run: &Path) -> Answer<Output> {
     there(run)?;
-    let files = if run.is_dir() { in_need(run)? } else { vec![run.to_path_buf()] };
+    let files = if run.is_dir() { unfinished_files(run)? } else { vec![run.to_path_buf()] };
     let mut recovered = Vec::new();
     let mut words = Vec::new();
     for file in &files {
@@ -106,7 +106,7 @@ pub fn recover(run: &Path) -> Answer<Output> {
 }
 
 /// Returns the files of a run that are unfinished or damaged.
-fn in_need(folder: &Path) -> Answer<Vec<PathBuf>> {
+fn unfinished_files(folder: &Path) -> Answer<Vec<PathBuf>> {
     let report = runlog::info_with(folder, &mut progress("checking")).map_err(Failure::bad)?;
     let needs = |file: &runlog::FileReport| !file.finished || !file.damage.is_empty();
     Ok(report.files.into_iter().filter(needs).map(|file| file.path).collect())
@@ -166,7 +166,7 @@ pub(crate) mod tests {
         let said = |file: &FileReport| {
             let (recording, silent_s) = (file.recording, file.silent_s);
             let report = RunReport { recording, silent_s, files: vec![file.clone()], ..RunReport::default() };
-            of_manifest(&manifest, &report)
+            manifest_text(&manifest, &report)
         };
         assert!(said(&file).contains("; no end: its supervisor ended without recording one"), "{}", said(&file));
         assert!(said(&FileReport { recovered: true, ..file.clone() }).contains("; no end: the recording was cut off"));

@@ -15,7 +15,7 @@ const MOVING_M_S: f64 = 1e-3;
 /// received one poll (10 ms) later.
 const WINDOW: usize = 128;
 /// Maximum distance of consecutive rows in cycles; the plan clock between them is known.
-const NEAR: u64 = 5;
+const MAX_CYCLE_STEP: u64 = 5;
 /// Number of stored motions: the current one, and those of late samples.
 const MOTIONS: usize = 4;
 
@@ -85,24 +85,24 @@ pub struct Tracker {
     rows: VecDeque<Row>,
     motions: BTreeMap<u32, MotionSegments>,
     truth: VecDeque<TruthNode>,
-    due: Vec<TruthNode>,
+    current_truth: Vec<TruthNode>,
 }
 
 impl Tracker {
     /// Records a sample and passes completed cycles to `each`. Returns false if a known channel has a sample of another
     /// version of its type.
-    pub fn note(&mut self, recorded: &RecordedSample<'_>, each: &mut impl FnMut(&Cycle<'_>)) -> bool {
+    pub fn record(&mut self, recorded: &RecordedSample<'_>, each: &mut impl FnMut(&Cycle<'_>)) -> bool {
         let name = recorded.channel.name.as_str();
         let slot = usize::from(name.ends_with("/b"));
         match name {
-            "motor/authority" => self.put(recorded, each, |row, sample| row.authority = Some(sample)),
-            "motor/state" => self.put(recorded, each, |row, sample| row.state = Some(sample)),
-            "energy" => self.put(recorded, each, |row, sample| row.energy = Some(sample)),
+            "motor/authority" => self.store(recorded, each, |row, sample| row.authority = Some(sample)),
+            "motor/state" => self.store(recorded, each, |row, sample| row.state = Some(sample)),
+            "energy" => self.store(recorded, each, |row, sample| row.energy = Some(sample)),
             "node/estimate/a" | "node/estimate/b" => {
-                self.put(recorded, each, |row, sample| row.estimates[slot] = Some(sample))
+                self.store(recorded, each, |row, sample| row.estimates[slot] = Some(sample))
             }
             "control/status/a" | "control/status/b" => {
-                self.put(recorded, each, |row, sample| row.controls[slot] = Some(sample))
+                self.store(recorded, each, |row, sample| row.controls[slot] = Some(sample))
             }
             "truth/node" => recorded.to::<TruthNode>().map(|truth| self.truth.push_back(truth)).is_some(),
             "plan/motion" => recorded.to::<PlanMotion>().map(|motion| self.motion(&motion)).is_some(),
@@ -113,11 +113,11 @@ impl Tracker {
     /// Passes the waiting cycles to `each`.
     pub fn finish(&mut self, each: &mut impl FnMut(&Cycle<'_>)) {
         while let Some(row) = self.rows.pop_front() {
-            self.give(&row, each);
+            self.emit(&row, each);
         }
     }
 
-    fn put<T: Message>(
+    fn store<T: Message>(
         &mut self,
         recorded: &RecordedSample<'_>,
         each: &mut impl FnMut(&Cycle<'_>),
@@ -147,7 +147,7 @@ impl Tracker {
         }
         while self.rows.len() > WINDOW {
             if let Some(row) = self.rows.pop_front() {
-                self.give(&row, each);
+                self.emit(&row, each);
             }
         }
         true
@@ -178,15 +178,15 @@ impl Tracker {
         }
     }
 
-    fn give(&mut self, row: &Row, each: &mut impl FnMut(&Cycle<'_>)) {
+    fn emit(&mut self, row: &Row, each: &mut impl FnMut(&Cycle<'_>)) {
         let Some(authority) = &row.authority else { return };
         let next = self.rows.iter().find_map(|row| row.authority.as_ref());
-        self.due.clear();
+        self.current_truth.clear();
         let until = next.map_or(authority.header.stamp_ns, |next| next.header.stamp_ns);
         while let Some(truth) = self.truth.front().filter(|truth| truth.header.stamp_ns < until).copied() {
             self.truth.pop_front();
             if truth.header.stamp_ns >= authority.header.stamp_ns {
-                self.due.push(truth);
+                self.current_truth.push(truth);
             }
         }
         let next = next.filter(|next| follows(authority, next));
@@ -209,7 +209,7 @@ impl Tracker {
             segment,
             setpoint,
             moving,
-            truth: &self.due,
+            truth: &self.current_truth,
             segments,
         });
     }
@@ -218,7 +218,7 @@ impl Tracker {
 /// Returns whether the plan clock ran continuously between these cycles.
 fn follows(now: &MotorAuthority, next: &MotorAuthority) -> bool {
     let stretch = |authority: &MotorAuthority| (authority.header.life, authority.epoch, authority.motion);
-    stretch(now) == stretch(next) && next.header.cycle.saturating_sub(now.header.cycle) <= NEAR
+    stretch(now) == stretch(next) && next.header.cycle.saturating_sub(now.header.cycle) <= MAX_CYCLE_STEP
 }
 
 /// Returns the segment that started last; the segments are sorted by start time.

@@ -21,10 +21,10 @@ impl Report {
     pub(crate) fn verdicts(&self) -> Vec<(Part, Finding)> {
         let rate_hz = self.rate_hz;
         [
-            self.tick.as_ref().map(|found| (Part::Tick, judge::of_ticks(found, rate_hz))),
-            self.bus.as_ref().map(|found| (Part::Bus, judge::of_bus(found, rate_hz))),
-            self.chain.as_ref().map(|found| (Part::Chain, judge::of_chain(found, rate_hz))),
-            self.disk.as_ref().map(|found| (Part::Disk, judge::of_disk(found, rate_hz))),
+            self.tick.as_ref().map(|found| (Part::Tick, judge::tick_finding(found, rate_hz))),
+            self.bus.as_ref().map(|found| (Part::Bus, judge::bus_finding(found, rate_hz))),
+            self.chain.as_ref().map(|found| (Part::Chain, judge::chain_finding(found, rate_hz))),
+            self.disk.as_ref().map(|found| (Part::Disk, judge::disk_finding(found, rate_hz))),
         ]
         .into_iter()
         .flatten()

@@ -21,7 +21,7 @@ impl Watch {
         let all_s: f64 = settings.parts.iter().map(|part| settings.seconds_for(*part)).sum();
         let style = ProgressStyle::with_template("{msg:6} {wide_bar} {percent:>3} %");
         let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        // without a terminal it draws nothing
+        // Without a terminal, the bar draws nothing.
         let bar = ProgressBar::with_draw_target(Some((all_s * 1e3) as u64), ProgressDrawTarget::stderr());
         let bar = bar.with_style(style).with_finish(ProgressFinish::AndClear);
         Self { stop, bar, begun: Instant::now() }
@@ -42,7 +42,7 @@ impl Watch {
 
     pub(crate) fn go_on(&self) -> Answer {
         if self.stop.load(Ordering::Relaxed) {
-            return Err(Failure::NotNow("stopped before everything was measured".to_owned()));
+            return Err(Failure::NotNow("stopped before the end of the measurement".to_owned()));
         }
         Ok(())
     }

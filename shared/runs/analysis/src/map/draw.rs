@@ -81,7 +81,7 @@ impl Plot<'_> {
 
 /// Writes `stem`.png and `stem`.svg.
 pub(super) fn save(stem: &Path, plot: &Plot<'_>) -> Answer<[std::path::PathBuf; 2]> {
-    let cannot = |path: &Path, error: &dyn std::fmt::Display| {
+    let write_failure = |path: &Path, error: &dyn std::fmt::Display| {
         Failure::NotNow(format!("the plot {} cannot be written: {error}", path.display()))
     };
     let with = |ending: &str| {
@@ -91,13 +91,13 @@ pub(super) fn save(stem: &Path, plot: &Plot<'_>) -> Answer<[std::path::PathBuf; 
     };
     let (png, svg) = (with(".png"), with(".svg"));
     let mut canvas = Canvas::new(plot.size());
-    draw(&(&mut canvas).into_drawing_area(), plot).map_err(|error| cannot(&png, &error))?;
-    let bytes = canvas.png().map_err(|error| cannot(&png, &error))?;
-    std::fs::write(&png, bytes).map_err(|error| cannot(&png, &error))?;
+    draw(&(&mut canvas).into_drawing_area(), plot).map_err(|error| write_failure(&png, &error))?;
+    let bytes = canvas.png().map_err(|error| write_failure(&png, &error))?;
+    std::fs::write(&png, bytes).map_err(|error| write_failure(&png, &error))?;
     let mut text = String::new();
     draw(&SVGBackend::with_string(&mut text, plot.size()).into_drawing_area(), plot)
-        .map_err(|error| cannot(&svg, &error))?;
-    std::fs::write(&svg, text).map_err(|error| cannot(&svg, &error))?;
+        .map_err(|error| write_failure(&svg, &error))?;
+    std::fs::write(&svg, text).map_err(|error| write_failure(&svg, &error))?;
     Ok([png, svg])
 }
 

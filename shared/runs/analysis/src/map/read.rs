@@ -78,19 +78,19 @@ fn section_of(run: &Path, inside: &[Attachment]) -> Answer<SensorLoggerSection> 
 }
 
 /// Passes every sample of every sensor to `take` as name, origin and sample, in memory that does not grow with the run.
-/// Adds the names of all sensors to `heard` and returns the flown path.
+/// Adds the names of all sensors to `sensors` and returns the flown path.
 ///
 /// # Errors
 /// The run cannot be read.
 pub fn samples_of(
     run: &Path,
     config: &LoggerConfig,
-    heard: &mut Vec<String>,
+    sensors: &mut Vec<String>,
     take: &mut dyn FnMut(&str, Origin, &Sample),
 ) -> Answer<Vec<[f64; 3]>> {
     let mut reader = RunReader::open(run)?;
     let mut show = progress("reading");
-    let mut desk = Desk {
+    let mut samples = SampleReader {
         config,
         logger: Logger::new(config).map_err(Failure::not_now)?,
         numbers: HashMap::new(),
@@ -105,15 +105,15 @@ pub fn samples_of(
         }
         count += 1;
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
-        desk.note(&recorded, heard, take);
+        samples.add(&recorded, sensors, take);
     }
     show(reader.bytes(), reader.bytes());
-    desk.give(u64::MAX, take);
-    Ok(desk.track)
+    samples.emit(u64::MAX, take);
+    Ok(samples.track)
 }
 
 /// The logger with the channels of a run.
-struct Desk<'a> {
+struct SampleReader<'a> {
     config: &'a LoggerConfig,
     logger: Logger,
     /// Index of a channel's sensor in the logger by channel index; `None` if the channel cannot be used.
@@ -123,11 +123,11 @@ struct Desk<'a> {
     track: Vec<[f64; 3]>,
 }
 
-impl Desk<'_> {
-    fn note(
+impl SampleReader<'_> {
+    fn add(
         &mut self,
         recorded: &RecordedSample<'_>,
-        heard: &mut Vec<String>,
+        sensors: &mut Vec<String>,
         take: &mut dyn FnMut(&str, Origin, &Sample),
     ) {
         let channel = recorded.channel.name.as_str();
@@ -135,10 +135,10 @@ impl Desk<'_> {
             if let Some(estimate) = recorded.to::<NodeEstimate>() {
                 self.logger.estimate(slot, &estimate);
                 self.now_ns = self.now_ns.max(estimate.header.stamp_ns);
-                if estimate.valid == 1 && self.track.last().is_none_or(|last| far(last, &estimate.position_m)) {
+                if estimate.valid == 1 && self.track.last().is_none_or(|last| is_apart(last, &estimate.position_m)) {
                     self.track.push(estimate.position_m);
                 }
-                self.give(self.now_ns, take);
+                self.emit(self.now_ns, take);
             }
         } else if channel == "motor/authority" {
             if let Some(authority) = recorded.to::<MotorAuthority>() {
@@ -146,12 +146,12 @@ impl Desk<'_> {
             }
         } else if let Some(name) = channel.strip_prefix("sample/") {
             if let Some(sample) = recorded.to::<Sample>() {
-                hear(heard, name);
+                add_name(sensors, name);
                 take(name, Origin::Recorded, &sample);
             }
         } else if let Some(name) = channel.strip_prefix("sensor/") {
             if !self.numbers.contains_key(&recorded.index) {
-                hear(heard, name);
+                add_name(sensors, name);
                 let number = self.sensor(name, recorded);
                 self.numbers.insert(recorded.index, number);
             }
@@ -172,7 +172,7 @@ impl Desk<'_> {
         Some(number)
     }
 
-    fn give(&mut self, now_ns: u64, take: &mut dyn FnMut(&str, Origin, &Sample)) {
+    fn emit(&mut self, now_ns: u64, take: &mut dyn FnMut(&str, Origin, &Sample)) {
         while let Some((number, sample)) = self.logger.next_sample(now_ns) {
             if let Some(name) = self.names.get(number) {
                 take(name, Origin::Computed, &sample);
@@ -181,12 +181,12 @@ impl Desk<'_> {
     }
 }
 
-fn hear(heard: &mut Vec<String>, name: &str) {
-    if !heard.iter().any(|known| known == name) {
-        heard.push(name.to_owned());
+fn add_name(sensors: &mut Vec<String>, name: &str) {
+    if !sensors.iter().any(|known| known == name) {
+        sensors.push(name.to_owned());
     }
 }
 
-fn far(a: &[f64; 3], b: &[f64; 3]) -> bool {
+fn is_apart(a: &[f64; 3], b: &[f64; 3]) -> bool {
     a.iter().zip(b).map(|(a, b)| (a - b) * (a - b)).sum::<f64>() > STEP_M * STEP_M
 }

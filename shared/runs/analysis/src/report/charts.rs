@@ -1,6 +1,6 @@
 //! The charts of the page. Every run gets the same ones, so that several runs can share axes side by side.
 
-use super::gather::{Gathered, Place};
+use super::gather::{PathPoint, RunData};
 use super::trace::Trace;
 use cable_robot::Vector3;
 use messages::MotorAuthority;
@@ -24,7 +24,7 @@ const AXIS_PX: u32 = 58;
 /// Duration from which a run is shown in minutes, s.
 const MINUTES_FROM_S: f64 = 900.0;
 /// Minimum step of a drawn path as a share of its extent.
-const THIN: f64 = 1.0 / 1500.0;
+const MIN_STEP_SHARE: f64 = 1.0 / 1500.0;
 
 /// A chart with caption and legend.
 pub struct Figure {
@@ -85,14 +85,14 @@ pub fn share_axes<'a>(figures: impl Iterator<Item = &'a mut Figure>) {
 }
 
 /// Time axis in seconds or minutes.
-struct Clock {
+struct TimeAxis {
     label: &'static str,
     factor: f64,
     end: f64,
 }
 
-impl Clock {
-    fn of(run: &Gathered) -> Self {
+impl TimeAxis {
+    fn of(run: &RunData) -> Self {
         let end_s = run.recording.duration_s.max(1e-3);
         match end_s < MINUTES_FROM_S {
             true => Self { label: "time since the start of the run, s", factor: 1.0, end: end_s },
@@ -117,10 +117,10 @@ pub fn cable_name(index: usize) -> String {
 }
 
 /// Path from above and from the side.
-pub fn path(run: &Gathered) -> Vec<Figure> {
+pub fn path(run: &RunData) -> Vec<Figure> {
     let planar = run.robot.as_ref().is_some_and(cable_robot::Robot::is_planar);
     let view = |caption: &str, labels: [&str; 2], onto: fn(&Vector3<f64>) -> [f64; 2]| {
-        let curve = |which: usize| thinned(run.path.iter().map(|place: &Place| place[which].as_ref().map(onto)));
+        let curve = |which: usize| decimate(run.path.iter().map(|place: &PathPoint| place[which].as_ref().map(onto)));
         let series = vec![
             Series::line("setpoints", SETPOINT, curve(0)).with_style(SeriesStyle::Line(6)),
             Series::line("truth", TRUTH, curve(2)),
@@ -138,12 +138,12 @@ pub fn path(run: &Gathered) -> Vec<Figure> {
 }
 
 /// Removes points that are too close to distinguish; a missing point interrupts the line.
-fn thinned(points: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<[f64; 2]> {
+fn decimate(points: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<[f64; 2]> {
     let points: Vec<Option<[f64; 2]>> = points.collect();
     let bound =
         |axis: usize, from: f64, take: fn(f64, f64) -> f64| points.iter().flatten().map(|p| p[axis]).fold(from, take);
     let extent = |axis| bound(axis, f64::NEG_INFINITY, f64::max) - bound(axis, f64::INFINITY, f64::min);
-    let step = THIN * extent(0).max(extent(1));
+    let step = MIN_STEP_SHARE * extent(0).max(extent(1));
     let mut kept: Vec<[f64; 2]> = Vec::new();
     let mut skipped = None;
     for point in points {
@@ -171,12 +171,12 @@ fn thinned(points: impl Iterator<Item = Option<[f64; 2]>>) -> Vec<[f64; 2]> {
 }
 
 /// Site plan: anchors and the path.
-pub fn site(run: &Gathered) -> Vec<Figure> {
+pub fn site(run: &RunData) -> Vec<Figure> {
     let Some(robot) = &run.robot else { return Vec::new() };
     let planar = robot.is_planar();
     let onto = |p: &Vector3<f64>| if planar { [p.x, p.z] } else { [p.x, p.y] };
     let mut series =
-        vec![Series::line("estimate", ESTIMATE, thinned(run.path.iter().map(|place| place[1].as_ref().map(onto))))];
+        vec![Series::line("estimate", ESTIMATE, decimate(run.path.iter().map(|place| place[1].as_ref().map(onto))))];
     let last = run.path.iter().rev().find_map(|place| place[1]);
     for (i, anchor) in robot.anchors().iter().enumerate() {
         let line = last.map_or_else(Vec::new, |node| vec![onto(anchor), onto(&node)]);
@@ -193,30 +193,30 @@ pub fn site(run: &Gathered) -> Vec<Figure> {
 }
 
 /// Distance from the setpoint.
-pub fn tracking(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+pub fn tracking(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let [estimate, truth] = &run.errors;
-    let mut chart = clock.chart("distance, mm", &[("truth", TRUTH, truth), ("estimate", ESTIMATE, estimate)], 1000.0);
+    let mut chart = time.chart("distance, mm", &[("truth", TRUTH, truth), ("estimate", ESTIMATE, estimate)], 1000.0);
     chart.series.retain(|series| !series.points.is_empty());
     vec![Figure::new("Distance from the setpoint while it moves", WIDE, chart)]
 }
 
 /// Charts per cable.
-pub fn cables(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+pub fn cables(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let names: Vec<String> = (0..run.cables.len()).map(cable_name).collect();
-    let of = |pick: fn(&super::gather::Cable) -> &Trace| -> Vec<(&str, usize, &Trace)> {
+    let of = |pick: fn(&super::gather::CableData) -> &Trace| -> Vec<(&str, usize, &Trace)> {
         run.cables.iter().enumerate().map(|(i, cable)| (names[i].as_str(), i, pick(cable))).collect()
     };
     let figure = |caption: &str, label: &str, traces: &[(&str, usize, &Trace)]| {
-        Figure::new(caption, WIDE, clock.chart(label, traces, 1.0))
+        Figure::new(caption, WIDE, time.chart(label, traces, 1.0))
     };
-    let mut tensions = clock.chart("tension, N", &of(|cable| &cable.tension), 1.0);
+    let mut tensions = time.chart("tension, N", &of(|cable| &cable.tension), 1.0);
     if let Some(robot) = &run.robot {
         let highest =
             run.cables.iter().filter_map(|cable| cable.tension.extremes()).map(|[_, high]| high).fold(0.0, f64::max);
         for limit in robot.tension_limits_n().into_iter().filter(|limit| *limit < 1.3 * highest) {
-            let ends = vec![[0.0, limit], [clock.end, limit]];
+            let ends = vec![[0.0, limit], [time.end, limit]];
             tensions.series.push(Series::line("limit", BLACK, ends).with_style(SeriesStyle::Dashed));
         }
     }
@@ -230,15 +230,15 @@ pub fn cables(run: &Gathered) -> Vec<Figure> {
 }
 
 /// Power of all motors.
-pub fn power(run: &Gathered) -> Vec<Figure> {
+pub fn power(run: &RunData) -> Vec<Figure> {
     let [electrical, loss] = &run.power;
     let traces = [("electrical power", ALONE, electrical), ("loss in the motors", COLOURS.len() - 5, loss)];
-    vec![Figure::new("Power of all motors", WIDE, Clock::of(run).chart("power, W", &traces, 1.0))]
+    vec![Figure::new("Power of all motors", WIDE, TimeAxis::of(run).chart("power, W", &traces, 1.0))]
 }
 
 /// Timing of the control cycle.
-pub fn timing(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+pub fn timing(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let [wake, bus, age] = &run.times;
     let [computer, drive, resync, answer] = &run.losses;
     let times = [
@@ -248,8 +248,8 @@ pub fn timing(run: &Gathered) -> Vec<Figure> {
     ];
     let counts = [("resync", 3, resync), ("drive", 2, drive), ("computer", 0, computer), ("answer", 1, answer)];
     vec![
-        Figure::new("Times within each cycle", WIDE, clock.chart("time, ms", &times, 1000.0)),
-        Figure::new("Periods not steered, by cause", (WIDE.0, 170), clock.chart("periods", &counts, 1.0)),
+        Figure::new("Times within each cycle", WIDE, time.chart("time, ms", &times, 1000.0)),
+        Figure::new("Periods not steered, by cause", (WIDE.0, 170), time.chart("periods", &counts, 1.0)),
     ]
 }
 
@@ -266,10 +266,10 @@ fn mode_colour(mode: u8) -> usize {
 }
 
 /// Modes, legs and slots over time.
-pub fn timeline(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+pub fn timeline(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let block =
-        |lane: f64, from_s: f64, to_s: f64| [[clock.factor * from_s, lane - 0.38], [clock.factor * to_s, lane + 0.38]];
+        |lane: f64, from_s: f64, to_s: f64| [[time.factor * from_s, lane - 0.38], [time.factor * to_s, lane + 0.38]];
     let mut names = Vec::new();
     let mut series: Vec<Series> = Vec::new();
     let mut add = |name: String, colour: usize, blocks: Vec<[f64; 2]>| {
@@ -305,20 +305,20 @@ pub fn timeline(run: &Gathered) -> Vec<Figure> {
     let mut figure = Figure::new(
         "Mode, legs, and the slots in charge",
         size,
-        Chart { x: clock.axis(), y, series, ..Chart::default() },
+        Chart { x: time.axis(), y, series, ..Chart::default() },
     );
     figure.same_y = false;
     vec![figure]
 }
 
 /// Sensor values over time and along the path.
-pub fn sensors(run: &Gathered) -> Vec<Figure> {
-    let clock = Clock::of(run);
+pub fn sensors(run: &RunData) -> Vec<Figure> {
+    let time = TimeAxis::of(run);
     let mut figures = Vec::new();
     for (name, sensor) in run.sensors.channels() {
         for (at, (quantity, trace)) in sensor.values.iter().enumerate() {
             let caption = format!("{name}: {quantity}");
-            let chart = clock.chart(quantity, &[("", at, trace)], 1.0);
+            let chart = time.chart(quantity, &[("", at, trace)], 1.0);
             figures.push(Figure::new(&caption, (WIDE.0, 200), chart));
         }
         let places = sensor.places.points();

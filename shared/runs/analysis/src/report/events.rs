@@ -6,15 +6,15 @@ use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// Maximum number of stored events; of a run with more, the first ones are kept.
-const EVENTS: usize = 400;
+const MAX_EVENTS: usize = 400;
 
 /// Time within which a repeated event is merged, s.
-const AGAIN_S: f64 = 10.0;
+const REPEAT_S: f64 = 10.0;
 
 /// Subject of an event.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
-pub enum Kind {
+pub enum EventKind {
     /// Mode of the robot.
     Mode,
     /// Fault, or a stop with a cause.
@@ -29,7 +29,7 @@ pub enum Kind {
     Log,
 }
 
-impl Kind {
+impl EventKind {
     /// Returns the name.
     pub fn name(self) -> &'static str {
         match self {
@@ -49,7 +49,7 @@ pub struct Event {
     /// Time since the start of the run, s.
     pub time_s: f64,
     /// Subject.
-    pub kind: Kind,
+    pub kind: EventKind,
     /// One sentence.
     pub text: String,
     /// Number of occurrences within ten seconds; only the first is listed.
@@ -69,14 +69,14 @@ pub struct Events {
     mode: Option<u8>,
     bits: u32,
     mission: Option<(u8, u32, String)>,
-    processes: BTreeMap<String, Known>,
+    processes: BTreeMap<String, ProcessEntry>,
     /// Time and name of each process that died.
     deaths: Vec<(f64, String)>,
 }
 
 /// Last entry of a process in the process table.
 #[derive(Debug, Clone)]
-struct Known {
+struct ProcessEntry {
     state: u8,
     restarts: u32,
     pid: u32,
@@ -90,14 +90,14 @@ fn is_dead(state: u8) -> bool {
 
 /// Removes the last log line from a reason in the process table unless it is a warning or an error; other lines do not
 /// explain the end.
-fn without_chatter(reason: &str) -> &str {
+fn without_log_line(reason: &str) -> &str {
     let begins = [": INFO ", ": DEBUG ", ": TRACE "].iter().filter_map(|level| reason.find(level)).min();
     begins.map_or(reason, |at| &reason[..at])
 }
 
 /// Returns the clause of a fault sentence without the remedy, for use inside a sentence; keeps the named cables or
 /// drive units.
-pub fn case_of(sentence: &str) -> String {
+pub fn fault_clause(sentence: &str) -> String {
     let sentence = sentence.trim_end_matches('.');
     let (what, cure) = sentence.split_once(": ").unwrap_or((sentence, ""));
     let named = [" (cable", " (unit"].iter().find_map(|named| cure.rfind(named)).map_or("", |at| &cure[at..]);
@@ -113,16 +113,18 @@ impl Events {
         &self.events
     }
 
-    fn push(&mut self, time_s: f64, kind: Kind, text: String) {
+    fn push(&mut self, time_s: f64, kind: EventKind, text: String) {
         // Repeated events are listed once and counted; repetitions differ only in numbers.
         let bare = |text: &str| text.chars().filter(|letter| !letter.is_ascii_digit()).collect::<String>();
-        let recent = self.events.iter_mut().rev().take(8).take_while(|event| (time_s - event.time_s).abs() < AGAIN_S);
+        let recent = self.events.iter_mut().rev().take(8).take_while(|event| (time_s - event.time_s).abs() < REPEAT_S);
         let mut same = recent.filter(|event| event.kind == kind && bare(&event.text) == bare(&text));
-        if let (Some(event), true) = (same.next(), matches!(kind, Kind::Log | Kind::Mission | Kind::Operator)) {
+        if let (Some(event), true) =
+            (same.next(), matches!(kind, EventKind::Log | EventKind::Mission | EventKind::Operator))
+        {
             event.times += 1;
             return;
         }
-        if self.events.len() < EVENTS {
+        if self.events.len() < MAX_EVENTS {
             self.events.push(Event { time_s, kind, text, times: 1 });
         } else {
             self.left_out += 1;
@@ -138,7 +140,7 @@ impl Events {
             for text in faults_of(authority) {
                 if new.iter().any(|new| text.starts_with(&stem(new))) {
                     self.faults += 1;
-                    self.push(time_s, Kind::Fault, text);
+                    self.push(time_s, EventKind::Fault, text);
                 }
             }
         }
@@ -147,7 +149,7 @@ impl Events {
             self.mode = Some(authority.mode);
             let name = mode_name(authority.mode);
             let text = format!("{}{}: {}", name[..1].to_uppercase(), &name[1..], mode_sentence(authority.mode));
-            self.push(time_s, Kind::Mode, text);
+            self.push(time_s, EventKind::Mode, text);
         }
     }
 
@@ -159,7 +161,7 @@ impl Events {
         let answer = text_of(&request.answer);
         let refused = if request.accepted == 1 { "" } else { "Refused: " };
         if !answer.is_empty() {
-            self.push(time_s, Kind::Operator, format!("{refused}{answer}"));
+            self.push(time_s, EventKind::Operator, format!("{refused}{answer}"));
         }
     }
 
@@ -190,7 +192,7 @@ impl Events {
             PlanStatus::STATE_REFUSED => format!("A motion was rejected{because}"),
             _ => return false,
         };
-        self.push(time_s, Kind::Mission, what);
+        self.push(time_s, EventKind::Mission, what);
         true
     }
 
@@ -201,19 +203,19 @@ impl Events {
             matches!(state, ProcessState::STATE_READY | ProcessState::STATE_RUNNING | ProcessState::STATE_SILENT)
         };
         // A new process that did not take over the name (`nims plug --replace`) is not the process of that name.
-        let other = |known: &Known| lives(known.state) && process.pid != 0 && known.pid != process.pid;
+        let other = |known: &ProcessEntry| lives(known.state) && process.pid != 0 && known.pid != process.pid;
         if process.state == ProcessState::STATE_STOPPED && self.processes.get(&name).is_some_and(other) {
             return;
         }
         let ProcessState { state, restarts, pid, .. } = *process;
-        let known = Known { state, restarts, pid, role: text_of(&process.role) };
+        let known = ProcessEntry { state, restarts, pid, role: text_of(&process.role) };
         let before = self.processes.insert(name.clone(), known);
         if before.as_ref().is_some_and(|before| (before.state, before.restarts) == (state, restarts)) {
             return;
         }
         let before = before.map(|before| before.restarts);
         let reason = text_of(&process.reason);
-        let reason = without_chatter(&reason);
+        let reason = without_log_line(&reason);
         let because = if reason.is_empty() { String::new() } else { format!(": {reason}") };
         if is_dead(state) {
             self.deaths.push((time_s, name.clone()));
@@ -229,21 +231,21 @@ impl Events {
             ProcessState::STATE_READY if process.restarts > 0 => "is ready again",
             _ => return,
         };
-        self.push(time_s, Kind::Process, format!("{name} {what}{because}"));
+        self.push(time_s, EventKind::Process, format!("{name} {what}{because}"));
     }
 
     /// Records warnings and errors.
     pub fn log(&mut self, time_s: f64, event: &LogEvent) {
         if event.level >= LogEvent::LEVEL_WARN {
             let level = if event.level == LogEvent::LEVEL_WARN { "warns" } else { "reports an error" };
-            self.push(time_s, Kind::Log, format!("{} {level}: {}", text_of(&event.process), text_of(&event.text)));
+            self.push(time_s, EventKind::Log, format!("{} {level}: {}", text_of(&event.process), text_of(&event.text)));
         }
     }
 
     /// Returns a process of this role that last sent no heartbeat, without having died.
     #[must_use]
     pub fn silent(&self, role: &str) -> Option<&str> {
-        let is = |known: &Known| known.role == role && known.state == ProcessState::STATE_SILENT;
+        let is = |known: &ProcessEntry| known.role == role && known.state == ProcessState::STATE_SILENT;
         self.processes.iter().find(|(_, known)| is(known)).map(|(name, _)| name.as_str())
     }
 
@@ -265,9 +267,9 @@ impl Events {
     /// Returns the clause of the last fault between these times, s since the start of the run.
     #[must_use]
     pub fn fault_between(&self, from_s: f64, to_s: f64) -> Option<String> {
-        let faults = self.events.iter().filter(|event| event.kind == Kind::Fault);
+        let faults = self.events.iter().filter(|event| event.kind == EventKind::Fault);
         let within = faults.filter(|event| event.time_s >= from_s && event.time_s <= to_s);
-        within.max_by(|a, b| a.time_s.total_cmp(&b.time_s)).map(|event| case_of(&event.text))
+        within.max_by(|a, b| a.time_s.total_cmp(&b.time_s)).map(|event| fault_clause(&event.text))
     }
 
     /// Sorts the events by time.
@@ -331,20 +333,20 @@ mod tests {
         assert_eq!(events.died_between("estimator", 2.5, 9.0), None);
         let warned = "ended with exit code 1: WARN  estimator: the port: INFO is gone";
         assert_eq!(
-            without_chatter("ended with exit code 1: the port is gone"),
+            without_log_line("ended with exit code 1: the port is gone"),
             "ended with exit code 1: the port is gone"
         );
-        assert!(without_chatter(warned).contains("WARN  estimator: the port"));
+        assert!(without_log_line(warned).contains("WARN  estimator: the port"));
     }
 
     #[test]
     fn a_fault_inside_a_sentence_keeps_what_it_names_and_leaves_its_cure() {
-        let fault = "A line is slack or broken: look for what carries the node, then reset (cable 2).";
-        assert_eq!(case_of(fault), "a line is slack or broken (cable 2)");
+        let fault = "A cable is slack or broken: support the node, then reset (cable 2).";
+        assert_eq!(fault_clause(fault), "a cable is slack or broken (cable 2)");
         let lost = "The supervisor is gone, so the robot stopped and holds: start nims up again, confirm the position, arm, and run the mission with --continue.";
-        assert_eq!(case_of(lost), "the supervisor is gone, so the robot stopped and holds");
-        let busy = "The computer was busy: end what else runs on it (`nims doctor` says how).";
-        assert_eq!(case_of(busy), "the computer was busy");
+        assert_eq!(fault_clause(lost), "the supervisor is gone, so the robot stopped and holds");
+        let busy = "The computer was busy: end other programs (see `nims doctor`).";
+        assert_eq!(fault_clause(busy), "the computer was busy");
     }
 
     #[test]
@@ -359,17 +361,12 @@ mod tests {
         events.cycle(2.01, &authority);
         authority.faults |= MotorAuthority::FAULT_SUPPLY;
         events.cycle(3.0, &authority);
-        let texts: Vec<(Kind, &str)> =
-            events.all().iter().map(|event| (event.kind, &event.text[..event.text.len().min(22)])).collect();
-        assert_eq!(
-            texts,
-            [
-                (Kind::Mode, "Following: The robot f"),
-                (Kind::Fault, "A line is slack or bro"),
-                (Kind::Mode, "Faulted: The robot is "),
-                (Kind::Fault, "The supply voltage is "),
-            ]
-        );
+        let kinds: Vec<EventKind> = events.all().iter().map(|event| event.kind).collect();
+        assert_eq!(kinds, [EventKind::Mode, EventKind::Fault, EventKind::Mode, EventKind::Fault]);
+        for (event, fault) in [(1, MotorAuthority::FAULT_SLACK), (3, MotorAuthority::FAULT_SUPPLY)] {
+            let sentence = fault_sentences(fault).next().unwrap();
+            assert!(events.all()[event].text.starts_with(sentence.trim_end_matches('.')), "{:?}", events.all());
+        }
         assert!(events.all()[1].text.contains("cable 2"));
         assert_eq!(events.faults, 2);
     }

@@ -3,8 +3,8 @@
 use super::events::Events;
 use super::legs::Legs;
 use super::samples::Sensors;
-use super::trace::{Thinned, Trace};
-use crate::accuracy::{Analysis, Distances, Tally};
+use super::trace::{DecimatedPoints, Trace};
+use crate::accuracy::{AccuracySum, Analysis, Distances};
 use crate::counters::Count;
 use crate::tracker::{Cycle, Tracker};
 use cable_robot::{Robot, Vector3};
@@ -23,7 +23,7 @@ use std::path::Path;
 /// Minimum silence of the control cycle that interrupts a curve, s.
 const CYCLE_GAP_S: f64 = 0.5;
 /// Channels that the page needs, with the part that is missing without them.
-const NEEDED: [(&str, &str); 7] = [
+const NEEDED_CHANNELS: [(&str, &str); 7] = [
     ("motor/authority", "modes, timing and legs"),
     ("motor/state", "lengths, speeds and currents of the cables"),
     ("node/estimate/", "the flown path"),
@@ -34,14 +34,14 @@ const NEEDED: [(&str, &str); 7] = [
 ];
 
 /// Times of one step of the cycle.
-pub struct Times {
+pub struct StepTimes {
     /// Over the run, s.
     pub trace: Trace,
     /// Distribution, ns.
     pub all: Histogram<u64>,
 }
 
-impl Times {
+impl StepTimes {
     /// `None` only for invalid bounds of the histogram.
     fn new() -> Option<Self> {
         // Up to a minute, with two significant digits.
@@ -55,7 +55,7 @@ impl Times {
 }
 
 /// Data of one cable.
-pub struct Cable {
+pub struct CableData {
     /// Cable length, m.
     pub length: Trace,
     /// Measured dL/dt, m/s.
@@ -74,7 +74,7 @@ pub struct Cable {
     pub lag: Distances,
 }
 
-impl Cable {
+impl CableData {
     fn new() -> Self {
         let trace = || Trace::new(CYCLE_GAP_S);
         Self {
@@ -105,10 +105,10 @@ pub struct Mission {
 }
 
 /// Setpoint, estimate and truth of one cycle, m.
-pub type Place = [Option<Vector3<f64>>; 3];
+pub type PathPoint = [Option<Vector3<f64>>; 3];
 
 /// Data of a run.
-pub struct Gathered {
+pub struct RunData {
     /// Name of the folder or file.
     pub name: String,
     /// Contents and condition of the files.
@@ -122,11 +122,11 @@ pub struct Gathered {
     /// Last `motor/authority`.
     pub authority: Option<MotorAuthority>,
     /// Data of the cables.
-    pub cables: Vec<Cable>,
+    pub cables: Vec<CableData>,
     /// Distance of estimate and truth from the setpoint, m.
     pub errors: [Trace; 2],
     /// Decimated path.
-    pub path: Vec<Place>,
+    pub path: Vec<PathPoint>,
     /// Electrical power and loss of all motors, W.
     pub power: [Trace; 2],
     /// Periods of missions over all lives of motor-io.
@@ -134,7 +134,7 @@ pub struct Gathered {
     /// Accumulated lost periods, by cause.
     pub losses: [Trace; 4],
     /// Times of a cycle: tick to wake-up, bus exchange, oldest reading to command.
-    pub times: [Times; 3],
+    pub times: [StepTimes; 3],
     /// Rate of the plan clock.
     pub rate: Trace,
     /// Modes with start and end, s.
@@ -165,7 +165,7 @@ pub struct Gathered {
     pub missions: BTreeMap<String, u32>,
 }
 
-impl Gathered {
+impl RunData {
     /// Returns the unrecorded time of the run, s.
     #[must_use]
     pub fn unrecorded_s(&self) -> f64 {
@@ -177,11 +177,11 @@ impl Gathered {
 ///
 /// # Errors
 /// The run does not exist or cannot be read.
-pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
+pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<RunData> {
     let mut reader = RunReader::open(run)?;
     let mut inspection = RunInspection::default();
     let mut tracker = Tracker::default();
-    let mut book = Book::new()?;
+    let mut collector = Collector::new()?;
     let mut other_version = BTreeSet::new();
     let mut number = 0_u64;
     loop {
@@ -191,47 +191,48 @@ pub fn gather(run: &Path, progress: &mut dyn FnMut(f64)) -> Answer<Gathered> {
         number += 1;
         let Some(recorded) = reader.next_sample().map_err(Failure::not_now)? else { break };
         inspection.observe(&recorded);
-        book.clock(&recorded);
-        book.count.note(&recorded);
-        let known = tracker.note(&recorded, &mut |cycle: &Cycle<'_>| book.cycle(cycle)) && book.other(&recorded);
+        collector.clock(&recorded);
+        collector.count.note(&recorded);
+        let known = tracker.record(&recorded, &mut |cycle: &Cycle<'_>| collector.cycle(cycle))
+            && collector.outside_cycles(&recorded);
         if !known {
             other_version.insert(recorded.channel.name.clone());
         }
     }
-    tracker.finish(&mut |cycle: &Cycle<'_>| book.cycle(cycle));
+    tracker.finish(&mut |cycle: &Cycle<'_>| collector.cycle(cycle));
     let recording = inspection.report(&reader);
     let robot = super::robot::robot_of(run, reader.attachments());
-    let mut gathered = book.close(run, recording, robot, &other_version);
-    gathered.maps = super::maps::maps_of(run, &gathered.sensors);
-    Ok(gathered)
+    let mut data = collector.close(run, recording, robot, &other_version);
+    data.maps = super::maps::maps_of(run, &data.sensors);
+    Ok(data)
 }
 
 /// Returns an empty run.
 #[cfg(test)]
 #[allow(clippy::unwrap_used)]
-pub(super) fn blank() -> Gathered {
-    Book::new().unwrap().found
+pub(super) fn blank() -> RunData {
+    Collector::new().unwrap().data
 }
 
 /// Collects the samples of a run.
-struct Book {
+struct Collector {
     /// Log time of the first sample, UNIX, ns.
     begin_ns: Option<u64>,
     /// The same instant on the clock of the stamps, ns.
     mono_ns: Option<i128>,
     last_s: f64,
-    tally: Tally,
+    tally: AccuracySum,
     count: Count,
-    path: Thinned<Place>,
-    found: Gathered,
+    path: DecimatedPoints<PathPoint>,
+    data: RunData,
 }
 
-impl Book {
+impl Collector {
     fn new() -> Answer<Self> {
         let times =
-            || Times::new().ok_or_else(|| Failure::NotNow("the histogram of times cannot be created".to_owned()));
+            || StepTimes::new().ok_or_else(|| Failure::NotNow("the histogram of times cannot be created".to_owned()));
         let trace = || Trace::new(CYCLE_GAP_S);
-        let found = Gathered {
+        let data = RunData {
             name: String::new(),
             recording: RunReport::default(),
             lacks: Vec::new(),
@@ -264,10 +265,10 @@ impl Book {
             begin_ns: None,
             mono_ns: None,
             last_s: 0.0,
-            tally: Tally::default(),
+            tally: AccuracySum::default(),
             count: Count::default(),
-            path: Thinned::default(),
-            found,
+            path: DecimatedPoints::default(),
+            data,
         })
     }
 
@@ -297,12 +298,12 @@ impl Book {
         let authority = cycle.authority;
         let time_s = self.time_s(authority.header.stamp_ns);
         let count = usize::from(authority.cable_count).min(CABLES);
-        let found = &mut self.found;
-        while found.cables.len() < count {
-            found.cables.push(Cable::new());
+        let data = &mut self.data;
+        while data.cables.len() < count {
+            data.cables.push(CableData::new());
         }
         if let Some(point) = self.tally.add(cycle) {
-            found.errors[0].add(time_s, (point.estimate - point.setpoint).norm());
+            data.errors[0].add(time_s, (point.estimate - point.setpoint).norm());
             self.path.add([Some(point.setpoint), Some(point.estimate), point.truth]);
         } else if let Some(estimate) = cycle.estimate {
             self.path.add([
@@ -313,16 +314,16 @@ impl Book {
         }
         for truth in cycle.truth {
             let at_s = self.mono_ns.map_or(0.0, |mono_ns| (i128::from(truth.header.stamp_ns) - mono_ns) as f64 * 1e-9);
-            for (cable, tension_n) in found.cables.iter_mut().zip(&truth.tension_n) {
+            for (cable, tension_n) in data.cables.iter_mut().zip(&truth.tension_n) {
                 cable.true_tension.add(at_s, *tension_n);
             }
             if cycle.moving
                 && let Some(target) = cycle.setpoint_at(truth.header.stamp_ns)
             {
-                found.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
+                data.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
             }
         }
-        for (i, cable) in found.cables.iter_mut().enumerate() {
+        for (i, cable) in data.cables.iter_mut().enumerate() {
             if let Some(state) = cycle.state {
                 // While the position is unknown, the values count from zero and are not lengths.
                 if state.position_known != MotorState::POSITION_UNKNOWN {
@@ -342,19 +343,19 @@ impl Book {
             }
         }
         if let Some(energy) = cycle.energy {
-            found.power[0].add(time_s, energy.power_w[..count].iter().sum());
-            found.power[1].add(time_s, energy.loss_w[..count].iter().sum());
+            data.power[0].add(time_s, energy.power_w[..count].iter().sum());
+            data.power[1].add(time_s, energy.loss_w[..count].iter().sum());
         }
-        for (trace, (_, count)) in found.losses.iter_mut().zip(self.count.periods().causes()) {
+        for (trace, (_, count)) in data.losses.iter_mut().zip(self.count.periods().causes()) {
             trace.add(time_s, count as f64);
         }
         let aged = if cycle.segment.is_some() { Some(authority.command_age_ns) } else { None };
-        for (times, ns) in found.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
+        for (times, ns) in data.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
             if let Some(ns) = ns {
                 times.add(time_s, ns);
             }
         }
-        found.rate.add(time_s, authority.plan_rate);
+        data.rate.add(time_s, authority.plan_rate);
         let same = |last: Option<&mut (f64, f64, u8)>| {
             last.is_some_and(|(_, to_s, mode)| {
                 let same = *mode == authority.mode;
@@ -362,70 +363,70 @@ impl Book {
                 same
             })
         };
-        if !same(found.modes.last_mut()) {
-            found.modes.push((time_s, time_s, authority.mode));
+        if !same(data.modes.last_mut()) {
+            data.modes.push((time_s, time_s, authority.mode));
         }
         let charge = [authority.active_controller, authority.active_estimator];
-        match found.slots.last_mut() {
+        match data.slots.last_mut() {
             Some((_, to_s, slots)) if *slots == charge => *to_s = time_s,
             last => {
                 if let Some((_, to_s, _)) = last {
                     *to_s = time_s;
                 }
-                found.slots.push((time_s, time_s, charge));
+                data.slots.push((time_s, time_s, charge));
             }
         }
-        found.events.cycle(time_s, authority);
-        found.legs.cycle(time_s, cycle);
+        data.events.cycle(time_s, authority);
+        data.legs.cycle(time_s, cycle);
         if let Some(estimate) = cycle.estimate {
-            found.sensors.node_at(estimate);
+            data.sensors.node_at(estimate);
         }
-        found.authority = Some(*authority);
+        data.authority = Some(*authority);
     }
 
     /// Collects a sample that belongs to no cycle. Returns false for another version of a known channel's type.
-    fn other(&mut self, recorded: &RecordedSample<'_>) -> bool {
+    fn outside_cycles(&mut self, recorded: &RecordedSample<'_>) -> bool {
         let time_s = self.logged_s(recorded);
-        let found = &mut self.found;
+        let data = &mut self.data;
         let name = recorded.channel.name.as_str();
         if let Some(process) = name.strip_prefix("system/heartbeat/") {
             let Some(beat) = recorded.to::<Heartbeat>() else { return false };
-            found.processes.insert(process.to_owned(), beat);
+            data.processes.insert(process.to_owned(), beat);
             return true;
         }
         if name.starts_with("system/log/") {
-            return recorded.to::<LogEvent>().map(|event| found.events.log(time_s, &event)).is_some();
+            return recorded.to::<LogEvent>().map(|event| data.events.log(time_s, &event)).is_some();
         }
         if name.starts_with("sensor/") || name.starts_with("sample/") {
-            found.sensors.note(time_s, recorded);
+            data.sensors.record(time_s, recorded);
             return true;
         }
         match name {
             "operator/request" => {
-                recorded.to::<OperatorRequest>().map(|request| found.events.request(time_s, &request)).is_some()
+                recorded.to::<OperatorRequest>().map(|request| data.events.request(time_s, &request)).is_some()
             }
             "system/process" => {
-                recorded.to::<ProcessState>().map(|process| found.events.process(time_s, &process)).is_some()
+                recorded.to::<ProcessState>().map(|process| data.events.process(time_s, &process)).is_some()
             }
             "plan/status" => {
                 let Some(status) = recorded.to::<PlanStatus>() else { return false };
                 let mission = text_of(&status.mission);
-                if found.events.plan(time_s, &status) && status.state == PlanStatus::STATE_DONE {
-                    *found.missions.entry(mission.clone()).or_default() += 1;
+                if data.events.plan(time_s, &status) && status.state == PlanStatus::STATE_DONE {
+                    *data.missions.entry(mission.clone()).or_default() += 1;
                 }
                 if status.state != PlanStatus::STATE_IDLE {
                     let (state, progress, reason) = (status.state, status.progress, text_of(&status.reason));
-                    let same = found.mission.as_ref().filter(|known| known.state == state && known.name == mission);
+                    let same = data.mission.as_ref().filter(|known| known.state == state && known.name == mission);
                     let since_s = same.map_or(time_s, |known| known.since_s);
-                    found.mission = Some(Mission { state, name: mission, progress, reason, since_s });
+                    data.mission = Some(Mission { state, name: mission, progress, reason, since_s });
                 }
                 true
             }
             "recorder/status" => {
                 let Some(status) = recorded.to::<RecorderStatus>() else { return false };
-                let free = found.least_free_bytes.unwrap_or(u64::MAX).min(status.disk_free_bytes);
-                found.least_free_bytes = Some(free);
-                found.recorder.insert(text_of(&status.channel), status);
+                let free = data.least_free_bytes.unwrap_or(u64::MAX).min(status.disk_free_bytes);
+                data.least_free_bytes = Some(free);
+                data.recorder.insert(text_of(&status.channel), status);
                 true
             }
             _ => true,
@@ -438,43 +439,43 @@ impl Book {
         recording: RunReport,
         robot: Option<Robot>,
         other_version: &BTreeSet<String>,
-    ) -> Gathered {
-        let mut found = self.found;
+    ) -> RunData {
+        let mut data = self.data;
         let name = run.canonicalize().unwrap_or_else(|_| run.to_path_buf());
-        found.name = name.file_name().unwrap_or_default().to_string_lossy().into_owned();
-        for (channel, what) in NEEDED {
+        data.name = name.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        for (channel, what) in NEEDED_CHANNELS {
             let there = recording.channels.iter().any(|one| one.name.starts_with(channel));
             if !there {
-                found.lacks.push(format!("The run has no channel {channel}, so {what} cannot be shown."));
+                data.lacks.push(format!("The run has no channel {channel}, so {what} cannot be shown."));
             }
         }
         if !other_version.is_empty() {
             let names: Vec<&str> = other_version.iter().map(String::as_str).collect();
-            found.lacks.push(format!(
+            data.lacks.push(format!(
                 "{}: recorded with another message version and not shown; the nims version that recorded the run can show them.",
                 names.join(", ")
             ));
         }
         if robot.is_none() {
-            found.lacks.push(
+            data.lacks.push(
                 "The run has no robot.toml, so anchors and limits are not shown, and moves are not compared with straight lines."
                     .to_owned(),
             );
         }
         if !recording.channels.iter().any(|one| one.name == "truth/node") {
-            found.lacks.push(
+            data.lacks.push(
                 "The run has no truth (only the virtual motor box publishes it), so errors are those of the estimate."
                     .to_owned(),
             );
         }
-        found.path = self.path.points().to_vec();
-        found.periods = self.count.periods();
-        found.analysis = self.tally.result(Vec::new(), found.periods);
-        found.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
-        found.ended_because = crate::runs::ended_because(run);
-        found.recording = recording;
-        found.robot = robot;
-        found.events.close();
-        found
+        data.path = self.path.points().to_vec();
+        data.periods = self.count.periods();
+        data.analysis = self.tally.result(Vec::new(), data.periods);
+        data.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
+        data.ended_because = crate::runs::ended_because(run);
+        data.recording = recording;
+        data.robot = robot;
+        data.events.close();
+        data
     }
 }

@@ -1,7 +1,7 @@
 //! The page: one self-contained, printable HTML file without scripts or network access, with a light and a dark theme.
 
 use super::charts::{self, Figure, cable_name};
-use super::gather::Gathered;
+use super::gather::RunData;
 use super::legs::LegReport;
 use super::verdict::{Grade, Verdict};
 use messages::CABLES;
@@ -36,9 +36,9 @@ footer{margin-top:3rem;color:var(--soft);font-size:.82rem;border-top:1px solid v
 @media print{main{max-width:none;padding:0}h2{break-after:avoid}.scroll{overflow:visible;max-height:none}body{font-size:12px}table{font-size:.75rem}}";
 
 /// A run with its assessment.
-pub struct Judged {
+pub struct RunAssessment {
     /// The collected data.
-    pub run: Gathered,
+    pub run: RunData,
     /// The verdict.
     pub verdict: Verdict,
     /// The legs.
@@ -54,8 +54,8 @@ struct Part {
 }
 
 /// Renders the page of one run, or of several side by side.
-pub fn page(runs: &[Judged]) -> String {
-    let names: Vec<&str> = runs.iter().map(|judged| judged.run.name.as_str()).collect();
+pub fn page(runs: &[RunAssessment]) -> String {
+    let names: Vec<&str> = runs.iter().map(|assessment| assessment.run.name.as_str()).collect();
     let title = names.join(" and ");
     let mut out = String::new();
     // Writing to a string cannot fail.
@@ -67,43 +67,41 @@ pub fn page(runs: &[Judged]) -> String {
         if runs.len() == 1 { "single" } else { "several" }
     );
     let _ = writeln!(out, "<header><h1>{}</h1>", escape(&title));
-    for judged in runs {
-        let class = match judged.verdict.grade {
+    for assessment in runs {
+        let class = match assessment.verdict.grade {
             Grade::Good => "good",
             Grade::Remarks => "remarks",
             Grade::Bad => "bad",
         };
-        let name = if runs.len() == 1 { String::new() } else { format!("<b>{}.</b> ", escape(&judged.run.name)) };
-        let _ = writeln!(out, "<p class=\"verdict {class}\">{name}{}</p>", escape(&judged.verdict.sentence));
+        let name = if runs.len() == 1 { String::new() } else { format!("<b>{}.</b> ", escape(&assessment.run.name)) };
+        let _ = writeln!(out, "<p class=\"verdict {class}\">{name}{}</p>", escape(&assessment.verdict.sentence));
     }
     out.push_str("</header>\n");
     out.push_str(&facts(runs));
-    section(&mut out, runs, "Legs", |judged| Part { before: leg_table(judged), ..Part::default() });
-    section(&mut out, runs, "Path", |judged| {
-        let mut figures = charts::path(&judged.run);
-        figures.extend(charts::site(&judged.run));
+    section(&mut out, runs, "Legs", |assessment| Part { before: leg_table(assessment), ..Part::default() });
+    section(&mut out, runs, "Path", |assessment| {
+        let mut figures = charts::path(&assessment.run);
+        figures.extend(charts::site(&assessment.run));
         Part { figures, ..Part::default() }
     });
-    section(&mut out, runs, "Tracking", |judged| Part { figures: charts::tracking(&judged.run), ..Part::default() });
-    section(&mut out, runs, "Events", |judged| Part {
-        figures: charts::timeline(&judged.run),
-        after: event_table(&judged.run),
+    section(&mut out, runs, "Tracking", |assessment| Part {
+        figures: charts::tracking(&assessment.run),
         ..Part::default()
     });
-    section(&mut out, runs, "Cables", |judged| Part {
-        before: cable_table(&judged.run),
-        figures: charts::cables(&judged.run),
+    section(&mut out, runs, "Events", |assessment| Part {
+        figures: charts::timeline(&assessment.run),
+        after: event_table(&assessment.run),
         ..Part::default()
     });
-    section(&mut out, runs, "Energy", |judged| Part {
-        before: energy_table(judged),
-        figures: charts::power(&judged.run),
+    section(&mut out, runs, "Cables", |assessment| Part {
+        before: cable_table(&assessment.run),
+        figures: charts::cables(&assessment.run),
         ..Part::default()
     });
-    section(&mut out, runs, "Control cycle", |judged| Part {
-        before: timing_table(&judged.run),
-        figures: charts::timing(&judged.run),
-        after: process_table(&judged.run),
+    section(&mut out, runs, "Energy", |assessment| Part {
+        before: energy_table(assessment),
+        figures: charts::power(&assessment.run),
+        ..Part::default()
     });
     if runs.iter().any(|judged| !judged.run.sensors.channels().is_empty()) {
         section(&mut out, runs, "Sensors", |judged| {
@@ -112,7 +110,7 @@ pub fn page(runs: &[Judged]) -> String {
             Part { figures, ..Part::default() }
         });
     }
-    section(&mut out, runs, "Recording", |judged| Part { before: recording(&judged.run), ..Part::default() });
+    section(&mut out, runs, "Recording", |assessment| Part { before: recording(&assessment.run), ..Part::default() });
     let _ = writeln!(
         out,
         "<footer>Created by nims {} from the run {}. Bands show the least and the greatest value of each time interval, lines the mean.</footer>\n</main>\n</body>\n</html>",
@@ -122,7 +120,7 @@ pub fn page(runs: &[Judged]) -> String {
     out
 }
 
-fn section(out: &mut String, runs: &[Judged], title: &str, part: impl Fn(&Judged) -> Part) {
+fn section(out: &mut String, runs: &[RunAssessment], title: &str, part: impl Fn(&RunAssessment) -> Part) {
     let mut parts: Vec<Part> = runs.iter().map(part).collect();
     // The same figure of all runs has the same axes.
     let captions: Vec<String> =
@@ -135,10 +133,10 @@ fn section(out: &mut String, runs: &[Judged], title: &str, part: impl Fn(&Judged
         }
     }
     let _ = writeln!(out, "<section><h2>{}</h2>\n<div class=\"runs\" style=\"--runs:{}\">", escape(title), runs.len());
-    for (part, judged) in parts.iter().zip(runs) {
+    for (part, assessment) in parts.iter().zip(runs) {
         out.push_str("<div class=\"run\">\n");
         if runs.len() > 1 {
-            let _ = writeln!(out, "<h3>{}</h3>", escape(&judged.run.name));
+            let _ = writeln!(out, "<h3>{}</h3>", escape(&assessment.run.name));
         }
         out.push_str(&part.before);
         for figure in part.figures.iter().filter(|figure| !figure.is_empty()) {
@@ -167,8 +165,8 @@ fn draw(out: &mut String, figure: &Figure) {
 }
 
 /// Returns the key figures of a run, the same list for every run.
-fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
-    let run = &judged.run;
+fn facts_of(assessment: &RunAssessment) -> Vec<(&'static str, String)> {
+    let run = &assessment.run;
     let none = || "-".to_owned();
     let mm = |error: Option<&crate::accuracy::Error>| {
         error.map_or_else(none, |error| format!("{:.2} RMS, {:.2} max", 1000.0 * error.rms_m, 1000.0 * error.max_m))
@@ -198,7 +196,7 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
                 "{}{:.2} m in {} legs",
                 super::verdict::at_least(run),
                 run.legs.flown_m(),
-                judged.legs.len() + run.legs.left_out
+                assessment.legs.len() + run.legs.left_out
             ),
         ),
         ("estimate from setpoint, mm", mm(analysis.map(|analysis| &analysis.estimate))),
@@ -216,7 +214,7 @@ fn facts_of(judged: &Judged) -> Vec<(&'static str, String)> {
     ]
 }
 
-fn facts(runs: &[Judged]) -> String {
+fn facts(runs: &[RunAssessment]) -> String {
     let all: Vec<Vec<(&str, String)>> = runs.iter().map(facts_of).collect();
     let Some(first) = all.first() else { return String::new() };
     if runs.len() == 1 {
@@ -226,7 +224,8 @@ fn facts(runs: &[Judged]) -> String {
             .collect();
         return format!("<div class=\"facts\">{tiles}</div>\n");
     }
-    let head: Vec<&str> = std::iter::once("").chain(runs.iter().map(|judged| judged.run.name.as_str())).collect();
+    let head: Vec<&str> =
+        std::iter::once("").chain(runs.iter().map(|assessment| assessment.run.name.as_str())).collect();
     let mut table = Table::new("", &head);
     for (row, (what, _)) in first.iter().enumerate() {
         table.row(std::iter::once((*what).to_owned()).chain(all.iter().map(|facts| facts[row].1.clone())));
@@ -255,8 +254,8 @@ fn point(p: &[f64; 3]) -> String {
     format!("{:.2}, {:.2}, {:.2}", p[0], p[1], p[2])
 }
 
-fn leg_table(judged: &Judged) -> String {
-    if judged.legs.is_empty() {
+fn leg_table(assessment: &RunAssessment) -> String {
+    if assessment.legs.is_empty() {
         return "<p class=\"soft\">No leg was flown.</p>\n".to_owned();
     }
     let head = [
@@ -276,9 +275,9 @@ fn leg_table(judged: &Judged) -> String {
         "peak tension, N",
     ];
     let mut table = Table::new("", &head);
-    for (at, leg) in judged.legs.iter().enumerate() {
+    for (at, leg) in assessment.legs.iter().enumerate() {
         let mm = |value: Option<f64>| maybe(value.map(|metres| 1000.0 * metres), 2);
-        let now = super::verdict::present(&judged.run).filter(|_| at + 1 == judged.legs.len());
+        let now = super::verdict::current_activity(&assessment.run).filter(|_| at + 1 == assessment.legs.len());
         let unfinished = leg.unfinished(now);
         table.row([
             format!("{} {}{unfinished}", leg.number, leg.kind),
@@ -297,7 +296,7 @@ fn leg_table(judged: &Judged) -> String {
             format!("{:.1}", leg.peak_tension_n),
         ]);
     }
-    let more = match judged.run.legs.left_out {
+    let more = match assessment.run.legs.left_out {
         0 => String::new(),
         more => format!(
             "<p class=\"soft\">{more} further legs are included in the figures above but not in the tables.</p>\n"
@@ -306,8 +305,8 @@ fn leg_table(judged: &Judged) -> String {
     scroll(&html_table(&table)) + &more
 }
 
-fn energy_table(judged: &Judged) -> String {
-    let moving: Vec<&LegReport> = judged.legs.iter().filter(|leg| leg.energy_j.is_some()).collect();
+fn energy_table(assessment: &RunAssessment) -> String {
+    let moving: Vec<&LegReport> = assessment.legs.iter().filter(|leg| leg.energy_j.is_some()).collect();
     if moving.is_empty() {
         return String::new();
     }
@@ -343,7 +342,7 @@ fn energy_table(judged: &Judged) -> String {
            and for a straight line between the same points with the same speed and acceleration.</p>\n"
 }
 
-fn cable_table(run: &Gathered) -> String {
+fn cable_table(run: &RunData) -> String {
     if run.cables.is_empty() {
         return String::new();
     }
@@ -384,7 +383,7 @@ fn cable_table(run: &Gathered) -> String {
     scroll(&html)
 }
 
-fn timing_table(run: &Gathered) -> String {
+fn timing_table(run: &RunData) -> String {
     let Some(last) = &run.authority else { return String::new() };
     let head = ["", "median, ms", "99 %, ms", "99.9 %, ms", "longest, ms"];
     let mut table = Table::new("", &head);
@@ -405,7 +404,7 @@ fn timing_table(run: &Gathered) -> String {
     sentence + &scroll(&html_table(&table))
 }
 
-fn process_table(run: &Gathered) -> String {
+fn process_table(run: &RunData) -> String {
     if run.processes.is_empty() {
         return String::new();
     }
@@ -425,7 +424,7 @@ fn process_table(run: &Gathered) -> String {
     scroll(&html_table(&table))
 }
 
-fn event_table(run: &Gathered) -> String {
+fn event_table(run: &RunData) -> String {
     if run.events.all().is_empty() {
         return String::new();
     }
@@ -441,7 +440,7 @@ fn event_table(run: &Gathered) -> String {
     words_table(&table) + &more
 }
 
-fn recording(run: &Gathered) -> String {
+fn recording(run: &RunData) -> String {
     let recording = &run.recording;
     let mut out = String::new();
     for sentence in recording.verdict.iter().chain(&run.lacks) {

@@ -9,7 +9,7 @@ use messages::MotorAuthority;
 use serde::Serialize;
 
 /// Maximum number of stored legs; of a run with more, the first ones are kept.
-const LEGS: usize = 500;
+const MAX_LEGS: usize = 500;
 /// Intervals of Simpson's rule for the modelled cost.
 const INTERVALS: usize = 64;
 
@@ -91,9 +91,9 @@ pub struct Legs {
     legs: Vec<Leg>,
     /// Number of legs beyond the limit.
     pub left_out: usize,
-    last: Option<Key>,
+    last: Option<LegKey>,
     /// Whether the last cycle is followed by the next one without a gap in the file.
-    runs_on: bool,
+    contiguous: bool,
     /// Path flown and recorded on all legs, including those beyond the limit, m.
     flown_m: f64,
     /// Last path position of the setpoint on the current leg, m; `None` before its first cycle.
@@ -101,26 +101,26 @@ pub struct Legs {
 }
 
 /// Identity of a leg: life of motor-io, epoch, motion and segment.
-type Key = (u64, u32, u32, u64);
+type LegKey = (u64, u32, u32, u64);
 
 impl Legs {
     /// Adds a cycle.
     pub fn cycle(&mut self, time_s: f64, cycle: &Cycle<'_>) {
-        self.follow(time_s, cycle);
-        self.runs_on = cycle.next.is_some();
+        self.update(time_s, cycle);
+        self.contiguous = cycle.next.is_some();
     }
 
-    fn follow(&mut self, time_s: f64, cycle: &Cycle<'_>) {
+    fn update(&mut self, time_s: f64, cycle: &Cycle<'_>) {
         let Some(segment) = cycle.segment else {
-            return self.comes_to_rest(cycle.authority);
+            return self.follow_stop(cycle.authority);
         };
         let key = (cycle.authority.header.life, cycle.authority.epoch, cycle.authority.motion, segment.id);
         if self.last != Some(key) {
-            self.end_before(key);
+            self.complete_previous(key);
             // If the previous cycle is in the file, the leg is recorded from its start; otherwise from its first
             // recorded cycle.
-            (self.last, self.at_m) = (Some(key), self.runs_on.then_some(0.0));
-            if self.legs.len() == LEGS {
+            (self.last, self.at_m) = (Some(key), self.contiguous.then_some(0.0));
+            if self.legs.len() == MAX_LEGS {
                 self.left_out += 1;
             } else {
                 self.legs.push(Leg {
@@ -139,7 +139,7 @@ impl Legs {
                 });
             }
         }
-        self.reaches(segment, cycle.authority);
+        self.advance(segment, cycle.authority);
         let Some(leg) = self.legs.last_mut().filter(|leg| leg.key() == key) else { return };
         leg.to_s = time_s;
         leg.complete |= cycle.authority.plan_time_s >= segment.end_s() - cycle.authority.period_s;
@@ -164,38 +164,38 @@ impl Legs {
     }
 
     /// Adds the stopping distance on the leg that the robot followed.
-    fn comes_to_rest(&mut self, authority: &MotorAuthority) {
+    fn follow_stop(&mut self, authority: &MotorAuthority) {
         let key = (authority.header.life, authority.epoch, authority.motion, u64::from(authority.segment));
         if authority.mode != MotorAuthority::MODE_STOPPING || self.last != Some(key) {
             return;
         }
         if let Some(segment) = self.legs.last().filter(|leg| leg.key() == key).map(|leg| leg.segment) {
-            self.reaches(&segment, authority);
+            self.advance(&segment, authority);
         }
     }
 
     /// Completes the previous leg of the same motion, because the next leg starts where it ends.
-    fn end_before(&mut self, key: Key) {
-        let same = |other: &Key| (other.0, other.1, other.2) == (key.0, key.1, key.2);
+    fn complete_previous(&mut self, key: LegKey) {
+        let same = |other: &LegKey| (other.0, other.1, other.2) == (key.0, key.1, key.2);
         let Some(last) = self.last.filter(same) else { return };
         if let Some(leg) = self.legs.last_mut().filter(|leg| leg.key() == last) {
             leg.complete = true;
             let length_m = leg.segment.path.length();
-            self.comes_to(length_m);
+            self.advance_to(length_m);
         }
     }
 
     /// Adds the progress of the setpoint on the current leg.
-    fn reaches(&mut self, segment: &Segment, authority: &MotorAuthority) {
+    fn advance(&mut self, segment: &Segment, authority: &MotorAuthority) {
         let length_m = segment.path.length();
         let at_end = authority.plan_time_s >= segment.end_s() - authority.period_s;
         let now_m = if at_end { length_m } else { segment.setpoint(authority.plan_time_s).path_s_m };
-        self.comes_to(now_m.clamp(0.0, length_m));
+        self.advance_to(now_m.clamp(0.0, length_m));
     }
 
     /// Sets the path position on the current leg. Like time, path counts only between consecutive cycles in the file.
-    fn comes_to(&mut self, now_m: f64) {
-        let from_m = self.at_m.filter(|_| self.runs_on).unwrap_or(now_m);
+    fn advance_to(&mut self, now_m: f64) {
+        let from_m = self.at_m.filter(|_| self.contiguous).unwrap_or(now_m);
         let flown_m = (now_m - from_m).max(0.0);
         self.at_m = Some(now_m.max(from_m));
         self.flown_m += flown_m;
@@ -223,7 +223,7 @@ impl Legs {
 }
 
 impl Leg {
-    fn key(&self) -> Key {
+    fn key(&self) -> LegKey {
         (self.life, self.epoch, self.motion, self.segment.id)
     }
 
@@ -254,10 +254,10 @@ impl Leg {
             energy_j: spent.map(|spent| spent[0]),
             loss_j: spent.map(|spent| spent[1]),
             mean_loss_w: spent.filter(|_| duration_s > 0.0).map(|spent| spent[1] / duration_s),
-            reckoned_j: robot.filter(|_| moves).and_then(|robot| reckoned(robot, path, profile)),
+            reckoned_j: robot.filter(|_| moves).and_then(|robot| modelled_loss(robot, path, profile)),
             straight_j: robot
                 .zip(straight.filter(|_| moves))
-                .and_then(|(robot, (path, profile))| reckoned(robot, &path, &profile)),
+                .and_then(|(robot, (path, profile))| modelled_loss(robot, &path, &profile)),
             complete: self.complete,
         }
     }
@@ -285,7 +285,7 @@ fn straight_line(path: &Path, profile: &Profile) -> Option<(Path, Profile)> {
 }
 
 /// Returns the loss in the motors by their model, J; `None` where the robot cannot hold the node.
-fn reckoned(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
+fn modelled_loss(robot: &Robot, path: &Path, profile: &Profile) -> Option<f64> {
     let method: Distribution = robot.default_distribution();
     let winch_energy = WinchEnergy {
         anchors: robot.anchors(),

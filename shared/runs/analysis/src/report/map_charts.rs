@@ -7,7 +7,7 @@ use georeference::SensorMap;
 use plot::{Axis, BLACK, Chart, Series, SeriesStyle};
 
 /// A figure for each map.
-pub fn figures(run: &Gathered) -> Vec<Figure> {
+pub fn figures(run: &RunData) -> Vec<Figure> {
     run.maps.iter().filter_map(|(name, map)| figure(name, map)).collect()
 }
 

@@ -15,7 +15,7 @@ mod verdict;
 pub use robot::{robot_file_of, robot_of};
 
 use command::{Answer, Failure, Output};
-use html::Judged;
+use html::RunAssessment;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::{Value, json};
 use std::io::IsTerminal;
@@ -36,15 +36,17 @@ pub fn report(runs: &[PathBuf], out: Option<&Path>) -> Answer<Output> {
         crate::runs::there(run)?;
     }
     let path = out.map_or_else(|| place(first, runs.len() > 1), Path::to_path_buf);
-    let mut judged = Vec::new();
+    let mut assessment = Vec::new();
     for run in runs {
-        judged.push(judge(run)?);
+        assessment.push(judge(run)?);
     }
-    std::fs::write(&path, html::page(&judged))
+    std::fs::write(&path, html::page(&assessment))
         .map_err(|error| Failure::NotNow(format!("the page {} cannot be written: {error}", path.display())))?;
-    let values: Vec<Value> = judged.iter().map(value).collect();
-    let mut words: Vec<String> =
-        judged.iter().map(|judged| format!("{}: {}", judged.run.name, judged.verdict.sentence)).collect();
+    let values: Vec<Value> = assessment.iter().map(value).collect();
+    let mut words: Vec<String> = assessment
+        .iter()
+        .map(|assessment| format!("{}: {}", assessment.run.name, assessment.verdict.sentence))
+        .collect();
     words.push(format!("page       {}", path.display()));
     Ok(Output::new(json!({ "page": path, "runs": values }), words.join("\n")))
 }
@@ -71,18 +73,18 @@ pub fn after(run: &Path) -> Answer<PathBuf> {
     Ok(page)
 }
 
-fn judge(run: &Path) -> Answer<Judged> {
+fn judge(run: &Path) -> Answer<RunAssessment> {
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     if let Ok(style) = ProgressStyle::with_template("{msg} {wide_bar} {percent} %") {
         bar.set_style(style);
     }
     bar.set_message(run.display().to_string());
-    let gathered = gather::gather(run, &mut |share| bar.set_position((1000.0 * share) as u64));
+    let data = gather::gather(run, &mut |share| bar.set_position((1000.0 * share) as u64));
     bar.finish_and_clear();
-    let run = gathered?;
+    let run = data?;
     let legs = run.legs.reports(run.robot.as_ref());
     let verdict = verdict::verdict(&run);
-    Ok(Judged { run, verdict, legs })
+    Ok(RunAssessment { run, verdict, legs })
 }
 
 /// Returns the default path of the page: in the run folder, or next to the run file.
@@ -96,8 +98,8 @@ fn place(run: &Path, several: bool) -> PathBuf {
     PathBuf::from(format!("{stem}-{name}"))
 }
 
-fn value(judged: &Judged) -> Value {
-    let Judged { run, verdict, legs } = judged;
+fn value(assessment: &RunAssessment) -> Value {
+    let RunAssessment { run, verdict, legs } = assessment;
     let times: Vec<Value> = ["wake", "bus", "command_age"]
         .into_iter()
         .zip(&run.times)
