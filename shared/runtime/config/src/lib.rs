@@ -1,6 +1,8 @@
-//! The configuration files: the robot (what it is) and the box (which processes, drives and parameters run it).
+//! The configuration files: the robot file (geometry, limits, cables, motors) and the system file (processes, drives,
+//! parameters).
 //!
-//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys are errors.
+//! The fields document every key with its unit and default; `configs/` holds complete, commented examples. Unknown keys
+//! are errors.
 
 #![forbid(unsafe_code)]
 
