@@ -428,7 +428,7 @@ mod planar {
         assert!(back.len() == 2 && (back[0] - 2.5).abs() < 1e-9 && (back[1] - 3.0).abs() < 1e-9, "{back:?}");
         // With a zero in the middle it is the same point; with anything else it is none.
         assert_eq!(aq("ik", &["--at", "2.5,0,3.0"])["lengths_m"], json!(lengths));
-        refused(&[&["ik"], &AQ[..], &["--at", "2.5,0.1,3.0"]].concat(), 2, &["beside the plane", "x and z"]);
+        refused(&[&["ik"], &AQ[..], &["--at", "2.5,0.1,3.0"]].concat(), 2, &["outside the plane", "x and z"]);
         refused(&["ik", "--config", ROBOT, "--at", "2.5,3.0"], 2, &["moves in space", "x, y and z"]);
     }
 
@@ -490,7 +490,7 @@ mod planar {
         let own = answer(&["check", "configs/systems/aq4.toml", "--json"]);
         assert_eq!(own["usable"], json!(true), "{own}");
         for (mission, file, says) in
-            [("spiral", "configs/systems/aq4.toml", "beside the plane"), ("cross-section", SYSTEM, "moves in space")]
+            [("spiral", "configs/systems/aq4.toml", "outside the plane"), ("cross-section", SYSTEM, "moves in space")]
         {
             let value = answer(&["run", mission, "--dry-run", "--config", file, "--json"]);
             assert_eq!(value["feasible"], json!(false));
@@ -499,12 +499,12 @@ mod planar {
         for (from, to, says) in [
             ("[8.0, 0.3]", "[8.0, 0.0, 0.3]", &["anchors_m", "number 3"][..]),
             ("drag_n_s2_m2 = 25.0", "drag_n_s2_m2 = -1.0", &["drag_n_s2_m2"]),
-            ("[[0.0, 3.8], [8.0, 6.0]]", "[[0.0, 3.8], [8.0, 1.0, 6.0]]", &["keep_out", "beside the plane"]),
+            ("[[0.0, 3.8], [8.0, 6.0]]", "[[0.0, 3.8], [8.0, 1.0, 6.0]]", &["keep_out", "outside the plane"]),
         ] {
             let files = changed("robots/aq4.toml", from, to);
             refused(&["check", &files.file("robots/aq4.toml")], 2, says);
         }
         let files = changed("systems/aq4.toml", "start_m = [4.0, 2.0]", "start_m = [4.0, 1.0, 2.0]");
-        refused(&["check", &files.file("systems/aq4.toml")], 2, &["start_m", "beside the plane"]);
+        refused(&["check", &files.file("systems/aq4.toml")], 2, &["start_m", "outside the plane"]);
     }
 }

@@ -1,7 +1,7 @@
-//! The configuration files: the robot file (geometry and limits) and the system file (processes, drives and
+//! The configuration files: the robot file (geometry, limits, cables, motors) and the system file (processes, drives,
 //! parameters).
 //!
-//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys
+//! The fields document every key with its unit and default; `configs/` holds complete, commented examples. Unknown keys
 //! are errors.
 
 #![forbid(unsafe_code)]
