@@ -4,6 +4,7 @@
 
 mod architecture;
 mod command_line;
+mod documents;
 mod hostile_files;
 mod install;
 mod interoperability;
