@@ -1,7 +1,7 @@
 //! Simulated sensors of the virtual motor box, each on its own serial port, and the ground that they measure.
 
 use crate::Problem;
-use crate::file::beside;
+use crate::file::join_normalized;
 use crate::number::number;
 use crate::toml_file::{ConfigError, Source};
 use serde::{Deserialize, Serialize};

@@ -144,8 +144,8 @@ pub fn folder_of(path: &Path) -> &Path {
     }
 }
 
-/// `inner` seen from `folder`, without `x/..`.
-pub(crate) fn beside(folder: &Path, inner: &Path) -> PathBuf {
+/// Joins `inner` to `folder` and removes `x/..` from the result.
+pub(crate) fn join_normalized(folder: &Path, inner: &Path) -> PathBuf {
     use std::path::Component::{CurDir, Normal, ParentDir};
     let mut result = PathBuf::new();
     for part in folder.join(inner).components() {

@@ -5,7 +5,7 @@ use super::{
     CalibrationFile, ControllerSection, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile,
     check, devices,
 };
-use crate::file::beside;
+use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
 use crate::{Problem, TensionDistribution};
 use cable_robot::motor::Motor;

@@ -114,12 +114,12 @@ impl MotorTableFile {
     }
 }
 
-/// Where a file is that another one in `folder` names: as written from there, or, if it is not there, beside it by its bare
-/// name, which is how the folder of a run keeps it.
-pub(super) fn found(folder: &Path, named: &Path) -> PathBuf {
-    let written = crate::file::beside(folder, named);
-    let bare = named.file_name().map(|name| folder.join(name));
-    // The folder of a run holds copies of its own, wherever the originals stand.
+/// Resolves the path `named` in a file of `folder`: relative to `folder`, or, if there is no such file, the file of
+/// that name in `folder` itself.
+pub(super) fn resolve_named_file(folder: &Path, named: &Path) -> PathBuf {
+    let relative = crate::file::join_normalized(folder, named);
+    let copy = named.file_name().map(|name| folder.join(name));
+    // A run folder holds copies, which take precedence over the originals.
     let is_run = folder.join(RESOLVED).is_file();
     match copy {
         Some(copy) if (is_run || !relative.is_file()) && copy.is_file() => copy,

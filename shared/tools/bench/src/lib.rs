@@ -29,7 +29,7 @@ mod words;
 pub use args::{Args, Part};
 
 use command::{Answer, Failure, Output};
-use report::Report;
+use report::BenchReport;
 use settings::Settings;
 use watch::Watch;
 

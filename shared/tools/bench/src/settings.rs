@@ -1,4 +1,4 @@
-//! What is measured, and for what.
+//! Settings of the benchmark.
 
 use super::args::{Args, Part};
 use super::scheduling;
@@ -44,10 +44,10 @@ impl Default for Settings {
 }
 
 impl Settings {
-    pub(crate) fn of(asked: &Args) -> Answer<Self> {
-        let mut settings = Self { seconds: asked.seconds, ..Self::default() };
-        if !asked.parts.is_empty() {
-            settings.parts = asked.parts.iter().copied().collect();
+    pub(crate) fn of(args: &Args) -> Answer<Self> {
+        let mut settings = Self { seconds: args.seconds, ..Self::default() };
+        if !args.parts.is_empty() {
+            settings.parts = args.parts.iter().copied().collect();
         }
         if let Some(path) = &args.system_file {
             let path = std::path::absolute(path).map_err(Failure::bad)?;
@@ -77,7 +77,8 @@ impl Settings {
         (1e9 / self.rate_hz).round() as u64
     }
 
-    /// A thousand ticks at 100 Hz, thousands of everything else: fewer have no tail.
+    /// Returns the duration of a part; by default it gives a thousand ticks at 100 Hz and thousands of other
+    /// measurements, enough for the tail.
     pub(crate) fn seconds_for(&self, part: Part) -> f64 {
         self.seconds.unwrap_or(match part {
             Part::Tick => 10.0,

@@ -1,7 +1,7 @@
 //! Formats the figures as a table. Pure.
 
 use super::figures::{Ratio, Spread};
-use super::report::Report;
+use super::report::BenchReport;
 use super::words::{digits, duration, percent};
 use super::{chain, disk, round_trip, tick};
 use commissioning::check;

@@ -138,7 +138,7 @@ pub fn fig14(effort: Effort) -> Result<Section> {
         claim:
             "The sum of least-norm tensions is very close to the least possible sum. Least-sum tensions jump halfway \
                 and are either very low or very high; least-norm tensions lie between."
-                    .into(),
+                .into(),
         stand_in: stand_in_words(),
         tables: vec![table],
         pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![sums, single] }],
@@ -209,7 +209,7 @@ pub fn fig15(effort: Effort) -> Result<Section> {
         key: "fig15",
         title: "Figure 15: sum of squares of tensions along a parabola",
         claim: "The sum of squares, which the I²R loss follows, is significantly smaller with least-norm tensions."
-                .into(),
+            .into(),
         stand_in: stand_in_words(),
         tables: vec![table],
         pictures: vec![Picture { title: String::new(), size: (760, 420), columns: 1, charts: vec![chart] }],

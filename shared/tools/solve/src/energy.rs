@@ -1,8 +1,8 @@
 //! Motor currents, paths and the energy of moves.
 
-use super::args::{Args, Points, refuse};
-use super::error::{SolveError, Solved};
-use super::geometry::written;
+use super::args::{Args, Points, invalid_value};
+use super::error::{OperationResult, SolveError};
+use super::geometry::point_json;
 use super::statics::wrench;
 use cable_robot::energy::{Bounds, Cost, Current, WinchEnergy, parabola as shape};
 use cable_robot::path::Parabola;

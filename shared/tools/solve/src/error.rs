@@ -18,4 +18,4 @@ impl SolveError {
 }
 
 /// The result of an operation.
-pub(crate) type Solved = Result<Value, SolveError>;
+pub(crate) type OperationResult = Result<Value, SolveError>;

@@ -17,7 +17,7 @@ mod statics;
 pub use error::SolveError;
 
 use args::Args;
-use error::Solved;
+use error::OperationResult;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 
@@ -44,7 +44,7 @@ from_errors!(
     cable_robot::tension::TensionError
 );
 
-type Operation = fn(&Args) -> Solved;
+type Operation = fn(&Args) -> OperationResult;
 
 /// All operations by name.
 const OPERATIONS: [(&str, Operation); 22] = [

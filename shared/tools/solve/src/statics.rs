@@ -1,8 +1,8 @@
 //! Cable tensions and the motion that they cause.
 
-use super::args::{Args, Points, refuse};
-use super::error::{SolveError, Solved};
-use super::geometry::{directions, structure, written};
+use super::args::{Args, Points, invalid_value};
+use super::error::{OperationResult, SolveError};
+use super::geometry::{directions, point_json, structure};
 use cable_robot::tension::general::{self, GeneralStructure};
 use cable_robot::tension::{self, FourCables, margin};
 use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3};

@@ -99,7 +99,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         let there = if sensors.is_empty() { "none".to_owned() } else { sensors.join(", ") };
         return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
-    let folder = asked.out.clone().unwrap_or_else(|| beside(&asked.run));
+    let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.run));
     std::fs::create_dir_all(&folder).map_err(|error| files::cannot(&folder, &error))?;
     let (mut values, mut words) = (Vec::new(), Vec::new());
     for (name, measured) in &measured {

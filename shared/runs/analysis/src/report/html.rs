@@ -103,10 +103,15 @@ pub fn page(runs: &[RunAssessment]) -> String {
         figures: charts::power(&assessment.run),
         ..Part::default()
     });
-    if runs.iter().any(|judged| !judged.run.sensors.channels().is_empty()) {
-        section(&mut out, runs, "Sensors", |judged| {
-            let mut figures = super::map_charts::figures(&judged.run);
-            figures.extend(charts::sensors(&judged.run));
+    section(&mut out, runs, "Control cycle", |assessment| Part {
+        before: timing_table(&assessment.run),
+        figures: charts::timing(&assessment.run),
+        after: process_table(&assessment.run),
+    });
+    if runs.iter().any(|assessment| !assessment.run.sensors.channels().is_empty()) {
+        section(&mut out, runs, "Sensors", |assessment| {
+            let mut figures = super::map_charts::figures(&assessment.run);
+            figures.extend(charts::sensors(&assessment.run));
             Part { figures, ..Part::default() }
         });
     }

@@ -1,7 +1,7 @@
 //! The maps of the run as figures of the page.
 
 use super::charts::{Figure, VIEW};
-use super::gather::Gathered;
+use super::gather::RunData;
 use crate::map;
 use georeference::SensorMap;
 use plot::{Axis, BLACK, Chart, Series, SeriesStyle};
