@@ -4,12 +4,8 @@ use super::{
     ArbiterSection, MotorBoxSection, MotorIoSection, PortSection, ProcessSection, RobotFile, RobotSection, Role,
     SystemFile, UnitSection,
 };
-use crate::{Problem, Slot};
+use crate::{DriveFamily, Problem, Slot};
 
-/// Baud rates that the drives' set-up program offers.
-const BAUDS: [u32; 8] = [2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
-/// Longest watchdog of a drive, s: a byte of tenths.
-const WATCHDOG_MAX_S: f64 = 25.5;
 /// A name becomes part of a socket's path, which is short.
 const NAME_MAX: usize = 16;
 
@@ -218,9 +214,9 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
     }
     ports(section, cables)?;
     let period = 1.0 / rate_hz;
-    number("motor_io.watchdog_s", section.watchdog_s, "0.1 to 25.5 s in steps of 0.1", |v| {
-        (0.1..=WATCHDOG_MAX_S).contains(&v) && ((v * 10.0).round() - v * 10.0).abs() < 1e-6
-    })?;
+    for port in &section.ports {
+        watchdog(section.watchdog_s, &port.protocol.family())?;
+    }
     if section.watchdog_s < 3.0 * period {
         let clause = format!("is {}; accepted: at least three periods of {period} s", section.watchdog_s);
         return Err(Problem::of("motor_io.watchdog_s", clause));
@@ -234,6 +230,16 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
     count("motor_io.stall_cycles", section.stall_cycles as usize, 1, 10_000)?;
     number("motor_io.supply_min_v", section.supply_min_v, "0 to 60 V", |v| (0.0..=60.0).contains(&v))?;
     node_bounds(section)
+}
+
+/// The watchdog time is one that the drives of a port can be set to.
+fn watchdog(seconds: f64, family: &DriveFamily) -> Result<(), Problem> {
+    let ([shortest_s, longest_s], step_s) = (family.watchdog_s, family.watchdog_step_s);
+    let accepted = format!("{shortest_s} to {longest_s} s in steps of {step_s}");
+    number("motor_io.watchdog_s", seconds, &accepted, |v| {
+        let steps = v / step_s;
+        (shortest_s..=longest_s).contains(&v) && (steps.round() - steps).abs() < 1e-6
+    })
 }
 
 /// What motor-io holds the node to by itself.
@@ -289,7 +295,8 @@ fn ports(section: &MotorIoSection, cables: usize) -> Result<(), Problem> {
                 );
                 return Err(of_unit(Problem::at("address", sentence)));
             }
-            drive_unit(unit, index + 1, cables, &mut owner).map_err(of_unit)?;
+            let family = port.protocol.family();
+            drive_unit(unit, &family, index + 1, cables, &mut owner).map_err(of_unit)?;
         }
     }
     match owner.iter().position(Option::is_none) {
@@ -305,8 +312,9 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
     if port.path.is_empty() {
         return Err(Problem::of("path", "is empty; accepted: a device, e.g. /dev/serial/by-id/..."));
     }
-    if !BAUDS.contains(&port.baud) {
-        let accepted: Vec<String> = BAUDS.iter().map(u32::to_string).collect();
+    let bauds = port.protocol.family().bauds;
+    if !bauds.contains(&port.baud) {
+        let accepted: Vec<String> = bauds.iter().map(u32::to_string).collect();
         return Err(Problem::of("baud", format!("is {}; accepted: {}", port.baud, accepted.join(", "))));
     }
     if port.units.is_empty() {
@@ -318,13 +326,15 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
 /// A unit on the port of that `number`; `owner` holds port and address of the unit that each cable is on.
 fn drive_unit(
     unit: &UnitSection,
+    family: &DriveFamily,
     number: usize,
     cables: usize,
     owner: &mut [Option<(usize, u8)>],
 ) -> Result<(), Problem> {
     let address = unit.address;
-    if !(0x80..=0x87).contains(&address) {
-        let sentence = format!("`address` {address} on port {number} is outside 128 to 135 (0x80 to 0x87)");
+    if !family.addresses.contains(&address) {
+        let accepted = family.addresses_in_words;
+        let sentence = format!("`address` {address} on port {number} is outside {accepted}");
         return Err(Problem::at("address", sentence));
     }
     let at_cables = |sentence: String| Err(Problem::at("cables", sentence));

@@ -7,6 +7,7 @@
 mod check;
 mod choice;
 mod devices;
+mod drive_family;
 pub mod file;
 mod load;
 mod logger;
@@ -23,10 +24,11 @@ mod tuning;
 mod viewer;
 
 pub use check::Given;
-pub use choice::{Algorithm, ControlLaw, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
+pub use choice::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };
+pub use drive_family::DriveFamily;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
 pub use mission_file::mission_file;

@@ -1,7 +1,7 @@
 //! The system file: which processes run, on which drives, at which rate, with which parameters.
 
 use super::{DeviceSection, Point, SensorLoggerSection, ViewerSection};
-use crate::{Algorithm, ControlLaw, EstimatorMethod, Slot, StopPin, TensionDistribution};
+use crate::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, Slot, StopPin, TensionDistribution};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -112,10 +112,13 @@ pub struct MotorIoSection {
 pub struct PortSection {
     /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` stands for the domain's folder (where the virtual box puts its ports).
     pub path: String,
+    /// Drive family on this port.
+    #[serde(default = "default_protocol")]
+    pub protocol: DriveProtocol,
     /// Baud rate.
     #[serde(default = "default_baud")]
     pub baud: u32,
-    /// Drive units on this line.
+    /// Drive units on this port.
     pub units: Vec<UnitSection>,
     /// Status pin of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button holds on; no key: none. Open, or not
     /// to be read, is an emergency stop.
@@ -126,7 +129,7 @@ pub struct PortSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct UnitSection {
-    /// Packet serial address, 0x80 to 0x87.
+    /// Address of the unit on the port; which ones there are is up to the drive family.
     pub address: u8,
     /// Cables (from 1) on motor 1 and motor 2.
     pub cables: Vec<usize>,
@@ -525,6 +528,10 @@ fn default_rate() -> f64 {
 fn default_runs() -> PathBuf {
     "../../runs".into()
 }
+fn default_protocol() -> DriveProtocol {
+    DriveProtocol::Roboclaw
+}
+
 fn default_baud() -> u32 {
     230_400
 }
