@@ -6,6 +6,7 @@ use std::path::Path;
 use std::process::{Child, Command};
 use std::time::{Duration, Instant};
 
+use drives::CountBound;
 use motor_box::settings::{PortConfig, UnitConfig};
 use motor_box::{BoxConfig, MotorBox};
 use plant::PlantConfig;
@@ -17,6 +18,7 @@ use serial::{Line, Transport};
 
 const COUNTS_PER_M: f64 = 10_865.0;
 const BAUD: u32 = 230_400;
+const BOUND: CountBound = CountBound { counts_s: 15_000.0, margin: 0.0 };
 const ANCHORS: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 const SPEED_M_S: f64 = 0.02;
 const WATCHDOG_NS: u64 = 300_000_000;
@@ -85,7 +87,7 @@ fn peer(prefix: &[&str], link: &Path, close_ms: Option<u64>) -> Ended {
 fn the_program_that_drives() {
     let Ok(link) = std::env::var(PEER) else { return };
     let close_ms: Option<u64> = std::env::var(CLOSE).ok().and_then(|text| text.parse().ok());
-    let unit = |address| DriverUnit { address, watchdog_tenths: 3, fastest_counts_s: 10_000 };
+    let unit = |address| DriverUnit { address, watchdog_tenths: 3, bound: BOUND };
     let units = vec![unit(0x80), unit(0x81)];
     let config = BusConfig { baud: BAUD, margin_ns: USB_MARGIN_NS, units, stop_pin: None };
     let mut bus = Bus::new(Line::new(&link, BAUD), &config).unwrap();

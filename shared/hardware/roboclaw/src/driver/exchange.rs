@@ -1,10 +1,13 @@
 //! One command and its answer.
 
+use std::sync::Arc;
+
 use serial::Transport;
 
 use super::{Bus, Phase, sync::Step};
-use crate::codec::{ACK, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
-use crate::error::{Command, Error};
+use drives::{Error, said};
+
+use crate::codec::{ACK, Command, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
 use crate::packet::{MAX_PACKET, Packet};
 use crate::status::StatusWidth;
 
@@ -26,7 +29,13 @@ impl<T: Transport> Bus<T> {
         if ack != [ACK] {
             self.counters.wrong_acks += 1;
             self.out_of_step(unit);
-            return Err(Error::WrongAck { port: self.port(), address, command, byte: ack[0] });
+            let said = said(format_args!("{:#04x} instead of {ACK:#04x}", ack[0]));
+            return Err(Error::Unexpected {
+                port: self.port(),
+                unit: self.unit_name(unit),
+                asked: write.asked(),
+                said,
+            });
         }
         self.learn_turnaround(sent_ns, write.encode(address).len() + 1);
         Ok(())
@@ -49,12 +58,12 @@ impl<T: Transport> Bus<T> {
             }
             Err(Flaw::Length) if got < wanted => {
                 self.too_late(unit);
-                Err(Error::CutShort { port: self.port(), address, command, got, wanted })
+                Err(Error::CutShort { port: self.port(), unit: self.unit_name(unit), asked: read.asked(), got, wanted })
             }
             Err(_) => {
                 self.counters.garbled += 1;
                 self.out_of_step(unit);
-                Err(Error::Garbled { port: self.port(), address, command })
+                Err(Error::Garbled { port: self.port(), unit: self.unit_name(unit), asked: read.asked() })
             }
         }
     }
@@ -103,7 +112,8 @@ impl<T: Transport> Bus<T> {
         if stray > 0 {
             // Counted when they are drained.
             self.out_of_step(self.last_unit);
-            return Err(Error::Stray { port: self.port(), address: self.address(unit), command, bytes: stray });
+            let (unit, asked) = (self.unit_name(unit), command.asked());
+            return Err(Error::Stray { port: self.port(), unit, asked, bytes: stray });
         }
         self.last_unit = unit;
         self.counters.exchanges += 1;
@@ -142,7 +152,7 @@ impl<T: Transport> Bus<T> {
     fn no_answer(&mut self, unit: usize, command: Command, sent_ns: u64) -> Error {
         self.too_late(unit);
         let waited_us = u32::try_from((self.line.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
-        Error::NoAnswer { port: self.port(), address: self.address(unit), command, waited_us }
+        Error::NoAnswer { port: self.port(), unit: self.unit_name(unit), asked: command.asked(), waited_us }
     }
 
     /// The answer did not come in time, or not whole.
@@ -173,7 +183,12 @@ impl<T: Transport> Bus<T> {
         if error.is_lost() {
             self.lose_all();
         }
-        Error::Line(error)
+        Error::Serial(error)
+    }
+
+    /// A unit's name in messages.
+    pub(super) fn unit_name(&self, unit: usize) -> Arc<str> {
+        self.units.get(unit).map_or_else(|| self.port(), |unit| Arc::clone(&unit.name))
     }
 
     pub(super) fn address(&self, unit: usize) -> u8 {

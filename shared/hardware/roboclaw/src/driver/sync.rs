@@ -1,10 +1,13 @@
 //! Getting in step with the units, and back in step after an error.
 
+use std::sync::Arc;
+
 use serial::Transport;
 
-use super::{Bus, Phase};
-use crate::codec::{BYTE_GAP_NS, Read, Reply, ReplyLength, Write};
-use crate::error::{Command, Error};
+use super::{Bus, Phase, watchdog_ms};
+use drives::Error;
+
+use crate::codec::{BYTE_GAP_NS, Command, Read, Reply, ReplyLength, Write};
 use crate::packet::MAX_PACKET;
 
 /// So long without a byte, the line is empty and so are the units' parsers.
@@ -56,7 +59,7 @@ pub(super) enum Instead {
     /// The question itself.
     Echo,
     /// Something else.
-    Gibberish,
+    Foreign,
 }
 
 /// What a unit is asked before it is used, in this order.
@@ -98,7 +101,7 @@ impl Window {
         match self.bytes.get(..self.len) {
             None | Some([]) => Instead::Nothing,
             Some(bytes) if bytes == question => Instead::Echo,
-            Some(_) => Instead::Gibberish,
+            Some(_) => Instead::Foreign,
         }
     }
 
@@ -362,7 +365,7 @@ impl<T: Transport> Bus<T> {
             unit.doubtful = false;
             // What it counts now has nothing to do with what it counted before: the totals stay where they were.
             unit.last_raw = None;
-            unit.refused_raw = None;
+            unit.held_back = false;
             // Counted once, however often it takes to set it up again.
             if std::mem::take(&mut unit.told) {
                 unit.report.reboots += 1;
@@ -381,17 +384,20 @@ impl<T: Transport> Bus<T> {
     /// Why a unit cannot be used at the moment.
     pub(super) fn not_ready(&self, index: usize) -> Option<Error> {
         let unit = self.units.get(index)?;
-        let (port, address) = (self.port(), unit.config.address);
+        let (port, name) = (self.port(), Arc::clone(&unit.name));
         match unit.phase {
             Phase::Ready => None,
-            Phase::Setup(_) => Some(Error::Preparing { port, address }),
+            Phase::Setup(_) => Some(Error::Preparing { port, unit: name }),
             Phase::Suspect { failed, .. } if failed < FENCES_BEFORE_SILENT => Some(Error::Resynchronising { port }),
             Phase::Suspect { .. } => Some(match unit.instead {
-                Instead::Nothing => Error::Silent { port, address },
-                Instead::Echo => Error::Echo { port, address },
-                Instead::Gibberish => Error::Gibberish { port, address },
+                Instead::Nothing => Error::Silent { port, unit: name },
+                Instead::Echo => Error::Echo { port, unit: name },
+                Instead::Foreign => Error::Foreign { port, unit: name },
             }),
-            Phase::Unusable { wanted, got, .. } => Some(Error::WatchdogRefused { port, address, wanted, got }),
+            Phase::Unusable { wanted, got, .. } => {
+                let (wanted_ms, got_ms) = (watchdog_ms(wanted), watchdog_ms(got));
+                Some(Error::WatchdogRefused { port, unit: name, wanted_ms, got_ms })
+            }
         }
     }
 

@@ -44,7 +44,7 @@ impl Bench {
     }
 
     fn tell(&mut self, write: Write) {
-        assert_eq!(self.send(&write.encode(0x80)).0, [0xFF], "{write}");
+        assert_eq!(self.send(&write.encode(0x80)).0, [0xFF], "{write:?}");
     }
 
     fn ask(&mut self, read: Read) -> Reply {

@@ -1,8 +1,9 @@
 //! Units that show the time, and a bus of them that is driven at the control rate.
 
+use drives::{CountBound, UnitAnswer};
 use roboclaw::driver::WIRE_MARGIN_NS;
 use roboclaw::unit::{Measured, Target, Unit, UnitLine, UnitOptions};
-use roboclaw::{Bus, BusConfig, Drive, UnitAnswer, UnitConfig};
+use roboclaw::{Bus, BusConfig, Drive, UnitConfig};
 use serial::{Device, Paced, Pipe, Transport};
 
 pub const MS: u64 = 1_000_000;
@@ -50,7 +51,8 @@ pub type TestBus = Bus<Pipe<Clockwork>>;
 
 pub fn unit_config(address: u8) -> UnitConfig {
     // 1 MHz of microseconds is what the clockwork shows.
-    UnitConfig { address, watchdog_tenths: 3, fastest_counts_s: 2_000_000 }
+    let bound = CountBound { counts_s: 3_000_000.0, margin: 0.0 };
+    UnitConfig { address, watchdog_tenths: 3, bound }
 }
 
 pub fn config(units: Vec<UnitConfig>) -> BusConfig {

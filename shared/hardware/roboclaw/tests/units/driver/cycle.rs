@@ -1,8 +1,9 @@
 //! Cycles in order: what is sent, what is asked, what is left out, what configuration is refused.
 
+use drives::{AXES, Capabilities, Command, DriveBus, DriveStatus, Error, Misfit};
 use roboclaw::codec::Write;
 use roboclaw::unit::{Measured, Target, UnitLine, UnitOptions};
-use roboclaw::{Bus, Drive, Error, Misfit, Status, StatusWidth, UnitConfig};
+use roboclaw::{Bus, Drive, Status, StatusWidth, UnitConfig, watchdog_tenths};
 use serial::{Device, Paced, Pipe, Transport};
 
 use super::clockwork::*;
@@ -19,7 +20,7 @@ fn connects_and_sets_up_each_unit() {
         assert_eq!(report.supply_v.value, 12.6);
         assert!(report.status.is_known() && report.counts.is_known());
     }
-    assert_eq!(bus.identities().next().unwrap().version.unwrap().as_str(), "USB Roboclaw 2x15a v4.2.4");
+    assert_eq!(bus.version(0).unwrap().as_str(), "USB Roboclaw 2x15a v4.2.4");
     // The watchdog is what was asked for, by the unit's own word.
     for unit in units(&mut bus) {
         assert!(format!("{unit:?}").contains("watchdog_tenths: 3"));
@@ -123,13 +124,13 @@ fn old_and_new_firmware_report_the_same_conditions() {
         units(&mut bus)[0].measure(&Measured { status: Status(Status::OVER_CURRENT_2), ..Measured::default() });
         let mut run = Run::connected(bus);
         let known = run.bus.report(0).unwrap().status;
-        assert_eq!(known.value, Status(Status::OVER_CURRENT_2), "{width:?}");
+        assert_eq!(known.value, DriveStatus(DriveStatus::OVER_CURRENT_2_WARNING), "{width:?}");
         units(&mut run.bus)[0]
             .measure(&Measured { status: Status(Status::MAIN_VOLTAGE_LOW_WARNING), ..Measured::default() });
         for _ in 0..12 {
             run.cycle(Drive::HOLD);
         }
-        assert_eq!(run.bus.report(0).unwrap().status.value, Status(Status::MAIN_VOLTAGE_LOW_WARNING));
+        assert_eq!(run.bus.report(0).unwrap().status.value, DriveStatus(DriveStatus::SUPPLY_LOW_WARNING));
         assert_eq!(run.bus.counters().resyncs, 0);
     }
 }
@@ -169,8 +170,52 @@ fn configurations_that_cannot_be_meant_are_refused() {
     let wrong = |what| Error::Configuration { port: "test line".into(), what };
     assert_eq!(refuse(vec![]), wrong(Misfit::NoUnits));
     for address in [0x7f, 0x88] {
-        assert_eq!(refuse(vec![unit_config(address)]), wrong(Misfit::Address));
+        let misfit = Misfit::Address { given: address, accepted: "128 to 135 (0x80 to 0x87)" };
+        assert_eq!(refuse(vec![unit_config(address)]), wrong(misfit));
     }
     assert_eq!(refuse(vec![unit_config(0x80), unit_config(0x80)]), wrong(Misfit::AddressTwice));
-    assert_eq!(refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]), wrong(Misfit::NoWatchdog));
+    let off = refuse(vec![UnitConfig { watchdog_tenths: 0, ..unit_config(0x80) }]);
+    assert!(matches!(off, Error::Configuration { what: Misfit::Watchdog { given_ms: 0, .. }, .. }), "{off}");
+    assert_eq!([0.1, 0.3, 25.5].map(watchdog_tenths), [Ok(1), Ok(3), Ok(255)]);
+    for (seconds, given_ms) in [(0.0, 0), (0.04, 40), (0.25, 250), (25.6, 25_600), (-1.0, 0), (f64::NAN, 0)] {
+        let misfit = watchdog_tenths(seconds).unwrap_err();
+        assert!(matches!(misfit, Misfit::Watchdog { given_ms: given, .. } if given == given_ms), "{seconds}: {misfit}");
+    }
+}
+
+/// The trait sends what the driver's own interface sends, and refuses what the units do not have.
+#[test]
+fn neutral_commands_are_the_same_packets() {
+    let told = |speed: Option<f64>| {
+        let mut run = Run::connected(two_units());
+        run.bus.line_mut().wait_until(run.tick_ns);
+        let deadline_ns = run.tick_ns + BUDGET_NS;
+        match speed {
+            Some(counts_s) => {
+                let command = [[Some(Command::Velocity(counts_s)), Some(Command::Release)], [None; AXES]];
+                run.bus.exchange(&command, deadline_ns, &mut run.answers);
+                run.bus.spend(deadline_ns);
+            }
+            None => {
+                let drives = [[Drive::Speed(-123), Drive::RELEASE], [Drive::Idle; 2]];
+                run.bus.cycle(&drives, deadline_ns, &mut run.answers);
+            }
+        }
+        assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()));
+        (run.bus.line().counts(), run.bus.line().now_ns(), format!("{:?}", units(&mut run.bus)))
+    };
+    assert_eq!(told(Some(-123.4)), told(None));
+
+    let mut run = Run::connected(two_units());
+    let needed = Capabilities { velocity: true, watchdog: true, ..Capabilities::NONE };
+    assert_eq!(run.bus.capabilities().first_missing(needed), None);
+    let info = run.bus.unit(1).unwrap();
+    assert_eq!((&*info.name, info.watchdog_ms), ("unit 0x81", Some(300)));
+    assert_eq!(info.firmware.unwrap().as_str(), "USB Roboclaw 2x15a v4.2.4");
+    let torque = [[Some(Command::Torque(1.0)), None], [Some(Command::HOLD); AXES]];
+    let deadline_ns = run.bus.now_ns() + BUDGET_NS;
+    run.bus.exchange(&torque, deadline_ns, &mut run.answers);
+    assert!(matches!(run.answers[0].outcome, Err(Error::Unsupported { .. })), "{:?}", run.answers[0]);
+    assert_eq!(run.answers[1].outcome, Ok(()));
+    assert_eq!(units(&mut run.bus)[0].target(roboclaw::codec::Motor::One), Target::Duty(0.0));
 }
