@@ -1,5 +1,7 @@
 //! The sentences of the crate, word for word: the only test that a change of wording concerns.
 
+#![allow(clippy::unwrap_used)]
+
 use std::sync::Arc;
 
 use drives::{Asked, DriveStatus, Error, Misfit, said};

@@ -18,6 +18,13 @@ pub struct DriveFamily {
     pub watchdog_step_s: f64,
 }
 
+/// The first family that there was.
+impl Default for DriveProtocol {
+    fn default() -> Self {
+        DriveProtocol::Roboclaw
+    }
+}
+
 impl DriveProtocol {
     /// Accepted settings of this family.
     #[must_use]

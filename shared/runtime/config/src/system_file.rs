@@ -113,7 +113,7 @@ pub struct PortSection {
     /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` stands for the domain's folder (where the virtual box puts its ports).
     pub path: String,
     /// Drive family on this port.
-    #[serde(default = "default_protocol")]
+    #[serde(default)]
     pub protocol: DriveProtocol,
     /// Baud rate.
     #[serde(default = "default_baud")]
@@ -528,10 +528,6 @@ fn default_rate() -> f64 {
 fn default_runs() -> PathBuf {
     "../../runs".into()
 }
-fn default_protocol() -> DriveProtocol {
-    DriveProtocol::Roboclaw
-}
-
 fn default_baud() -> u32 {
     230_400
 }
