@@ -66,7 +66,7 @@ impl Rig {
     /// One control cycle with these speeds on the wire, counts per second.
     fn cycle(&mut self, speeds: [i32; 3]) {
         use serial::Transport;
-        self.bus.line_mut().wait_until(self.next_ns);
+        self.bus.transport_mut().wait_until(self.next_ns);
         self.next_ns += PERIOD_NS;
         let drives = [[Drive::Speed(speeds[0]), Drive::Speed(speeds[1])], [Drive::Idle, Drive::Speed(speeds[2])]];
         self.bus.cycle(&drives, self.next_ns, &mut self.answers);
@@ -114,7 +114,7 @@ fn a_driver_that_falls_silent_is_found_out_by_the_watchdog() {
         rig.cycle([500, 0, 0]);
     }
     let before = rig.lengths_m()[0];
-    rig.bus.line_mut().wait_until(rig.next_ns + 2_000_000_000);
+    rig.bus.transport_mut().wait_until(rig.next_ns + 2_000_000_000);
     let after = rig.lengths_m()[0];
     let machine = rig.machine.lock();
     assert_eq!(machine.units(0)[0].watchdog_trips(), 1);

@@ -14,7 +14,7 @@ use plant::line::IdlerConfig;
 use roboclaw::driver::USB_MARGIN_NS;
 use roboclaw::{Bus, BusConfig, Drive, UnitConfig as DriverUnit};
 use rustix::process::{Pid, Signal, kill_process};
-use serial::{Line, Transport};
+use serial::{ReopeningPort, Transport};
 
 const COUNTS_PER_M: f64 = 10_865.0;
 const BAUD: u32 = 230_400;
@@ -90,12 +90,12 @@ fn the_program_that_drives() {
     let unit = |address| DriverUnit { address, watchdog_tenths: 3, bound: BOUND };
     let units = vec![unit(0x80), unit(0x81)];
     let config = BusConfig { baud: BAUD, margin_ns: USB_MARGIN_NS, units, stop_pin: None };
-    let mut bus = Bus::new(Line::new(&link, BAUD), &config).unwrap();
+    let mut bus = Bus::new(ReopeningPort::new(&link, BAUD), &config).unwrap();
     let mut answers = bus.blank_answers();
     let counts = (SPEED_M_S * COUNTS_PER_M) as i32;
     let (began, mut moving) = (Instant::now(), None);
     while close_ms.is_none_or(|ms| moving.is_none_or(|since: Instant| since.elapsed() < Duration::from_millis(ms))) {
-        let deadline_ns = bus.line().now_ns() + 10_000_000;
+        let deadline_ns = bus.transport().now_ns() + 10_000_000;
         // Units move only once they were told to stand still.
         let speed = if moving.is_some() { Drive::Speed(counts) } else { Drive::HOLD };
         bus.cycle(&[[speed; 2]; 2], deadline_ns, &mut answers);
@@ -103,7 +103,7 @@ fn the_program_that_drives() {
             moving = Some(Instant::now());
         }
         let _ = bus.settle(deadline_ns);
-        bus.line_mut().wait_until(deadline_ns);
+        bus.transport_mut().wait_until(deadline_ns);
         assert!(began.elapsed() < Duration::from_secs(60));
     }
     drop(bus);

@@ -4,7 +4,7 @@ use crate::odometry;
 use crate::settings::CoreConfig;
 use config::{DriveProtocol, PortSection, UnitSection};
 use drives::{DriveBus, Error};
-use serial::{Line, StatusPin};
+use serial::{ReopeningPort, StatusPin};
 
 /// Opens the bus of one configured port with the family that its `protocol` names. The device at `path` need not be there.
 ///
@@ -26,7 +26,7 @@ pub(crate) fn open(port: &PortSection, path: &str, config: &CoreConfig) -> Resul
                 units: port.units.iter().map(unit).collect(),
                 stop_pin: stop_pin(port),
             };
-            Ok(Box::new(roboclaw::Bus::new(Line::new(path, port.baud), &bus)?))
+            Ok(Box::new(roboclaw::Bus::new(ReopeningPort::new(path, port.baud), &bus)?))
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use serial::LineClock;
+use serial::PortClock;
 
 use crate::{Counters, Error, StopInput, UnitAnswer, UnitInfo};
 
@@ -115,7 +115,7 @@ pub trait DriveBus: Send {
     fn now_ns(&self) -> u64;
 
     /// Clock of a simulated port, which leaves out the time in which its device did not run.
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         None
     }
 
@@ -160,7 +160,7 @@ impl<B: DriveBus + ?Sized> DriveBus for Box<B> {
     fn now_ns(&self) -> u64 {
         (**self).now_ns()
     }
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         (**self).clock()
     }
     fn exchange(&mut self, commands: &[UnitCommand], deadline_ns: u64, answers: &mut [UnitAnswer]) {

@@ -7,7 +7,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use serial::{LineClock, monotonic_ns};
+use serial::{PortClock, monotonic_ns};
 
 use crate::bus::{Capabilities, DriveBus, UnitCommand};
 use crate::error::{Error, Misfit};
@@ -76,7 +76,7 @@ pub struct Fleet {
     /// Port of each unit.
     port_of_unit: Vec<usize>,
     /// Clock of each port that is simulated: the time that it leaves out.
-    clocks: Vec<Option<Arc<LineClock>>>,
+    clocks: Vec<Option<Arc<PortClock>>>,
     turn: u64,
     reply: FleetReply,
 }
@@ -266,7 +266,7 @@ impl Fleet {
         for ((slot, report), (name, clock)) in slots.iter().zip(&mut self.reply.ports).zip(ports) {
             report.clone_from(&slot.report);
             let in_time = slot.answered_turn == self.turn;
-            let unanswered = !in_time && clock.as_ref().is_some_and(|clock| clock.line_waits_for_the_device());
+            let unanswered = !in_time && clock.as_ref().is_some_and(|clock| clock.port_waits_for_device());
             for answer in &slot.answers {
                 let Some(unit) = units.next() else { break };
                 unit.clone_from(answer);
@@ -300,7 +300,7 @@ impl Patience {
     }
 
     /// New end of the wait once the old one has passed; `None` to give up.
-    fn later_ns(&mut self, now_ns: u64, clocks: &[Option<Arc<LineClock>>]) -> Option<u64> {
+    fn later_ns(&mut self, now_ns: u64, clocks: &[Option<Arc<PortClock>>]) -> Option<u64> {
         let left_out_ns = most_left_out_ns(clocks).saturating_sub(self.left_out_ns).min(SIMULATED_PATIENCE_NS);
         let deadline_ns = self.deadline_ns + left_out_ns;
         if now_ns < deadline_ns {
@@ -316,7 +316,7 @@ impl Patience {
     }
 }
 
-fn most_left_out_ns(clocks: &[Option<Arc<LineClock>>]) -> u64 {
+fn most_left_out_ns(clocks: &[Option<Arc<PortClock>>]) -> u64 {
     clocks.iter().flatten().map(|clock| clock.left_out_ns()).max().unwrap_or(0)
 }
 

@@ -16,11 +16,11 @@
 //! ```
 //! use drives::{Command, CountBound, DriveBus};
 //! use roboclaw::driver::{Bus, BusConfig, UnitConfig, WIRE_MARGIN_NS};
-//! use roboclaw::unit::{Unit, UnitLine, UnitOptions};
+//! use roboclaw::unit::{Unit, UnitBus, UnitOptions};
 //! use serial::{Pipe, Transport};
 //!
-//! // A virtual unit on a simulated line; `serial::Line::new("/dev/serial/by-path/..", 230_400)` for a real one.
-//! let line = Pipe::new("simulated", 230_400, UnitLine::new(vec![Unit::new(UnitOptions::new(0x80))]));
+//! // A virtual unit on a simulated line; `serial::ReopeningPort::new("/dev/serial/by-path/..", 230_400)` for a real one.
+//! let line = Pipe::new("simulated", 230_400, UnitBus::new(vec![Unit::new(UnitOptions::new(0x80))]));
 //! let bound = CountBound { counts_s: 50_000.0, margin: 0.0 };
 //! let unit = UnitConfig { address: 0x80, watchdog_tenths: 3, bound };
 //! let config = BusConfig { baud: 230_400, margin_ns: WIRE_MARGIN_NS, units: vec![unit], stop_pin: None };

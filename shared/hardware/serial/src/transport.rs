@@ -5,7 +5,7 @@ use std::sync::Arc;
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::Timespec;
 
-use crate::{Error, LineClock};
+use crate::{Error, PortClock};
 
 const NS_PER_S: u64 = 1_000_000_000;
 
@@ -61,7 +61,7 @@ pub trait Transport: Send {
     }
 
     /// What a simulated device of this machine leaves out of its time, for others than the line's own thread.
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         None
     }
 
@@ -110,7 +110,7 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
     fn stamp_ns(&self) -> u64 {
         (**self).stamp_ns()
     }
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         (**self).clock()
     }
     fn wait_until(&mut self, until_ns: u64) {

@@ -56,7 +56,7 @@ impl<T: Transport> Bus<T> {
     /// the deadline is over; an answer that does not come ends the call later than the deadline by at most the margin of the
     /// configuration. While the line is out of step the call returns at once where the time does not suffice, and the next goes on.
     pub fn drive(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
-        let whole_line = if self.line.now_ns() >= deadline_ns {
+        let whole_line = if self.transport.now_ns() >= deadline_ns {
             Err(Error::TooLate { port: self.port() })
         } else {
             self.get_in_step(deadline_ns)
@@ -77,7 +77,7 @@ impl<T: Transport> Bus<T> {
     /// Nothing is begun that is unlikely to end by the deadline. What it finds out is in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
         self.look_at_stop();
-        if self.line.now_ns() < deadline_ns
+        if self.transport.now_ns() < deadline_ns
             && self.get_in_step(deadline_ns).is_ok()
             && self.set_up_units(deadline_ns).is_ok()
         {
@@ -219,7 +219,7 @@ impl<T: Transport> Bus<T> {
     }
 
     fn has_time(&self, answer_bytes: usize, deadline_ns: u64) -> bool {
-        self.line.now_ns() + self.likely_ns(2 + answer_bytes) <= deadline_ns
+        self.transport.now_ns() + self.likely_ns(2 + answer_bytes) <= deadline_ns
     }
 
     /// Ask for something that changes slowly, and keep the answer.

@@ -108,7 +108,7 @@ impl<T: Transport> Bus<T> {
 
     /// Put a packet on an empty line; returns when.
     pub(super) fn send(&mut self, unit: usize, packet: &Packet, command: Command) -> Result<u64, Error> {
-        let stray = self.line.pending().map_err(|error| self.line_failed(error))?;
+        let stray = self.transport.pending().map_err(|error| self.line_failed(error))?;
         if stray > 0 {
             // Counted when they are drained.
             self.out_of_step(self.last_unit);
@@ -117,10 +117,10 @@ impl<T: Transport> Bus<T> {
         }
         self.last_unit = unit;
         self.counters.exchanges += 1;
-        let now_ns = self.line.now_ns();
-        self.sent_stamp_ns = self.line.stamp_ns();
+        let now_ns = self.transport.now_ns();
+        self.sent_stamp_ns = self.transport.stamp_ns();
         let deadline_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;
-        if let Err(error) = self.line.write_all(packet, deadline_ns) {
+        if let Err(error) = self.transport.write_all(packet, deadline_ns) {
             self.out_of_step(unit);
             return Err(self.line_failed(error));
         }
@@ -140,18 +140,18 @@ impl<T: Transport> Bus<T> {
         let in_setup = self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_)));
         let margin_ns = if in_setup { self.patience_ns(unit) } else { self.margin_ns };
         let deadline_ns = sent_ns + self.wire_ns(sent + answer) + margin_ns;
-        let mut got = self.line.fill(buffer, deadline_ns).map_err(|error| self.line_failed(error))?;
-        let now_ns = self.line.now_ns();
+        let mut got = self.transport.fill(buffer, deadline_ns).map_err(|error| self.line_failed(error))?;
+        let now_ns = self.transport.now_ns();
         if got < buffer.len() && now_ns > deadline_ns + STOOD_STILL_NS {
             let rest = buffer.get_mut(got..).unwrap_or_default();
-            got += self.line.fill(rest, now_ns + self.margin_ns).map_err(|error| self.line_failed(error))?;
+            got += self.transport.fill(rest, now_ns + self.margin_ns).map_err(|error| self.line_failed(error))?;
         }
         Ok(got)
     }
 
     fn no_answer(&mut self, unit: usize, command: Command, sent_ns: u64) -> Error {
         self.too_late(unit);
-        let waited_us = u32::try_from((self.line.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
+        let waited_us = u32::try_from((self.transport.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
         Error::NoAnswer { port: self.port(), unit: self.unit_name(unit), asked: command.asked(), waited_us }
     }
 
@@ -166,7 +166,7 @@ impl<T: Transport> Bus<T> {
 
     /// What this unit sent, or will still send, cannot be told from an answer: drain the line, and fence the unit.
     pub(super) fn out_of_step(&mut self, unit: usize) {
-        let now_ns = self.line.now_ns();
+        let now_ns = self.transport.now_ns();
         if self.step == Step::Settled {
             self.counters.resyncs += 1;
         }
@@ -179,7 +179,7 @@ impl<T: Transport> Bus<T> {
     }
 
     pub(super) fn line_failed(&mut self, error: serial::Error) -> Error {
-        self.step = Step::Draining { quiet_from_ns: self.line.now_ns() };
+        self.step = Step::Draining { quiet_from_ns: self.transport.now_ns() };
         if error.is_lost() {
             self.lose_all();
         }
@@ -206,7 +206,7 @@ impl<T: Transport> Bus<T> {
     }
 
     fn learn_turnaround(&mut self, sent_ns: u64, bytes: usize) {
-        let took_ns = (self.line.now_ns() - sent_ns).saturating_sub(self.wire_ns(bytes));
+        let took_ns = (self.transport.now_ns() - sent_ns).saturating_sub(self.wire_ns(bytes));
         // A moving average over about eight exchanges; one that stood still with the machine counts for no more than a timeout.
         let took_ns = took_ns.min(self.margin_ns);
         self.turnaround_ns = self.turnaround_ns - self.turnaround_ns / 8 + took_ns / 8;

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use drives::{
     AXES, Capabilities, Command, Counters, DriveBus, Error, Firmware, StopInput, UnitAnswer, UnitCommand, UnitInfo,
 };
-use serial::{LineClock, Transport};
+use serial::{PortClock, Transport};
 
 use super::{Bus, Drive, MAX_UNITS, watchdog_ms};
 use crate::codec::Version;
@@ -42,11 +42,11 @@ impl<T: Transport> DriveBus for Bus<T> {
     }
 
     fn now_ns(&self) -> u64 {
-        self.line.now_ns()
+        self.transport.now_ns()
     }
 
-    fn clock(&self) -> Option<Arc<LineClock>> {
-        self.line.clock()
+    fn clock(&self) -> Option<Arc<PortClock>> {
+        self.transport.clock()
     }
 
     fn exchange(&mut self, commands: &[UnitCommand], deadline_ns: u64, answers: &mut [UnitAnswer]) {

@@ -150,7 +150,7 @@ enum Phase {
 /// A line with units. One thread owns it: two users of one line garble each other's answers.
 #[derive(Debug)]
 pub struct Bus<T> {
-    line: T,
+    transport: T,
     byte_ns: u64,
     margin_ns: u64,
     units: Vec<Unit>,
@@ -175,8 +175,8 @@ pub struct Bus<T> {
 
 impl<T: Transport> Bus<T> {
     /// A line that is not spoken to yet. The line's device need not be there.
-    pub fn new(line: T, config: &BusConfig) -> Result<Bus<T>, Error> {
-        let port = Arc::clone(line.name());
+    pub fn new(transport: T, config: &BusConfig) -> Result<Bus<T>, Error> {
+        let port = Arc::clone(transport.name());
         let wrong = |what| Err(Error::Configuration { port: Arc::clone(&port), what });
         if config.units.is_empty() {
             return wrong(Misfit::NoUnits);
@@ -208,7 +208,7 @@ impl<T: Transport> Bus<T> {
             instead: sync::Instead::default(),
         };
         Ok(Bus {
-            line,
+            transport,
             byte_ns: byte_time_ns(config.baud),
             margin_ns: config.margin_ns,
             units: config.units.iter().map(unit).collect(),
@@ -230,17 +230,17 @@ impl<T: Transport> Bus<T> {
 
     /// The line's name.
     pub fn name(&self) -> &Arc<str> {
-        self.line.name()
+        self.transport.name()
     }
 
     /// The line.
-    pub fn line(&self) -> &T {
-        &self.line
+    pub fn transport(&self) -> &T {
+        &self.transport
     }
 
     /// The line. Bytes written to it past this driver bring the driver out of step, which it will notice.
-    pub fn line_mut(&mut self) -> &mut T {
-        &mut self.line
+    pub fn transport_mut(&mut self) -> &mut T {
+        &mut self.transport
     }
 
     /// Number of units.
@@ -276,7 +276,7 @@ impl<T: Transport> Bus<T> {
     /// An input that cannot be read is no better than one that says stop.
     fn look_at_stop(&mut self) {
         if let Some(pin) = self.stop_pin {
-            self.stop = match self.line.is_on(pin) {
+            self.stop = match self.transport.is_on(pin) {
                 Ok(true) => StopInput::Released,
                 Ok(false) => StopInput::Pressed,
                 Err(error) => StopInput::Unreadable(Error::Serial(error)),
@@ -285,6 +285,6 @@ impl<T: Transport> Bus<T> {
     }
 
     fn port(&self) -> Arc<str> {
-        Arc::clone(self.line.name())
+        Arc::clone(self.transport.name())
     }
 }

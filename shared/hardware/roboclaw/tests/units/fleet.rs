@@ -7,9 +7,9 @@ use std::thread::JoinHandle;
 
 use drives::{Capabilities, Command, CountBound, Error, Fleet, FleetCommand, FleetReply, Misfit};
 use roboclaw::driver::WIRE_MARGIN_NS;
-use roboclaw::unit::{Unit, UnitLine, UnitOptions};
+use roboclaw::unit::{Unit, UnitBus, UnitOptions};
 use roboclaw::{Bus, BusConfig, UnitConfig};
-use serial::{Device, Jack, Line, Paced, Pipe, monotonic_ns, sleep_until};
+use serial::{Device, Jack, Paced, Pipe, ReopeningPort, monotonic_ns, sleep_until};
 
 const MS: u64 = 1_000_000;
 /// Long enough that a machine which stands still for a quarter of a second makes no test fail.
@@ -18,7 +18,7 @@ const PATIENCE_NS: u64 = 400 * MS;
 /// Units behind a jack, answered by a thread.
 struct Socket {
     jack: Arc<Mutex<Jack>>,
-    line: Arc<Mutex<UnitLine>>,
+    bus: Arc<Mutex<UnitBus>>,
     stop: Arc<AtomicBool>,
     thread: Option<JoinHandle<()>>,
     folder: PathBuf,
@@ -33,16 +33,16 @@ impl Socket {
         jack.plug().unwrap();
         let units = addresses.iter().map(|&address| Unit::new(UnitOptions::new(address))).collect();
         let jack = Arc::new(Mutex::new(jack));
-        let line = Arc::new(Mutex::new(UnitLine::new(units)));
+        let line = Arc::new(Mutex::new(UnitBus::new(units)));
         let stop = Arc::new(AtomicBool::new(false));
         let thread = std::thread::spawn({
             let (jack, line, stop) = (Arc::clone(&jack), Arc::clone(&line), Arc::clone(&stop));
             move || serve(&jack, &line, &stop)
         });
-        Socket { jack, line, stop, thread: Some(thread), folder }
+        Socket { jack, bus: line, stop, thread: Some(thread), folder }
     }
 
-    fn bus(&self, addresses: &[u8]) -> Bus<Line> {
+    fn bus(&self, addresses: &[u8]) -> Bus<ReopeningPort> {
         bus_at(self.link().to_str().unwrap(), addresses, PATIENCE_NS)
     }
 
@@ -62,7 +62,7 @@ impl Drop for Socket {
     }
 }
 
-fn serve(jack: &Mutex<Jack>, line: &Mutex<UnitLine>, stop: &AtomicBool) {
+fn serve(jack: &Mutex<Jack>, line: &Mutex<UnitBus>, stop: &AtomicBool) {
     let mut reply = Paced::new(0);
     while !stop.load(Ordering::Relaxed) {
         let now_ns = monotonic_ns();
@@ -87,8 +87,8 @@ fn bus_config(addresses: &[u8], margin_ns: u64) -> BusConfig {
     BusConfig { baud: 0, margin_ns, units: addresses.iter().map(unit).collect(), stop_pin: None }
 }
 
-fn bus_at(path: &str, addresses: &[u8], margin_ns: u64) -> Bus<Line> {
-    Bus::new(Line::new(path, 0), &bus_config(addresses, margin_ns)).unwrap()
+fn bus_at(path: &str, addresses: &[u8], margin_ns: u64) -> Bus<ReopeningPort> {
+    Bus::new(ReopeningPort::new(path, 0), &bus_config(addresses, margin_ns)).unwrap()
 }
 
 const RUN: Command = Command::Velocity(100.0);
@@ -147,7 +147,7 @@ fn a_restart_is_found_out_on_a_real_terminal() {
     let socket = Socket::new(&[0x80]);
     let mut fleet = Fleet::open(vec![socket.bus(&[0x80])], Capabilities::NONE).unwrap();
     until(&mut fleet, PATIENCE_NS, Command::HOLD, well);
-    socket.line.lock().unwrap().units_mut()[0].reboot(0);
+    socket.bus.lock().unwrap().units_mut()[0].reboot(0);
     let reply = until(&mut fleet, PATIENCE_NS, RUN, |reply| reply.units[0].report.reboots == 1);
     assert!(reply.units[0].outcome.is_err() || reply.units[0].report.reboots == 1);
 }
@@ -168,7 +168,7 @@ fn a_silent_port_is_busy_at_the_deadline_and_the_other_has_answered() {
     let line = |mute_until_ns| {
         let mut unit = Unit::new(UnitOptions::new(0x80));
         unit.mute_until(mute_until_ns);
-        UnitLine::new(vec![unit])
+        UnitBus::new(vec![unit])
     };
     // Simulated lines jump over the waiting, so this is exact whatever the machine does.
     let config = bus_config(&[0x80], WIRE_MARGIN_NS);
@@ -207,7 +207,7 @@ fn ports_and_units_are_counted_and_named_once() {
     let bus = |path: &str, units: usize| {
         bus_at(path, &(0..units as u8).map(|unit| 0x80 + unit).collect::<Vec<_>>(), WIRE_MARGIN_NS)
     };
-    let refuse = |buses: Vec<Bus<Line>>, needed| Fleet::open(buses, needed).map(|_| ()).unwrap_err();
+    let refuse = |buses: Vec<Bus<ReopeningPort>>, needed| Fleet::open(buses, needed).map(|_| ()).unwrap_err();
     let wrong = |what| Error::Configuration { port: "/dev/a".into(), what };
     assert_eq!(refuse(vec![bus("/dev/a", 1), bus("/dev/a", 1)], Capabilities::NONE), wrong(Misfit::PortTwice));
     assert_eq!(refuse(vec![bus("/dev/a", 5), bus("/dev/b", 4)], Capabilities::NONE), wrong(Misfit::TooManyUnits));

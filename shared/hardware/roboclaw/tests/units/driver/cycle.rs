@@ -2,7 +2,7 @@
 
 use drives::{AXES, Capabilities, Command, DriveBus, DriveStatus, Error, Misfit};
 use roboclaw::codec::Write;
-use roboclaw::unit::{Measured, Target, UnitLine, UnitOptions};
+use roboclaw::unit::{Measured, Target, UnitBus, UnitOptions};
 use roboclaw::{Bus, Drive, Status, StatusWidth, UnitConfig, watchdog_tenths};
 use serial::{Device, Paced, Pipe, Transport};
 
@@ -64,12 +64,12 @@ fn a_cycle_fits_its_period_and_asks_for_everything_in_turn() {
 fn what_can_wait_is_left_out_when_there_is_no_time() {
     let mut run = Run::connected(two_units());
     let tick_ns = run.tick_ns;
-    run.bus.line_mut().wait_until(tick_ns);
+    run.bus.transport_mut().wait_until(tick_ns);
     // The two commands and encoders take about 2.6 ms at this baud.
     run.bus.cycle(&[[Drive::HOLD; 2]; 2], tick_ns + 3 * MS, &mut run.answers);
     assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()));
     assert!(run.bus.counters().left_out > 0);
-    assert!(run.bus.line().now_ns() <= tick_ns + 3 * MS);
+    assert!(run.bus.transport().now_ns() <= tick_ns + 3 * MS);
 }
 
 #[test]
@@ -77,7 +77,7 @@ fn where_time_is_always_short_the_status_is_read_all_the_same() {
     let mut run = Run::connected(two_units());
     for _ in 0..96 {
         let tick_ns = run.tick_ns;
-        run.bus.line_mut().wait_until(tick_ns);
+        run.bus.transport_mut().wait_until(tick_ns);
         let before = run.bus.counters().left_out;
         // Behind commands and encoders there is time for one question or two.
         run.bus.cycle(&[[Drive::HOLD; 2]; 2], tick_ns + 4 * MS, &mut run.answers);
@@ -97,7 +97,7 @@ fn where_time_is_always_short_the_status_is_read_all_the_same() {
 fn a_late_cycle_sends_nothing() {
     let mut run = Run::connected(two_units());
     let sent = run.bus.counters().exchanges;
-    let now_ns = run.bus.line().now_ns();
+    let now_ns = run.bus.transport().now_ns();
     run.bus.cycle(&[[Drive::Speed(5); 2]; 2], now_ns, &mut run.answers);
     assert!(matches!(run.answers[0].outcome, Err(Error::TooLate { .. })));
     assert_eq!(run.bus.counters().exchanges, sent);
@@ -107,7 +107,7 @@ fn a_late_cycle_sends_nothing() {
 fn motors_of_one_unit_can_be_told_different_things() {
     let mut run = Run::connected(two_units());
     let deadline_ns = run.tick_ns + BUDGET_NS;
-    run.bus.line_mut().wait_until(run.tick_ns);
+    run.bus.transport_mut().wait_until(run.tick_ns);
     let drives = [[Drive::Speed(100), Drive::RELEASE], [Drive::Idle, Drive::Duty(-16_384)]];
     run.bus.cycle(&drives, deadline_ns, &mut run.answers);
     assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()));
@@ -145,7 +145,7 @@ fn encoders_go_on_over_the_wrap_of_their_32_bits() {
         let packet = Write::SetEncoder(motor, count).encode(0x80);
         let mut reply = Paced::new(0);
         for &byte in packet.iter() {
-            bus.line_mut().device_mut().receive(0, byte, &mut reply);
+            bus.transport_mut().device_mut().receive(0, byte, &mut reply);
         }
     }
     let mut run = Run::connected(bus);
@@ -164,7 +164,7 @@ fn encoders_go_on_over_the_wrap_of_their_32_bits() {
 #[test]
 fn configurations_that_cannot_be_meant_are_refused() {
     let refuse = |units: Vec<UnitConfig>| {
-        let device = Clockwork { line: UnitLine::new(Vec::new()), told: Vec::new() };
+        let device = Clockwork { bus: UnitBus::new(Vec::new()), told: Vec::new() };
         Bus::new(Pipe::new("test line", BAUD, device), &config(units)).unwrap_err()
     };
     let wrong = |what| Error::Configuration { port: "test line".into(), what };
@@ -188,7 +188,7 @@ fn configurations_that_cannot_be_meant_are_refused() {
 fn neutral_commands_are_the_same_packets() {
     let told = |speed: Option<f64>| {
         let mut run = Run::connected(two_units());
-        run.bus.line_mut().wait_until(run.tick_ns);
+        run.bus.transport_mut().wait_until(run.tick_ns);
         let deadline_ns = run.tick_ns + BUDGET_NS;
         match speed {
             Some(counts_s) => {
@@ -202,7 +202,7 @@ fn neutral_commands_are_the_same_packets() {
             }
         }
         assert!(run.answers.iter().all(|answer| answer.outcome.is_ok()));
-        (run.bus.line().counts(), run.bus.line().now_ns(), format!("{:?}", units(&mut run.bus)))
+        (run.bus.transport().counts(), run.bus.transport().now_ns(), format!("{:?}", units(&mut run.bus)))
     };
     assert_eq!(told(Some(-123.4)), told(None));
 

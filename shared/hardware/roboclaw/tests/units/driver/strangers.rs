@@ -38,13 +38,13 @@ fn driven(stranger: Stranger) -> UnitAnswer {
     let mut bus = Bus::new(Pipe::new("test line", BAUD, stranger), &config(vec![unit_config(0x80)])).unwrap();
     let mut answers = bus.blank_answers();
     for cycle in 1..=3000u64 {
-        bus.line_mut().wait_until(cycle * PERIOD_NS);
-        let until_ns = bus.line().now_ns() + BUDGET_NS;
+        bus.transport_mut().wait_until(cycle * PERIOD_NS);
+        let until_ns = bus.transport().now_ns() + BUDGET_NS;
         bus.cycle(&[[Drive::HOLD; 2]], until_ns, &mut answers);
         assert!(answers[0].outcome.is_err(), "cycle {cycle}");
         assert!(!bus.is_settled() && answers[0].report.setups == 0 && answers[0].report.counts.at_ns == 0);
         // As the thread of a line does between cycles.
-        let until_ns = bus.line().now_ns() + 5 * MS;
+        let until_ns = bus.transport().now_ns() + 5 * MS;
         let _ = bus.settle(until_ns);
     }
     answers.remove(0)
