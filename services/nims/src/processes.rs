@@ -3,8 +3,8 @@
 use command::{Answer, Failure, Output};
 
 use bus::Bus;
-use client::{SupervisorCommand, follow, state_name};
-use messages::{ProcessState, text_of};
+use client::{follow, state_name};
+use messages::{ProcessState, Request, text_of};
 use serde_json::json;
 
 /// Processes that come and go while the robot runs.
@@ -39,18 +39,18 @@ impl Command {
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         let asked = match self {
             Self::Start(StartArgs { process, slot, law }) => {
-                SupervisorCommand::Start { name: process.clone(), slot: *slot, law: law.clone() }
+                Request::StartProcess { name: process.clone(), slot: slot.map(Into::into), law: law.clone() }
             }
-            Self::StopProcess { process } => SupervisorCommand::Stop { name: process.clone() },
-            Self::Restart { process } => SupervisorCommand::Restart { name: process.clone() },
+            Self::StopProcess { process } => Request::StopProcess { name: process.clone() },
+            Self::Restart { process } => Request::RestartProcess { name: process.clone() },
             // A program with a slash is looked for from the present folder, where it runs too.
-            Self::Plug(PlugArgs { name, replace, command }) => SupervisorCommand::Plug {
+            Self::Plug(PlugArgs { name, replace, command }) => Request::Plug {
                 name: name.clone(),
-                folder: std::env::current_dir().map_err(Failure::not_now)?,
+                folder: present_folder()?,
                 command: command.clone(),
                 replace: *replace,
             },
-            Self::Unplug { process } => SupervisorCommand::Unplug { name: process.clone() },
+            Self::Unplug { process } => Request::Unplug { name: process.clone() },
         };
         tell(&client::join(domain)?, &asked)
     }
@@ -82,11 +82,20 @@ pub struct PlugArgs {
     pub command: Vec<String>,
 }
 
+/// The folder in which the command was typed.
+fn present_folder() -> Answer<String> {
+    let folder = std::env::current_dir().map_err(Failure::not_now)?;
+    folder.into_os_string().into_string().map_err(|folder| {
+        let folder = folder.display();
+        Failure::BadInput(format!("the name of the folder {folder} is not UTF-8; start from another one"))
+    })
+}
+
 /// Asks, follows, and says in one sentence what came of it.
 ///
 /// # Errors
 /// As [`follow`].
-pub(crate) fn tell(bus: &Bus, asked: &SupervisorCommand) -> Answer<Output> {
+pub(crate) fn tell(bus: &Bus, asked: &Request) -> Answer<Output> {
     let row = follow(bus, asked, |_| ())?;
     let name = text_of(&row.name);
     let sentence = match row.state {

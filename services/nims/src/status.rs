@@ -238,7 +238,7 @@ fn of_ports(bus: &Bus) -> Answer<Option<String>> {
 /// How far the position can be trusted; of one from before a start, when that was, by motor-io's row of the process table.
 pub(crate) fn position_words(position_known: u8, row: Option<&ProcessState>, now_ns: u64) -> String {
     let sentence = sentences::position_sentence(position_known);
-    let Some(row) = row.filter(|_| position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT) else {
+    let Some(row) = row.filter(|_| position_known == MotorState::POSITION_RESTORED) else {
         return sentence.to_owned();
     };
     let ago_s = now_ns.saturating_sub(row.started_ns) as f64 * 1e-9;
@@ -374,7 +374,7 @@ mod tests {
     #[test]
     fn a_position_from_before_a_start_names_that_start() {
         let row = ProcessState { started_ns: 5_000_000_000, restarts: 2, ..ProcessState::default() };
-        let before = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+        let before = MotorState::POSITION_RESTORED;
         let words = position_words(before, Some(&row), 17_000_000_000);
         assert!(words.contains("12 s ago, restart 2 of this run"), "{words}");
         assert!(!position_words(MotorState::POSITION_KNOWN, Some(&row), 17_000_000_000).contains("restart"));

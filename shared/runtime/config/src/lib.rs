@@ -11,7 +11,7 @@ pub mod file;
 mod load;
 mod logger;
 mod measured;
-mod mission_file;
+mod mission_copy;
 mod point;
 mod problem;
 mod process_for;
@@ -29,7 +29,7 @@ pub use devices::{
 };
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
-pub use mission_file::mission_file;
+pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
 pub use point::{Point, Points};
 pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};
