@@ -40,7 +40,10 @@ pub use message::{Field, Header, Message, expanded, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
 pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};
-pub use request::{DecodeError, EncodeError, GotoPath, OperatorRequest, Request, RequestBody, Slot, SlotRole};
+pub use request::{
+    DETAIL_BYTES, DecodeError, EncodeError, GotoPath, OperatorRequest, Request, RequestAnswer, RequestBody, Slot,
+    SlotRole,
+};
 pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
 pub use text::{MORE, parted, put_sentence, put_text, text_of, words_within};
 

@@ -80,6 +80,63 @@ message! {
     }
 }
 
+/// Bytes of the text parameter of an answer.
+pub const DETAIL_BYTES: usize = 512;
+
+/// An answer to a request, as the catalogue of answers makes it.
+#[derive(Debug, Clone, Copy)]
+pub struct RequestAnswer {
+    /// [`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`] or [`OperatorRequest::BAD_INPUT`].
+    pub accepted: u8,
+    /// Number of the reason; 0: none.
+    pub reason: u16,
+    /// Integer parameters of the reason.
+    pub number: [u64; 6],
+    /// Physical parameters of the reason.
+    pub value: [f64; 6],
+    /// Text parameter of the reason.
+    pub detail: [u8; DETAIL_BYTES],
+    /// The answer in English.
+    pub text: [u8; 512],
+}
+
+impl Default for RequestAnswer {
+    fn default() -> Self {
+        Self { accepted: 0, reason: 0, number: [0; 6], value: [0.0; 6], detail: [0; DETAIL_BYTES], text: [0; 512] }
+    }
+}
+
+/// Two answers are equal if their bits are: a parameter may be NaN.
+impl PartialEq for RequestAnswer {
+    fn eq(&self, other: &Self) -> bool {
+        (self.accepted, self.reason, self.number, self.value.map(f64::to_bits))
+            == (other.accepted, other.reason, other.number, other.value.map(f64::to_bits))
+            && (self.detail, self.text) == (other.detail, other.text)
+    }
+}
+
+impl OperatorRequest {
+    /// Adds the answer to the request.
+    pub fn put_answer(&mut self, answer: &RequestAnswer) {
+        (self.answered, self.accepted, self.reason) = (1, answer.accepted, answer.reason);
+        (self.reason_number, self.reason_value) = (answer.number, answer.value);
+        (self.detail, self.answer) = (answer.detail, answer.text);
+    }
+
+    /// The answer, if there is one.
+    #[must_use]
+    pub fn recorded_answer(&self) -> Option<RequestAnswer> {
+        (self.answered == 1).then_some(RequestAnswer {
+            accepted: self.accepted,
+            reason: self.reason,
+            number: self.reason_number,
+            value: self.reason_value,
+            detail: self.detail,
+            text: self.answer,
+        })
+    }
+}
+
 /// A role with two slots.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SlotRole {

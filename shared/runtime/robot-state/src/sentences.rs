@@ -258,7 +258,7 @@ pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
 }
 
 /// Why a slot is no standby, and what to do: the rest of a sentence that begins with who it is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WhyNot {
     /// Index of the role.
     pub role: usize,
