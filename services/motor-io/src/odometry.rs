@@ -162,7 +162,7 @@ impl Odometry {
     /// The lengths may not be right any more, and need confirmation.
     pub fn doubt(&mut self) {
         if self.position == MotorState::POSITION_KNOWN {
-            self.position = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+            self.position = MotorState::POSITION_RESTORED;
         }
     }
 
@@ -179,7 +179,7 @@ impl Odometry {
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
             }
-            self.position = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+            self.position = MotorState::POSITION_RESTORED;
             self.only_restored = true;
         }
     }
@@ -202,7 +202,7 @@ impl Odometry {
 
     /// Somebody has looked: the lengths from before are right.
     pub fn confirm(&mut self) {
-        if self.position == MotorState::POSITION_FROM_BEFORE_THE_CUT {
+        if self.position == MotorState::POSITION_RESTORED {
             self.position = MotorState::POSITION_KNOWN;
             self.only_restored = false;
         }
