@@ -110,6 +110,9 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         None
     });
     let mut drives = Drives::open(&system_file, &config, chassis.bus().domain().root())?;
+    for (port, reading) in drives.unwatched() {
+        warn!("{port}: its drives do not report {reading}, so the faults of a cable that show in it are not detected");
+    }
     let mut ports = Ports::open(chassis.bus())?;
     // A later life has a larger number; after a restart of the computer, the shared memory is empty.
     let life = now_ns().max(1);
@@ -189,6 +192,11 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
                 chassis.ready()?;
                 ready = true;
                 let _ = drives.trouble(); // errors during the set-up of the units
+                for (port, unit) in drives.units() {
+                    let firmware = unit.firmware.as_ref().map_or("unknown", |firmware| firmware.as_str());
+                    let watchdog_ms = unit.watchdog_ms.unwrap_or(0);
+                    info!("{port}, {}: firmware {firmware}, watchdog {watchdog_ms} ms", unit.name);
+                }
             } else if cycle >= patience
                 && let Some(error) = drives.lost()
             {
@@ -313,7 +321,7 @@ impl Ports {
 
 /// Sends the core's answer. If a unit that does not answer (`absent`) prevents arming, the answer names its port, which
 /// the core does not know.
-fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&roboclaw::Error>, reporter: &mut Reporter) {
+fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, reporter: &mut Reporter) {
     let Some(call) = call else { return };
     let Some(answer) =
         core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
@@ -361,7 +369,8 @@ struct Reporter {
     faults: u32,
     complained_ns: u64,
     troubled_ns: u64,
-    trouble: Option<roboclaw::Error>,
+    conditions_ns: u64,
+    trouble: Option<drives::Error>,
 }
 
 impl Reporter {
@@ -386,10 +395,16 @@ impl Reporter {
     /// missing port stays missing.
     fn drives(&mut self, drives: &mut Drives) {
         let now = now_ns();
+        if now.saturating_sub(self.conditions_ns) > SECOND_NS
+            && let Some(condition) = drives.condition()
+        {
+            self.conditions_ns = now;
+            warn!("{condition}");
+        }
         let Some(trouble) = drives.trouble() else { return };
         // The reason why a unit is missing matters more than its resynchronisation.
         let error = match drives.absent() {
-            Some(absent) if matches!(trouble, roboclaw::Error::Resynchronising { .. }) => absent.clone(),
+            Some(absent) if matches!(trouble, drives::Error::Resynchronising { .. }) => absent.clone(),
             _ => trouble,
         };
         let pause_ns = if self.trouble.as_ref() == Some(&error) { 60 * SECOND_NS } else { SECOND_NS };

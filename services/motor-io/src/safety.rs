@@ -36,7 +36,7 @@ impl Safety {
         Self { mode: Mode::Disarmed, energised: false, latched: Faults::default(), live: Faults::default(), epoch: 1 }
     }
 
-    /// Present mode.
+    /// True while cables move because the operator or a mission asked for it.
     #[must_use]
     pub fn mode(&self) -> &Mode {
         &self.mode
