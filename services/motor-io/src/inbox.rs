@@ -95,12 +95,12 @@ impl Inbox {
         self.input.supervisor_beat = beat;
     }
 
-    /// A request; false if this cycle has no room for it.
+    /// Adds a request; false if this cycle has no room for it.
     pub fn request(&mut self, id: u64, body: &RequestBody) -> bool {
         self.request_made(id, body, 0)
     }
 
-    /// The same, of which it is known when it was made, ns.
+    /// Adds a request that was made at `stamp_ns`; false if this cycle has no room for it.
     pub fn request_made(&mut self, id: u64, body: &RequestBody, stamp_ns: u64) -> bool {
         let i = self.requests;
         if i == REQUESTS {
