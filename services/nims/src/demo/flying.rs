@@ -130,7 +130,9 @@ impl Resumes {
     fn report_total(&self) {
         if self.count > 1 {
             let count = self.count;
-            eprintln!("nims: the robot held {count} times for lack of CPU time; the demonstration resumed the mission");
+            eprintln!(
+                "nims: the robot held {count} times for lack of processor time; the demonstration resumed the mission"
+            );
         }
     }
 }
