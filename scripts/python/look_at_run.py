@@ -2,7 +2,7 @@
 #
 #     python scripts/python/look_at_run.py runs/2026-05-04T09-30-00Z-demo3 [--out DIR]
 #
-# Cells are marked with `# %%`, so that editors can run them one by one. Needs numpy, mcap, zstandard, pandas and matplotlib.
+# Editors can run the cells, marked with `# %%`, one by one. Needs numpy, mcap, zstandard, pandas and matplotlib.
 
 # %% Channels and their numbers of samples
 import argparse

@@ -12,11 +12,12 @@
             sensor.send(moisture_percent=moisture, temperature_c=temperature)
 
 The struct is the message: its definition for run files and its type name are derived from it, so the recorder and
-`nims channel echo` have the names of its fields. Needs the package `iceoryx2` in exactly the version of the robot's programs.
+`nims channel echo` have the names of its fields. Needs the package `iceoryx2` in exactly the version of the robot's
+programs.
 
 The domain of the robot is the first of: the argument `domain`, `--domain NAME`, the variable NIMS_DOMAIN, the only
-running robot. `nims plug NAME -- python3 FILE` starts the file as one of the robot's processes, and sets NIMS_DOMAIN and
-NIMS_NAME.
+running robot. `nims plug NAME -- python3 FILE` starts the file as one of the robot's processes, and sets NIMS_DOMAIN
+and NIMS_NAME.
 """
 
 import ctypes
@@ -38,9 +39,9 @@ SHARED_MEMORY = "/dev/shm"
 ATTRIBUTE_BYTES, ATTRIBUTES = 256, 8
 # The same as for every channel of a sensor (shared/runtime/messages/src/channels.rs).
 BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, SHEET_NODES = 256, 128, 2, 12, 48, 1, 64, 64
-# The buffer holds BUFFER samples or KEPT_BYTES, whichever is less, and at least LEAST samples. Unlike in Rust, a publisher
-# here needs memory for each sample of each subscriber, so a channel created here has fewer subscribers, and still fewer
-# from LARGE_BYTES on.
+# The buffer holds BUFFER samples or KEPT_BYTES, whichever is less, and at least LEAST samples. Unlike in Rust, a
+# publisher here needs memory for each sample of each subscriber, so a channel created here has fewer subscribers, and
+# still fewer from LARGE_BYTES on.
 KEPT_BYTES, LEAST, LARGE_BYTES, LARGE_SUBSCRIBERS = 16 << 20, 4, 128 << 10, 5
 # Largest lag of a subscriber, s.
 LAG_S = 2.5
