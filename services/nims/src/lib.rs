@@ -1,12 +1,13 @@
-//! The operator's command: requests to a running robot, live views, and the offline tools.
+//! The operator's command `nims`: requests to a running robot, live views, and tools that need no robot.
 //!
-//! Each command is a module or a crate with its own arguments; [`cli`] lists the commands and prints their result.
+//! Each command has its own module or crate, which also defines its arguments. [`cli`] lists the commands and
+//! dispatches them; the output is printed in one place.
 //!
 //! Invariants:
-//! * It moves nothing itself: it sends requests to motor-io and the planner, and prints their answers.
-//! * Exit code 0: answered (also "not feasible", which is an answer); 2: bad input; 1: it could not be done now. A
-//!   failure is one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
-//! * Bad input is found before anything is started or requested.
+//! * The command moves nothing itself: it sends requests to motor-io and the planner, and prints their answers.
+//! * Exit code 0: answered ("not feasible" is an answer too); 2: bad input; 1: it could not be done now. A failure is
+//!   one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
+//! * Input is checked before anything is started or requested.
 
 #![forbid(unsafe_code)]
 

@@ -13,6 +13,7 @@
 pub mod adaptive;
 mod dry_run;
 mod flight;
+mod inputs;
 pub mod mission;
 pub mod plan;
 mod planner;
@@ -23,7 +24,8 @@ pub mod scan;
 mod stopped;
 
 pub use dry_run::{Summary, dry_run};
+pub use inputs::Inputs;
 pub use mission::Mission;
 pub use plan::{Plan, PlanError, PlannerConfig};
-pub use planner::{Inputs, Planner, Refusal, state_text};
+pub use planner::{Planner, Refusal, state_text};
 pub use progress::Progress;

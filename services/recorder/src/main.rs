@@ -76,7 +76,7 @@ fn about(chassis: &Chassis, folder: &Path) -> BTreeMap<String, String> {
         about.insert("git_dirty".to_owned(), dirty.to_string());
     }
     if let Ok(file) = chassis.system_file() {
-        about.insert("box".to_owned(), file.name.clone());
+        about.insert("system".to_owned(), file.name.clone());
     }
     about
 }

@@ -4,6 +4,7 @@
 //! the cycle in `observe`, what drives do at rest in `still`.
 
 mod account;
+mod computer;
 mod follow;
 mod judge;
 mod observe;

@@ -17,6 +17,7 @@
 //! longer than the deadline it was given, on the port's clock.
 #![forbid(unsafe_code)]
 
+mod clock;
 mod error;
 mod left_out;
 mod line;
@@ -27,6 +28,7 @@ mod pty;
 mod random;
 mod transport;
 
+pub use clock::{monotonic_ns, sleep_until};
 pub use error::Error;
 pub use left_out::{LeftOut, LineClock, Program};
 pub use line::{Line, LineState, REOPEN_EVERY_NS};
@@ -35,4 +37,4 @@ pub use pipe::{Device, Faults, Pipe, PipeCounts};
 pub use port::{Latency, Port};
 pub use pty::{Jack, Pty};
 pub use random::Random;
-pub use transport::{StatusPin, Transport, monotonic_ns, sleep_until};
+pub use transport::{StatusPin, Transport};

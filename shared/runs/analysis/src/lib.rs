@@ -1,8 +1,8 @@
 //! Analysis of recorded runs: contents, report page, maps, tables, accuracy, motor tables.
 //!
 //! Invariants:
-//! * A run is only read; results go into files of their own.
-//! * A result depends on the files of the run alone, so it is the same years later.
+//! * A run is only read; results are written to separate files.
+//! * Results depend on the files of the run alone, so they are the same years later.
 #![forbid(unsafe_code)]
 
 pub mod accuracy;

@@ -1,25 +1,26 @@
-//! Adds to each reading of a sensor the place where it was taken, and makes a map of the readings; live and from
-//! recorded runs.
+//! Adds the position to the readings of any sensor and maps them, live and from recorded runs.
 //!
-//! A reading arrives late, delayed by the sensor and the serial port. Its place is where the sensor was when the
-//! reading was taken. Every reading therefore waits for an estimate of the node that is newer, and its place is
-//! interpolated between the two around it.
+//! A reading arrives late because of delays in the sensor and the serial port. Its position is that of the sensor at
+//! the time of measurement. Each reading therefore waits for a newer estimate of the node and gets its position by
+//! interpolation between the two surrounding estimates.
 //!
 //! Invariants:
 //! * [`Logger`] and [`SensorMap`] are pure: no clock, no I/O. The sensor logger runs them live, `nims map` on recorded
 //!   runs, with the same result.
-//! * A reading either becomes one sample or is counted with the reason ([`Counts`]).
-//! * Nothing is allocated per reading: rings and grids are allocated when a sensor appears.
+//! * Each reading becomes one sample, or is counted with the reason ([`Counts`]).
+//! * No allocation per reading: buffers and grids are allocated when a sensor appears.
 #![forbid(unsafe_code)]
 
 mod decode;
 mod logger;
 mod map;
+mod plane;
 mod settings;
 mod text;
 
 pub use decode::Decoder;
 pub use logger::{Counts, Logger};
-pub use map::{Plane, SensorMap};
+pub use map::SensorMap;
+pub use plane::Plane;
 pub use settings::{LoggerConfig, SensorConfig};
 pub use text::complaint;

@@ -34,6 +34,7 @@
 //! # Ok::<(), bus::BusError>(())
 //! ```
 
+mod admission;
 pub mod clock;
 mod definition;
 mod domain;

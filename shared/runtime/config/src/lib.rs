@@ -1,7 +1,7 @@
-//! The configuration files: the robot file (geometry and limits) and the system file (processes, drives and
+//! The configuration files: the robot file (geometry, limits, cables, motors) and the system file (processes, drives,
 //! parameters).
 //!
-//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys
+//! The fields document every key with its unit and default; `configs/` holds complete, commented examples. Unknown keys
 //! are errors.
 
 #![forbid(unsafe_code)]
@@ -14,6 +14,7 @@ mod load;
 mod logger;
 mod measured;
 mod mission_file;
+mod number;
 mod point;
 mod problem;
 mod process_for;
@@ -24,7 +25,6 @@ pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use check::Given;
 pub use choice::{Algorithm, ControlLaw, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
@@ -32,6 +32,7 @@ pub use devices::{
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
 pub use mission_file::mission_file;
+pub use number::Given;
 pub use point::{Point, Points};
 pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};

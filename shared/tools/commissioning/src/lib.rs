@@ -1,8 +1,8 @@
-//! Tools for the time before the first flight: checks of configuration and machine, calibration, plans and workspace.
+//! Commands for the time before the first flight: checks of configuration and machine, calibration, offline plans.
 //!
 //! Invariants:
-//! * Nothing here requests a motion, and most of it needs no robot.
-//! * Each finding comes with its cure.
+//! * Nothing here requests motion, and most commands work without a robot.
+//! * Each finding has a remedy.
 #![forbid(unsafe_code)]
 
 pub mod calibrate;
