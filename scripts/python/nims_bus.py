@@ -105,10 +105,10 @@ class Sample(ctypes.Structure, metaclass=_WithHeader):
 def _lines(struct, nested):
     text, end = "", 0
     if not re.fullmatch(r"[A-Z][A-Za-z0-9]*", struct.__name__):
-        raise SensorError(f"call the struct `{struct.__name__}` by a CamelCase name")
+        raise SensorError(f"the name of the struct `{struct.__name__}` is not in CamelCase: rename it")
     for name, kind in struct._fields_:
         if not re.fullmatch(r"[a-z](?:[a-z0-9]|_(?=[a-z0-9]))*", name) or keyword.iskeyword(name) or name in RESERVED:
-            raise SensorError(f"call the field `{name}` of `{struct.__name__}` by another lower_case name: readers refuse this one")
+            raise SensorError(f"the field `{name}` of `{struct.__name__}` has a name that readers reject: use another lower_case name")
         at = getattr(struct, name).offset
         if at != end:
             raise SensorError(
@@ -124,7 +124,7 @@ def _lines(struct, nested):
                 nested[element.__name__] = ""
                 nested[element.__name__] = _lines(element, nested)
         else:
-            raise SensorError(f"the field `{name}` of `{struct.__name__}` is no number, array of numbers or struct of those")
+            raise SensorError(f"the field `{name}` of `{struct.__name__}` is not a number, array of numbers or struct of those")
         text += f"{ros}{length} {name}\n"
     if end != ctypes.sizeof(struct):
         raise SensorError(f"there are {ctypes.sizeof(struct) - end} hidden bytes at the end of `{struct.__name__}`: fill them with a field pad0")
@@ -178,8 +178,8 @@ class Sensor:
         except Exception as error:
             if "IncompatibleTypes" in str(error):
                 raise SensorError(
-                    f"`{self.channel}` carries other fields than `{message.type_name()}` has: a changed type needs a new name, because the old channel"
-                    f" is still held, e.g. by the recorder: call it e.g. `{name}-2`"
+                    f"`{self.channel}` has other fields than `{message.type_name()}`: a changed type needs a new name, because the old channel"
+                    f" is still open, e.g. in the recorder: use e.g. `{name}-2`"
                 ) from None
             raise SensorError(f"`{self.channel}` cannot be published: {error}; other sensors of this name may run") from None
         # Wakes the processes that look for new channels, above all the recorder.
@@ -330,7 +330,7 @@ def _need_room(channel, size):
     free, needed = room.f_bavail * room.f_frsize, size + CHANNEL_BYTES + MARGIN_BYTES
     if room.f_blocks and free < needed:
         raise SensorError(
-            f"`{channel}` needs {needed / 1e6:.1f} MB of shared memory, and {free / 1e6:.1f} MB are left: make the samples smaller, say their"
+            f"`{channel}` needs {needed / 1e6:.1f} MB of shared memory, and {free / 1e6:.1f} MB are free: make the samples smaller, give their"
             " rate_hz, or make /dev/shm larger"
         )
 
@@ -346,7 +346,7 @@ def _fill(array, values, name):
     same = plain and kind in PRIMITIVES and _same_number(view, kind)
     given = view.nbytes // view.itemsize if plain and view.itemsize else len(values)
     if given > len(array):
-        raise SensorError(f"the field `{name}` has room for {len(array)} numbers, and {given} were given")
+        raise SensorError(f"the field `{name}` holds {len(array)} numbers, but {given} were given")
     if same:
         ctypes.memmove(array, (ctypes.c_char * view.nbytes).from_buffer(view) if not view.readonly else bytes(view), view.nbytes)
     else:
@@ -383,7 +383,7 @@ def _need_version():
 
     found = version("iceoryx2")
     if found != ICEORYX2:
-        raise SensorError(f"the package iceoryx2 is {found}, and the robot's programs speak {ICEORYX2}: pip install iceoryx2=={ICEORYX2}")
+        raise SensorError(f"the package iceoryx2 is {found}, but the robot's programs need {ICEORYX2}: pip install iceoryx2=={ICEORYX2}")
 
 
 def _root(domain):
@@ -399,5 +399,5 @@ def _root(domain):
     running = [str(path.parent) for path in Path(SHARED_MEMORY).glob(f"nims-{os.geteuid()}-*/running.json")]
     if len(running) != 1:
         found = ", ".join(path.removeprefix(beginning) for path in running)
-        raise SensorError(f"several robots run ({found}): say which with --domain NAME" if running else "no robot runs here: start one with `nims up SYSTEM.toml`")
+        raise SensorError(f"several robots run ({found}): choose one with --domain NAME" if running else "no robot runs here: start one with `nims up SYSTEM.toml`")
     return running[0]

@@ -76,7 +76,7 @@ class Definition:
                 continue
             field = FIELD.match(line)
             if not field:
-                raise RunError(f"the definition line `{line}` is none that nims writes: read this channel with mcap-ros2-support")
+                raise RunError(f"the definition line `{line}` is not in the form that nims writes: read this channel with mcap-ros2-support")
             kind, count, name = field[1], field[2], field[3]
             dtype, start, at = self._field(kind, count, at)
             if record and waiting:
@@ -150,7 +150,7 @@ class Run:
         if not self.files:
             raise RunError(f"{path} holds no finished .mcap file: if the recorder was cut off, `nims recover {path}` restores it")
         for file in path.glob("*.mcap.part") if path.is_dir() else []:
-            warnings.warn(f"{file} is not finished and left out: if nobody records it now, `nims recover {path}` restores it")
+            warnings.warn(f"{file} is not finished and is skipped: unless it is being recorded, `nims recover {path}` restores it")
         self._maps, self._summaries, self.definitions, self.counts = [], [], {}, {}
         for file in self.files:
             with file.open("rb") as stream:
@@ -194,7 +194,7 @@ class Run:
         for file in range(len(self.files)):
             for raw, begins, _ in self._messages(file, name):
                 return Definition(text, raw[begins[0] : begins[0] + _body_bytes(raw, begins)[0]])
-        raise RunError(f"`{name}` has texts or lists and no samples, which would say how long they are")
+        raise RunError(f"`{name}` has texts or lists but no samples, so their lengths are unknown")
 
     def names(self, name, field):
         """The names of a field's values, e.g. `{0: "MODE_DISARMED", ..}`."""
@@ -239,7 +239,7 @@ class Run:
                 record = np.dtype([("log_time_ns", "<u8"), ("sample", alike.dtype)])
                 size = alike.dtype.itemsize
                 if begins[which].max() + size > len(raw):
-                    raise RunError(f"{self.files[file]}: samples of `{name}` are shorter than their definition says")
+                    raise RunError(f"{self.files[file]}: samples of `{name}` are shorter than their definition")
                 piece = np.empty(len(which), record)
                 piece["log_time_ns"] = entries["log_time"][which]
                 bodies = raw[begins[which][:, None] + np.arange(size)]
