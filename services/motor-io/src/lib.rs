@@ -27,6 +27,7 @@ pub mod energy;
 pub mod inbox;
 pub mod kernel;
 pub mod limits;
+pub mod mode;
 pub mod motion;
 pub mod node;
 pub mod odometry;
