@@ -10,7 +10,7 @@ use serde_json::json;
 /// Processes that come and go while the robot runs.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Start a process: a role such as controller, or a [[process]] of the system file.
+    /// Start a process: a role such as controller, or a `[[process]]` of the system file.
     Start(StartArgs),
     /// End a process in good order.
     StopProcess {
@@ -59,12 +59,12 @@ impl Command {
 /// `nims start`.
 #[derive(Debug, clap::Args)]
 pub struct StartArgs {
-    /// A role, the name of a process in the process table, or a [[process]] of the system file.
+    /// A role, the name of a process in the process table, or a `[[process]]` of the system file.
     pub process: String,
     /// For a controller or an estimator: which slot; default: the first free one.
     #[arg(long, value_enum)]
     pub slot: Option<config::Slot>,
-    /// For a controller or an estimator: which law, or which [[process]]; default: as configured.
+    /// For a controller or an estimator: which law, or which `[[process]]`; default: as configured.
     #[arg(long)]
     pub law: Option<String>,
 }

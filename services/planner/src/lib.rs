@@ -1,7 +1,7 @@
 //! Missions and requests to checked motion segments.
 //!
 //! [`mission`] reads what the operator wants, [`plan`] makes segments of it and checks each against the robot's limits,
-//! [`Planner`] keeps track of the one mission that is flown, [`progress`] keeps on disk how far it came, [`dry_run`] says what would
+//! [`Planner`] keeps track of the one mission that is flown, [`progress`] keeps on disk how far it came, [`dry_run()`] says what would
 //! happen. [`scan`] makes way points of patterns over an area.
 //!
 //! Invariants:

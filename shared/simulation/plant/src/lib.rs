@@ -12,7 +12,7 @@
 //! | [`drive`] | command delay and lag, speed loop at 300 Hz on encoder counts, saturation |
 //! | [`motor`] | brushed motor and gear seen from the line: quasi-static current, friction, inertia, self-locking |
 //! | [`drum`] | radius that grows with every layer of line |
-//! | [`line`] | elastic line that cannot push; the idler and its encoder |
+//! | [`mod@line`] | elastic line that cannot push; the idler and its encoder |
 //! | [`node`] | point mass with weight or buoyancy, drag and soft ground; in space or in a plane |
 //! | [`ground`] | what a sensor on the node sees: things on the ground, quantities that differ from place to place |
 //! | [`statics`] | the tensions that hold the node at rest at the start |

@@ -3,7 +3,7 @@
 //!
 //! * Least norm (27): projection of the origin on the solutions within the limits, through its dual, which has one unknown
 //!   per direction, T = clamp(Λᵀy, min, max). The dual is concave and piecewise quadratic.
-//! * Least sum: the best vertex of the solutions, all of which are tried, as the paper's reference [37] does for one
+//! * Least sum: the best vertex of the solutions, all of which are tried, as the paper's reference \[37\] does for one
 //!   redundant cable; where several are best, the least norm among everything with that sum.
 //! * Safest: the greatest distance to the nearest limit; where that has no bound, the least norm.
 //!
