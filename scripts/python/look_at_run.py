@@ -2,7 +2,8 @@
 #
 #     python scripts/python/look_at_run.py runs/2026-05-04T09-30-00Z-demo3 [--out DIR]
 #
-# The cells are marked with `# %%`, so that editors can run them one by one. Needs numpy, mcap, zstandard, pandas and matplotlib.
+# The cells are marked with `# %%`, so that editors can run them one by one. Needs numpy, mcap, zstandard, pandas and
+# matplotlib.
 
 # %% What is in it
 import argparse
@@ -15,7 +16,7 @@ import pandas as pd
 from nims_run import Run
 
 matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402  (the drawing has to know first that there may be no screen)
+from matplotlib import pyplot as plt
 
 arguments = argparse.ArgumentParser(description="From a run of nims to figures and pictures.")
 arguments.add_argument("run", type=Path, help="run folder, or .mcap file")
@@ -68,7 +69,7 @@ for cable in range(1, cables + 1):
     rows[1].plot(state["t_s"], state[f"velocity_m_s_{cable}"])
     rows[2].plot(known["t_s"], known[f"tension_n_{cable}"])
 rows[3].plot(moving["t_s"], error_mm)
-for axes, label in zip(rows, ("length [m]", "velocity [m/s]", "tension [N]", "off the setpoint [mm]")):
+for axes, label in zip(rows, ("length [m]", "velocity [m/s]", "tension [N]", "off the setpoint [mm]"), strict=True):
     axes.set_ylabel(label)
 rows[0].legend(loc="upper right")
 rows[3].set_xlabel("time [s]")

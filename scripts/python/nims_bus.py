@@ -32,13 +32,14 @@ import iceoryx2
 
 ICEORYX2 = "0.10.0"
 SHARED_MEMORY = "/dev/shm"
-# Bytes of one attribute, and how many a channel or an event has. The definition of a message begins beside its hash at the channel, and goes
-# on at events that exist for nothing else.
+# Bytes of one attribute, and how many a channel or an event has. The definition of a message begins beside its hash at
+# the channel, and goes on at events that exist for nothing else.
 ATTRIBUTE_BYTES, ATTRIBUTES = 256, 8
 # As for every channel of a sensor (shared/runtime/messages/src/channels.rs).
 BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, SHEET_NODES = 256, 128, 2, 12, 48, 1, 64, 64
-# Large samples are kept by bytes: BUFFER of them, or as many as this holds, but LEAST. Other than in Rust, a publisher here has a place for
-# each sample of each subscriber, so a channel that is made here has fewer of these, and still fewer from LARGE_BYTES on.
+# Large samples are kept by bytes: BUFFER of them, or as many as this holds, but LEAST. Other than in Rust, a publisher
+# here has a place for each sample of each subscriber, so a channel that is made here has fewer of these, and still
+# fewer from LARGE_BYTES on.
 KEPT_BYTES, LEAST, LARGE_BYTES, LARGE_SUBSCRIBERS = 16 << 20, 4, 128 << 10, 5
 # A subscriber that does not keep up is this far behind at most, s.
 LAG_S = 2.5

@@ -2,8 +2,8 @@
 //!
 //! Invariants:
 //! * A tool is offered every channel, known or not, under the definition that the recorder would write for it.
-//! * A channel is listened to only while some tool wants it, and at most so many of its samples per second are passed on ([`Budget`]). What a
-//!   slow tool does not take is dropped; a publisher never waits.
+//! * A channel is listened to only while some tool wants it, and at most so many of its samples per second are passed
+//!   on ([`Budget`]). What a slow tool does not take is dropped; a publisher never waits.
 //! * It listens on this machine alone unless it is told otherwise, and nothing that a tool sends moves the robot.
 
 #![forbid(unsafe_code)]

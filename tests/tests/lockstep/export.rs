@@ -1,4 +1,5 @@
-//! ExportedTable tables hold what the run files hold, says software of others: CSV, NumPy, Parquet; of a run of several files, with types that nobody knows.
+//! ExportedTable tables hold what the run files hold, says software of others: CSV, NumPy, Parquet; of a run of several
+//! files, with types that nobody knows.
 
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use nims_tests::python;

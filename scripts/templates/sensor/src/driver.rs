@@ -7,7 +7,8 @@ pub struct Device {
 }
 
 impl Device {
-    /// Opens the device. What fails ends the program, and `nims plug` says the sentence: name the device and what to do.
+    /// Opens the device. What fails ends the program, and `nims plug` says the sentence: name the device and what to
+    /// do.
     pub fn open() -> anyhow::Result<Self> {
         Ok(Self::default())
     }
