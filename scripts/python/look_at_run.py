@@ -15,7 +15,7 @@ import pandas as pd
 from nims_run import Run
 
 matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402  (after matplotlib.use: there may be no screen)
+from matplotlib import pyplot as plt
 
 arguments = argparse.ArgumentParser(description="From a run of nims to figures and pictures.")
 arguments.add_argument("run", type=Path, help="run folder, or .mcap file")
@@ -68,7 +68,7 @@ for cable in range(1, cables + 1):
     rows[1].plot(state["t_s"], state[f"velocity_m_s_{cable}"])
     rows[2].plot(known["t_s"], known[f"tension_n_{cable}"])
 rows[3].plot(moving["t_s"], error_mm)
-for axes, label in zip(rows, ("length [m]", "velocity [m/s]", "tension [N]", "off the setpoint [mm]")):
+for axes, label in zip(rows, ("length [m]", "velocity [m/s]", "tension [N]", "off the setpoint [mm]"), strict=True):
     axes.set_ylabel(label)
 rows[0].legend(loc="upper right")
 rows[3].set_xlabel("time [s]")

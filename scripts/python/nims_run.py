@@ -11,6 +11,7 @@ samples of a channel, and they are copied at once. Messages of the visualization
 bytes, their lists arrays. Needs `numpy`, `mcap` and `zstandard`.
 """
 
+import itertools
 import mmap
 import re
 import struct
@@ -116,7 +117,7 @@ class Definition:
         first, begin = elements[0]
         if kind in PRIMITIVES:
             return np.dtype((first, (many,))), begin, begin + many * first.itemsize
-        strides = {later[1] - earlier[1] for earlier, later in zip(elements, elements[1:])}
+        strides = {later[1] - earlier[1] for earlier, later in itertools.pairwise(elements)}
         if all(dtype == first for dtype, _ in elements) and strides <= {first.itemsize}:
             return np.dtype((first, (many,))), begin, end
         # of different shapes: each is named by its number
@@ -150,7 +151,7 @@ class Run:
         if not self.files:
             raise RunError(f"{path} holds no finished .mcap file: if the recorder was cut off, `nims recover {path}` restores it")
         for file in path.glob("*.mcap.part") if path.is_dir() else []:
-            warnings.warn(f"{file} is not finished and is skipped: unless it is being recorded, `nims recover {path}` restores it")
+            warnings.warn(f"{file} is not finished and is skipped: unless it is being recorded, `nims recover {path}` restores it", stacklevel=2)
         self._maps, self._summaries, self.definitions, self.counts = [], [], {}, {}
         for file in self.files:
             with file.open("rb") as stream:

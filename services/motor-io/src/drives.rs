@@ -41,7 +41,7 @@ impl Drives {
     /// Begins to look for the ports; returns at once. `{domain}` in a path stands for `domain_root`.
     ///
     /// # Errors
-    /// Those of the configuration; a port that is not there is not one, see [`Drives::missing`].
+    /// Those of the configuration; a port that is not there is not one.
     pub fn open(system_file: &SystemFile, config: &CoreConfig, domain_root: &Path) -> Result<Self, Error> {
         let mut place = [(0, 0); CABLES];
         for (unit, section) in system_file.motor_io.ports.iter().flat_map(|port| &port.units).enumerate() {

@@ -6,7 +6,7 @@
 //! * [`codec`]: commands, questions and answers as bytes, [`Status`] in words. No state.
 //! * [`Bus`]: the units of one line, in step with them or on the way back to it, see [`driver`] for the rules and why.
 //! * [`Fleet`]: several lines, each with a thread, all starting a control cycle together.
-//! * [`unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
+//! * [`mod@unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
 //!
 //! Architecture invariants: one thread owns a port. Nothing here moves a motor by itself, and a unit that was lost or
 //! restarted moves only after a command to stand still. A sample carries the time at which it was requested. A control

@@ -32,10 +32,10 @@ pub trait Transport: Send {
     /// The name the operator knows it by.
     fn name(&self) -> &Arc<str>;
 
-    /// This transport's clock, ns. For devices of this machine it is [`monotonic_ns`], less what a simulated one left out.
+    /// This transport's clock, ns. For devices of this machine it is [`monotonic_ns`](crate::monotonic_ns), less what a simulated one left out.
     fn now_ns(&self) -> u64;
 
-    /// The present instant as others stamp it, ns: for devices of this machine [`monotonic_ns`].
+    /// The present instant as others stamp it, ns: for devices of this machine [`monotonic_ns`](crate::monotonic_ns).
     fn stamp_ns(&self) -> u64 {
         self.now_ns()
     }

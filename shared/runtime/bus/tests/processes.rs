@@ -164,7 +164,7 @@ fn a_sweep_removes_the_dead_and_wipes_what_nobody_lives_in() {
 #[test]
 fn it_works_for_a_user_without_privileges() {
     if !rustix::process::geteuid().is_root() {
-        return; // then every other test shows it
+        return; // without root every other test shows it
     }
     // the folder of this test's program may be closed to others: take the program elsewhere
     let place = tempfile::Builder::new().prefix("nims-peer-").tempdir_in("/tmp").unwrap();
