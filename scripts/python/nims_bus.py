@@ -34,8 +34,8 @@ import iceoryx2
 
 ICEORYX2 = "0.10.0"
 SHARED_MEMORY = "/dev/shm"
-# Bytes of an attribute, and attributes of a channel or an event. The definition of a message begins in the attributes of
-# the channel, after its hash, and continues in those of events that exist only for it.
+# Bytes of an attribute, and attributes of a channel or an event. The definition of a message begins in the attributes
+# of the channel, after its hash, and continues in those of events that exist only for it.
 ATTRIBUTE_BYTES, ATTRIBUTES = 256, 8
 # The same as for every channel of a sensor (shared/runtime/messages/src/channels.rs).
 BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, SHEET_NODES = 256, 128, 2, 12, 48, 1, 64, 64
