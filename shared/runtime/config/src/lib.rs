@@ -9,6 +9,7 @@
 mod check;
 mod choice;
 mod devices;
+mod drive_family;
 pub mod file;
 mod load;
 mod logger;
@@ -25,10 +26,11 @@ pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use choice::{Algorithm, ControlLaw, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
+pub use choice::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };
+pub use drive_family::DriveFamily;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
 pub use mission_file::mission_file;
