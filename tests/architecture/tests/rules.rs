@@ -135,8 +135,8 @@ fn foreign_interfaces_are_named_in_one_place() {
     }
 }
 
-/// A drive family is a crate of `shared/hardware` on top of `drives`. Only one file of motor-io, the virtual motor box and the names
-/// of configuration keys know which there are.
+/// A drive family is a crate of `shared/hardware` on top of `drives`. Only one file of motor-io, the virtual motor box
+/// and the names of configuration keys name a family.
 #[test]
 fn drive_families_are_named_in_one_place() {
     let packages = packages();
