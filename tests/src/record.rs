@@ -100,8 +100,8 @@ impl Tape {
     }
 }
 
-/// A flight with all that happens in one: zeroing, arming, moving, a swap of the controllers, a pause, the death of the estimator in
-/// charge, a stop.
+/// A flight with all that happens in one: zeroing, arming, moving, a swap of the controllers, a pause, the death of the
+/// estimator in charge, a stop.
 ///
 /// # Errors
 /// What is wrong with the files, or with the flight.
@@ -146,8 +146,8 @@ pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<
     tape.finish()
 }
 
-/// A copy of a system file of `configs/systems` (`name`, without its ending) and of its robot file in `folder`, with other words in it, such as
-/// `("controller", "law", "preview")`.
+/// A copy of a system file of `configs/systems` (`name`, without its ending) and of its robot file in `folder`, with
+/// other words in it, such as `("controller", "law", "preview")`.
 ///
 /// # Errors
 /// What is wrong with the files.

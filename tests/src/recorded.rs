@@ -13,7 +13,8 @@ const SLOW_CYCLES: u64 = 10;
 /// Cycles at rest before the mission is flown again.
 const REST_CYCLES: u64 = 50;
 
-/// Flies the mission again and again for so many seconds and writes what there is to be recorded. `truth`: as the virtual box does.
+/// Flies the mission again and again for so many seconds and writes what there is to be recorded. `truth`: as the
+/// virtual box does.
 ///
 /// # Errors
 /// What went wrong.

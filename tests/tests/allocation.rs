@@ -1,4 +1,5 @@
-//! What was recorded of a flight, fed again to fresh deciding parts, allocates nothing. That it gives the same bits is for `replay`.
+//! What was recorded of a flight, fed again to fresh deciding parts, allocates nothing. That it gives the same bits is
+//! for `replay`.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "../../shared/robot/cable-robot/tests/mathematics/counting/mod.rs"]

@@ -11,7 +11,7 @@ use serde_json::json;
 /// Commands that start and end processes while the robot runs.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Start a process: a role such as controller, or a [[process]] of the system file.
+    /// Start a process: a role such as controller, or a `[[process]]` of the system file.
     Start(StartArgs),
     /// Shut a process down.
     StopProcess {
@@ -60,12 +60,12 @@ impl Command {
 /// `nims start`.
 #[derive(Debug, clap::Args)]
 pub struct StartArgs {
-    /// A role, a process of the process table, or a [[process]] of the system file.
+    /// A role, a process of the process table, or a `[[process]]` of the system file.
     pub process: String,
     /// Slot of a controller or estimator; default: the first free one.
     #[arg(long, value_enum)]
     pub slot: Option<config::Slot>,
-    /// Law of a controller, method of an estimator, or the name of a [[process]]; default: as configured.
+    /// Law of a controller, method of an estimator, or the name of a `[[process]]`; default: as configured.
     #[arg(long)]
     pub law: Option<String>,
 }

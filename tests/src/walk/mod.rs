@@ -1,5 +1,5 @@
-//! A walk by chance: operator commands, deaths and lives of processes, and motions, in lockstep, with what has to hold checked after
-//! each cycle; and the way back to a finished motion by doing only what refusals say.
+//! A walk by chance: operator commands, deaths and lives of processes, and motions, in lockstep, with what has to hold
+//! checked after each cycle; and the way back to a finished motion by doing only what refusals say.
 
 mod astray;
 pub mod checks;
@@ -128,7 +128,8 @@ pub struct Walk {
     /// Controllers that have gone wrong, by slot.
     astray: [Option<Astray>; SLOTS],
     log: VecDeque<String>,
-    /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to be given anew.
+    /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to
+    /// be given anew.
     powered_off: bool,
     /// What has been walked so far.
     pub tally: Tally,

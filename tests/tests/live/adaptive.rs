@@ -1,5 +1,5 @@
-//! An adaptive leg as it is flown: sensor, sensor logger and planner are processes of a robot, and what the live map shows decides what
-//! is flown next. Told from the run file and the truth.
+//! An adaptive leg as it is flown: sensor, sensor logger and planner are processes of a robot, and what the live map
+//! shows decides what is flown next. Told from the run file and the truth.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
 use messages::{FieldMap, MotorAuthority, PlanMotion, PlanStatus, Request, TruthNode};
@@ -145,7 +145,8 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
             "{} places of the fine lines, at most {farthest_m:.3} m from an edge; no part of an edge farther than {missed_m:.3} m from them",
             fine.len()
         );
-        // Half a pitch, and what lies between two looks at the truth; between two tracks that disagree an edge may be anywhere.
+        // Half a pitch, and what lies between two looks at the truth; between two tracks that disagree an edge may be
+        // anywhere.
         assert!(missed_m < 0.5 * FINE_M + 0.02, "{missed_m}");
         assert!(farthest_m < 1.25 * COARSE_M, "{farthest_m}");
         // and there was enough elsewhere to be flown in vain

@@ -1,5 +1,5 @@
-//! What is injected against what motor-io names as the cause, and a reader of the run file that this program does not know, which has to
-//! come to the same numbers over two lives of motor-io.
+//! What is injected against what motor-io names as the cause, and a reader of the run file that this program does not
+//! know, which has to come to the same numbers over two lives of motor-io.
 
 use crate::robot::{Robot, root, steadily};
 use analysis::counters::Count;
@@ -127,8 +127,9 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
             robot.until("it holds", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         });
         assert!(late.answer > 0, "{late:?}");
-        // A row of lost periods keeps the cause of its first one. Where the computer happens to be short of time in just that period, the row
-        // says nothing about drives, and the drive is silenced again. An answer that was under way is cut short: that is a resynchronisation.
+        // A row of lost periods keeps the cause of its first one. Where the computer happens to be short of time in
+        // just that period, the row says nothing about drives, and the drive is silenced again. An answer that was
+        // under way is cut short: that is a resynchronisation.
         let silenced = (0..3).any(|_| {
             let silent = row(&mut robot, "a drive that is silent for 0.2 s", |robot| robot.fault("silence 1 for 0.2"));
             assert!(silent.drive + silent.resync + silent.computer >= 10, "{silent:?}");
@@ -157,7 +158,8 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
     });
 }
 
-/// The periods of a robot's run that has ended, which a reader that this program does not know has to count alike; and motor-io's lives.
+/// The periods of a robot's run that has ended, which a reader that this program does not know has to count alike; and
+/// motor-io's lives.
 pub fn counted_alike(robot: &Robot) -> (Periods, u64) {
     let (ours, theirs) = (counted(robot), foreign(robot));
     println!("{}: {}", ours.leading(), ours.by_cause());

@@ -1,4 +1,5 @@
-//! What flew is what is written: the run's own copy of the configuration, what each process says it works with, and `nims set`.
+//! What flew is what is written: the run's own copy of the configuration, what each process says it works with, and
+//! `nims set`.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
 use messages::{MotorAuthority, Request, SystemConfig, text_of};

@@ -1,5 +1,5 @@
-//! Lives of motor-io on a robot as it is run: what a dead estimator, a dead motor-io or a stranger left in a channel moves nothing, and
-//! stops nothing.
+//! Lives of motor-io on a robot as it is run: what a dead estimator, a dead motor-io or a stranger left in a channel
+//! moves nothing, and stops nothing.
 
 use crate::robot::{Robot, samples_of, steadily};
 use messages::{
@@ -115,7 +115,8 @@ fn a_stranger_on_the_free_slot_does_nothing_to_the_robot_in_flight() {
         robot.arrive();
         assert_eq!((robot.named, robot.last.in_charge), (0, begun.in_charge));
         assert_ne!(robot.seats.phase[SLOTS * ESTIMATORS + 1], MotorSlots::PHASE_QUALIFIED);
-        // Whoever comes into that slot afterwards is heard: what was forged does not stand in the way of a later, true sample.
+        // Whoever comes into that slot afterwards is heard: what was forged does not stand in the way of a later, true
+        // sample.
         robot.told(&["swap", "estimator", "kalman"]);
         robot.fly();
         robot.arrive();

@@ -1,4 +1,5 @@
-//! What is not recorded is lost: it is said at once, missions are not begun, and `nims up` ends with 1. A process that hangs is replaced.
+//! What is not recorded is lost: it is said at once, missions are not begun, and `nims up` ends with 1. A process that
+//! hangs is replaced.
 
 use crate::robot::{Robot, THREE_LINES, copy_configs, program, root, steadily};
 use messages::{MotorAuthority, Request};

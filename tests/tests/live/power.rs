@@ -1,4 +1,5 @@
-//! The power goes in the middle of a mission, and the disk fills: what is lost is known and small, and the robot is not deceived.
+//! The power goes in the middle of a mission, and the disk fills: what is lost is known and small, and the robot is not
+//! deceived.
 
 use crate::robot::{GOAL, Robot, START, goto, program, steadily};
 use messages::{MotorAuthority, MotorState, RecorderStatus, Request};

@@ -78,8 +78,8 @@ fn next_start_is_clean(robot: &Robot) {
     assert!(again.join("run.mcap").is_file());
 }
 
-/// What the run file says of the time after the controller or the estimator was killed without a standby: a commanded stop in so many
-/// cycles, a travel of what that takes, no drift, taut lines.
+/// What the run file says of the time after the controller or the estimator was killed without a standby: a commanded
+/// stop in so many cycles, a travel of what that takes, no drift, taut lines.
 fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
     let after = |stamp_ns: u64| stamp_ns > killed_ns;
     let cycles: Vec<MotorAuthority> =

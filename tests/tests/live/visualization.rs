@@ -1,4 +1,5 @@
-//! A run drawn in three dimensions: readers that this project did not write find every line, pose and point where it belongs.
+//! A run drawn in three dimensions: readers that this project did not write find every line, pose and point where it
+//! belongs.
 
 use messages::ros::TfMessage;
 use messages::{LogEvent, Message, NodeEstimate, Reading, Request, put_text};

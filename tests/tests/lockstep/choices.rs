@@ -1,4 +1,5 @@
-//! What can be chosen and swapped: the plain law, the Kalman filter, a law and a method of estimation of one's own; against the plant.
+//! What can be chosen and swapped: the plain law, the Kalman filter, a law and a method of estimation of one's own;
+//! against the plant.
 
 use crate::law;
 use crate::method::MyEstimator;
@@ -52,7 +53,8 @@ fn the_plain_law_flies_with_quick_and_slow_drives() {
     }
 }
 
-/// The same flights with both methods: the filter knows the velocity better, and the position as well, within three per cent.
+/// The same flights with both methods: the filter knows the velocity better, and the position as well, within three per
+/// cent.
 #[test]
 fn the_filter_knows_the_velocity_better_and_the_position_as_well() {
     for (robot, mission, motor_s) in [("lab3", "spiral", SLOW), ("lab4", "polyline", QUICK)] {

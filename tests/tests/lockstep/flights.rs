@@ -184,8 +184,8 @@ fn before_it_is_armed_or_zeroed_no_mission_is_taken() {
     assert!(refusal(&mut lockstep).contains("nims zero"));
 }
 
-/// A line that breaks ends the motion, not the robot: the others hold. Whichever line it is, and whether it is reeled in or paid out,
-/// within a second the robot knows that it is a line that carries nothing.
+/// A line that breaks ends the motion, not the robot: the others hold. Whichever line it is, and whether it is reeled
+/// in or paid out, within a second the robot knows that it is a line that carries nothing.
 #[test]
 fn a_broken_line_is_found_and_stops_the_robot() {
     for (robot, cable, after) in

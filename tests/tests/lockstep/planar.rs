@@ -1,5 +1,5 @@
-//! NIMS-AQ: a planar robot of four lines whose node floats. What holds it is the preload alone, so the two redundant modes of
-//! its lines have to be controlled as well as its position.
+//! NIMS-AQ: a planar robot of four lines whose node floats. What holds it is the preload alone, so the two redundant
+//! modes of its lines have to be controlled as well as its position.
 
 use cable_robot::Vector3;
 use messages::{MotorAuthority, PlanStatus, Request};
@@ -81,7 +81,8 @@ fn a_pause_and_a_stop_keep_the_lines_taut() {
             assert!(last.truth_n.iter().all(|tension| *tension > 5.0), "{:?}", last.truth_n);
             let speed_m_s = (Vector3::from(last.truth_m) - before).norm() / 0.01;
             assert!(speed_m_s < 0.25, "{speed_m_s} m/s");
-            // Between the legs of the mission it comes to rest, so it is not the last speed that tells whether it goes on.
+            // Between the legs of the mission it comes to rest, so it is not the last speed that tells whether it goes
+            // on.
             fastest_m_s = if cycle < 900 { 0.0 } else { speed_m_s.max(fastest_m_s) };
             if cycle == 1099 {
                 assert_eq!(last.authority.mode, mode);

@@ -45,7 +45,7 @@ fn a_folder_that_others_may_enter_is_rejected_and_keeps_its_mode() {
 fn a_folder_on_a_disk_is_rejected() {
     let on_disk = Path::new("/").join(format!("nims-{}", std::process::id()));
     if rustix::fs::statfs("/").unwrap().f_type == 0x0102_1994 {
-        return; // this machine has no disk
+        return notes::left_out("a domain's folder on a disk is refused", "the root of this machine is in memory");
     }
     assert_eq!(refused(&on_disk), Unfit::NotInMemory);
     assert!(!on_disk.exists());

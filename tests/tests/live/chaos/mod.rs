@@ -1,7 +1,8 @@
-//! Faults at random, one after the other, in flight: after each the robot is brought back by what an operator has, and flies on.
+//! Faults at random, one after the other, in flight: after each the robot is brought back by what an operator has, and
+//! flies on.
 //!
-//! `NIMS_CHAOS=200 cargo test --workspace --test live -- chaos:: --nocapture` strikes two hundred times; `NIMS_CHAOS_SEED` draws others, and
-//! `NIMS_CHAOS_TABLE=FILE` keeps the table.
+//! `NIMS_CHAOS=200 cargo test --workspace --test live -- chaos:: --nocapture` strikes two hundred times;
+//! `NIMS_CHAOS_SEED` draws others, and `NIMS_CHAOS_TABLE=FILE` keeps the table.
 
 mod judge;
 mod plan;

@@ -29,9 +29,12 @@ const STARVED: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_COMPUTER;
 
-/// So many periods lost to the computer or to drives that are programs here, so close together.
+/// Cycles with a long wait, and lost periods, among so many in a row that show a starved robot.
 const STARVED_CYCLES: u64 = 3;
 const CLOSE_CYCLES: usize = 10;
+/// A thread that waited longer than this for a processor had no time for its part of the cycle, ns: motor-io's own
+/// share of the period.
+const LONG_WAIT_NS: u64 = 3_000_000;
 
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
@@ -169,7 +172,8 @@ impl Robot {
         run_of(self.folder.path(), self.runs)
     }
 
-    /// What the virtual box said it had left out of its time in the present run, ms: rates and distances of drives go by what is left.
+    /// What the virtual box said it had left out of its time in the present run, ms: rates and distances of drives go
+    /// by what is left.
     pub fn left_out_ms(&self) -> u64 {
         let said = std::fs::read_to_string(self.run().join("log/motor-box.txt")).unwrap_or_default();
         let words = said.lines().filter_map(|line| line.split_once(" ms did not pass in the motor box"));
@@ -339,8 +343,8 @@ impl Robot {
         Request::Run { mission: name.to_owned(), hash, continues: false }
     }
 
-    /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the robot stopped for it, the
-    /// move is begun anew.
+    /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the
+    /// robot stopped for it, the move is begun anew.
     pub fn fly(&mut self) {
         self.fly_at(0.12);
     }
@@ -454,17 +458,34 @@ impl Robot {
         self.supervisor.wait().unwrap();
     }
 
-    /// Whether, as its run files have it, this machine let it wait: nothing was broken, and yet the drives, which are programs here,
-    /// gave no answer in time, or motor-io came late, for several cycles in a row.
-    fn was_starved(&self) -> bool {
-        let starved = |run: usize| {
+    /// The kernel's figures in the run files of a robot in which nothing was broken, where they explain lost periods:
+    /// cycles close together in which the kernel kept threads of the robot waiting for a processor, and in which as
+    /// many periods were lost.
+    fn starvation(&self) -> Option<String> {
+        if self.broken {
+            return None;
+        }
+        (1..=self.runs).find_map(|run| {
+            let folder = run_of(self.folder.path(), run);
+            let inputs: Vec<(u64, MotorInput)> = runlog::read_channel(&folder, "motor/input").unwrap_or_default();
             let samples: Vec<(u64, MotorAuthority)> =
-                runlog::read_channel(&run_of(self.folder.path(), run), "motor/authority").unwrap_or_default();
-            let lost: Vec<u64> =
-                samples.iter().map(|(_, sample)| sample.lost_computer + sample.lost_on_ports()).collect();
-            lost.windows(CLOSE_CYCLES).any(|window| window[CLOSE_CYCLES - 1] >= window[0] + STARVED_CYCLES)
-        };
-        !self.broken && (1..=self.runs).any(starved)
+                runlog::read_channel(&folder, "motor/authority").unwrap_or_default();
+            let waited = inputs.windows(2).map(|pair| waited_ns(&pair[0].1, &pair[1].1));
+            let waits: HashMap<u64, u64> =
+                inputs.iter().skip(1).map(|(_, input)| input.header.cycle).zip(waited).collect();
+            samples.windows(CLOSE_CYCLES).find_map(|window| {
+                let lost = |sample: &MotorAuthority| sample.lost_computer + sample.lost_on_ports();
+                let lost = lost(&window[CLOSE_CYCLES - 1].1).saturating_sub(lost(&window[0].1));
+                let waits = window.iter().filter_map(|(_, sample)| waits.get(&sample.header.cycle));
+                let waited_ns: u64 = waits.filter(|wait| **wait > LONG_WAIT_NS).sum();
+                (lost >= STARVED_CYCLES && waited_ns >= STARVED_CYCLES * LONG_WAIT_NS).then(|| {
+                    let (cycle, waited_ms) = (window[0].1.header.cycle, waited_ns / 1_000_000);
+                    format!(
+                        "its threads waited {waited_ms} ms for a processor within {CLOSE_CYCLES} cycles from {cycle} on"
+                    )
+                })
+            })
+        })
     }
 
     fn kill_others(&self) {
@@ -492,8 +513,8 @@ impl Drop for Robot {
         self.kill_others();
         println!("{} ms did not pass in the virtual motor box", self.left_out_ms());
         if std::thread::panicking() {
-            if self.was_starved() {
-                steady::starved();
+            if let Some(evidence) = self.starvation() {
+                steady::starved(evidence);
             }
             if std::env::var_os("NIMS_KEEP").is_some() {
                 self.folder.disable_cleanup(true);
@@ -501,6 +522,16 @@ impl Drop for Robot {
             }
         }
     }
+}
+
+/// The longest time that one of the robot's threads, or one of the virtual motor box, waited for a processor from one
+/// cycle to the next, ns.
+fn waited_ns(before: &MotorInput, after: &MotorInput) -> u64 {
+    let own = [(before.run_delay_ns, after.run_delay_ns), (before.box_left_out_ns, after.box_left_out_ns)];
+    let chain = before.chain_delay_ns.into_iter().zip(after.chain_delay_ns);
+    // A figure that was 0 before was not known.
+    let grown = own.into_iter().chain(chain).filter(|(before, _)| *before != 0);
+    grown.map(|(before, after)| after.saturating_sub(before)).max().unwrap_or(0)
 }
 
 fn kill(pid: u32, signal: Signal) {
