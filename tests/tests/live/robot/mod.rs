@@ -6,7 +6,7 @@ mod steady;
 pub use steady::steadily;
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain, clock};
-use messages::{GotoPath, MotorAuthority, MotorSlots, Request, TruthNode, text_of};
+use messages::{GotoPath, MotorAuthority, MotorInput, MotorSlots, Request, TruthNode, text_of};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::collections::HashMap;
