@@ -3,13 +3,14 @@
 use crate::core::REQUESTS;
 use crate::setpoint::Setpoints;
 use messages::{
-    CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, SLOTS, UNITS,
+    CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, Request, RequestBody,
+    SLOTS, UNITS,
 };
 
 /// ```
 /// use motor_io::inbox::Inbox;
 /// let mut inbox = Inbox::new(3, 2);
-/// inbox.request(7, messages::OperatorRequest::VERB_ARM, &[0.0; 8]);
+/// inbox.request(7, &messages::Request::Arm.body());
 /// let input = inbox.begin(1, 10_000_000, 10_050_000); // then core.decide(input)
 /// input.unit[0] = messages::MotorInput::UNIT_OK; //        the drives' replies, then core.observe(input)
 /// inbox.finish();
@@ -95,19 +96,18 @@ impl Inbox {
     }
 
     /// Adds a request; false if this cycle has no room for it.
-    pub fn request(&mut self, id: u64, verb: u8, args: &[f64; 8]) -> bool {
-        self.request_made(id, verb, args, 0)
+    pub fn request(&mut self, id: u64, body: &RequestBody) -> bool {
+        self.request_made(id, body, 0)
     }
 
     /// Adds a request that was made at `stamp_ns`; false if this cycle has no room for it.
-    pub fn request_made(&mut self, id: u64, verb: u8, args: &[f64; 8], stamp_ns: u64) -> bool {
+    pub fn request_made(&mut self, id: u64, body: &RequestBody, stamp_ns: u64) -> bool {
         let i = self.requests;
         if i == REQUESTS {
             return false;
         }
         self.input.request_id[i] = id;
-        self.input.request_verb[i] = verb;
-        self.input.request_args[i * 8..][..8].copy_from_slice(args);
+        self.input.request[i] = *body;
         self.input.request_stamp_ns[i] = stamp_ns;
         self.requests += 1;
         true
@@ -116,7 +116,7 @@ impl Inbox {
     /// Adds emergency stops, which arrive before all other requests. One request is enough for the robot.
     pub fn emergency(&mut self, stops: usize, first: &OperatorRequest) {
         self.input.estops = stops as u32;
-        self.request_made(first.id, OperatorRequest::VERB_ESTOP, &first.args, first.header.stamp_ns);
+        self.request_made(first.id, &Request::Estop.body(), first.header.stamp_ns);
     }
 
     /// True if this cycle has room for another request.
@@ -156,8 +156,7 @@ impl Inbox {
         self.requests = 0;
         self.input.estops = 0;
         self.input.request_id = [0; REQUESTS];
-        self.input.request_verb = [0; REQUESTS];
-        self.input.request_args = [0.0; REQUESTS * 8];
+        self.input.request = [RequestBody::default(); REQUESTS];
         self.input.request_stamp_ns = [0; REQUESTS];
         self.input.command_arrived = [0; SLOTS];
         self.input.first_epoch = 0;

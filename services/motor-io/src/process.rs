@@ -11,7 +11,7 @@ use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, estop};
 use config::{RobotFile, SystemFile};
 use messages::{
     Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
-    PlanMotion, SLOT_NAMES,
+    PlanMotion, Request, RequestBody, SLOT_NAMES,
 };
 use robot_state::sentences::{fault_sentences, faults_of, mode_sentence};
 use runtime::{BadInput, Chassis};
@@ -143,7 +143,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
                 break;
             }
             if ending == 1 {
-                inbox.request(0, OperatorRequest::VERB_STOP, &[0.0; 8]);
+                inbox.request(0, &Request::Stop.body());
             }
         }
         // Discards the wake-ups of the previous cycle; later ones are not lost.
@@ -295,7 +295,7 @@ impl Ports {
         let call = if inbox.has_room() { reporter.take(server.try_next()) } else { None };
         if let Some(call) = &call {
             let request = &call.request;
-            inbox.request_made(request.id, request.verb, &request.args, request.header.stamp_ns);
+            inbox.request_made(request.id, &request.body, request.header.stamp_ns);
         }
         call
     }
@@ -324,7 +324,7 @@ impl Ports {
 fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, reporter: &mut Reporter) {
     let Some(call) = call else { return };
     let Some(answer) =
-        core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
+        core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.body.verb)
     else {
         reporter.bus(call.answer(
             OperatorRequest::BAD_INPUT,
@@ -332,10 +332,10 @@ fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, r
         ));
         return;
     };
-    let asks_for_drives = matches!(answer.verb, OperatorRequest::VERB_ARM | OperatorRequest::VERB_RESET);
+    let asks_for_drives = matches!(answer.verb, RequestBody::VERB_ARM | RequestBody::VERB_RESET);
     let sentence = match absent {
         Some(error) if asks_for_drives && !answer.is_accepted() => {
-            let not_done = if answer.verb == OperatorRequest::VERB_ARM { "armed" } else { "reset" };
+            let not_done = if answer.verb == RequestBody::VERB_ARM { "armed" } else { "reset" };
             format!("Not {not_done}: {error}.")
         }
         _ => answer.sentence.to_string(),
@@ -353,7 +353,7 @@ fn answer_stops(
     reporter: &mut Reporter,
 ) {
     let Some(first) = stops.first() else { return };
-    let Some(answer) = core.answers().iter().find(|answer| answer.verb == first.request.verb) else { return };
+    let Some(answer) = core.answers().iter().find(|answer| answer.verb == first.request.body.verb) else { return };
     for stop in stops {
         emergency.answer(stop, answer.accepted, &answer.sentence);
         info!("emergency stop of process {}: {}", stop.request.pid, answer.sentence);

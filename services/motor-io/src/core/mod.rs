@@ -207,14 +207,12 @@ impl Core {
         let motion = &self.motion;
         self.chosen = self.arbiter.choose(input, &context, |segment| motion.has(segment) || (ended && segment == 0));
         for i in 0..REQUESTS {
-            if input.request_verb[i] != 0 {
-                let mut args = [0.0; 8];
-                args.copy_from_slice(&input.request_args[i * 8..][..8]);
+            if input.request[i].verb != 0 {
                 let age_s = match input.request_stamp_ns[i] {
                     0 => 0.0,
                     made_ns => input.begin_ns.saturating_sub(made_ns) as f64 * 1e-9,
                 };
-                let answer = self.request(input, input.request_id[i], input.request_verb[i], &args, age_s);
+                let answer = self.request(input, input.request_id[i], &input.request[i], age_s);
                 self.answers.push(answer);
             }
         }

@@ -106,7 +106,7 @@ pub struct RunReport {
     pub files: Vec<FileReport>,
     /// Channels by name.
     pub channels: Vec<ChannelReport>,
-    /// The gaps that the recorder reported, limited to the first [`GAPS`].
+    /// The gaps that the recorder reported, limited to the first `GAPS`.
     pub gaps: Vec<GapReport>,
     /// Names of the attached files.
     pub attachments: Vec<String>,

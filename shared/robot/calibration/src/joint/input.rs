@@ -52,7 +52,7 @@ pub struct DirectHeight {
     pub by_line: bool,
 }
 
-/// What [`calibrate_joint`] takes.
+/// What [`calibrate_joint`](super::calibrate_joint) takes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointInput<'a> {
     /// x and y of the anchors, m: fixed without ranges, a first guess with them.
