@@ -255,7 +255,7 @@ impl Process {
         drives.exchange(cycle, &command, until_ns, input);
         input.end_ns = now_ns();
         let observation = core.observe(input);
-        ports.publish(observation, inbox.input(), cycle % self.energy_every == 0, reporter);
+        ports.publish(observation, inbox.input(), cycle.is_multiple_of(self.energy_every), reporter);
         self.published_ns = now_ns();
         answer(call, core, drives.absent(), reporter);
         answer_stops(&stops, emergency, server, core, reporter);

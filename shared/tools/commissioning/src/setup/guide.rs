@@ -228,9 +228,9 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
         });
     }
     match question {
-        Question::Pulleys => pulleys(file, line),
+        Question::Pulleys => pulley_count(file, line),
         Question::Distance { from, to, needed } => distance(file, (*from, *to), *needed, line),
-        Question::Side { pulley, .. } => side(file, *pulley, line),
+        Question::Side { pulley, .. } => pulley_side(file, *pulley, line),
         Question::Height { pulley } => {
             if line.is_empty() {
                 file.setup.get_or_insert_default().unmeasured.push(*pulley);
@@ -247,7 +247,7 @@ fn apply_answer(file: &mut MeasurementsFile, question: &Question, line: &str) ->
             file.setup.get_or_insert_default().about_m = Some(numbers::length(line, numbers::HEIGHT)?);
             Ok(String::new())
         }
-        Question::Points => points(file, line),
+        Question::Points => point_count(file, line),
         Question::Lengths { .. } if done => end_early(file),
         Question::Lengths { place } => lengths(file, *place, line),
         Question::Doubt { doubtful, .. } => {
@@ -277,14 +277,14 @@ fn whole(text: &str, least: usize, most: usize) -> Option<usize> {
     text.parse().ok().filter(|number| digits && (least..=most).contains(number))
 }
 
-fn pulleys(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
+fn pulley_count(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
     let most = cable_robot::MAX_CABLES;
     let count = whole(line, 3, most).ok_or_else(|| format!("`{}` is not a number from 3 to {most}", excerpt(line)))?;
     file.setup.get_or_insert_default().pulleys = Some(count);
     Ok(String::new())
 }
 
-fn side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String, String> {
+fn pulley_side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String, String> {
     let side = match line.to_lowercase().as_str() {
         "l" | "left" => 1,
         "r" | "right" => -1,
@@ -296,7 +296,7 @@ fn side(file: &mut MeasurementsFile, pulley: usize, line: &str) -> Result<String
     Ok(String::new())
 }
 
-fn points(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
+fn point_count(file: &mut MeasurementsFile, line: &str) -> Result<String, String> {
     let count = if line.is_empty() { Some(POINTS) } else { whole(line, FEWEST, MOST) };
     let count = count.ok_or_else(|| {
         format!(
