@@ -88,6 +88,27 @@ impl CableData {
             lag: Distances::default(),
         }
     }
+
+    /// Adds what a cycle contains about cable `i`.
+    fn add(&mut self, i: usize, time_s: f64, cycle: &Cycle<'_>) {
+        if let Some(state) = cycle.state {
+            // While the position is unknown, the values count from zero and are not lengths.
+            if state.position_known != MotorState::POSITION_UNKNOWN {
+                self.length.add(time_s, state.length_m[i]);
+            }
+            self.velocity.add(time_s, state.velocity_m_s[i]);
+            self.current.add(time_s, state.current_a[i]);
+            if cycle.moving {
+                self.lag.add((state.command_m_s[i] - state.velocity_m_s[i]).abs());
+            }
+        }
+        if let Some(estimate) = cycle.estimate {
+            self.tension.add(time_s, estimate.tension_n[i]);
+        }
+        if let Some(energy) = cycle.energy {
+            (self.energy_j, self.loss_j) = (energy.energy_j[i], energy.loss_j[i]);
+        }
+    }
 }
 
 /// Last status of a mission.
@@ -227,6 +248,17 @@ struct Collector {
     data: RunData,
 }
 
+/// Extends the last interval (begin and end, s) to this time; another value begins the next one.
+fn extend<T: PartialEq>(intervals: &mut Vec<(f64, f64, T)>, time_s: f64, value: T) {
+    if let Some((_, to_s, last)) = intervals.last_mut() {
+        *to_s = time_s;
+        if *last == value {
+            return;
+        }
+    }
+    intervals.push((time_s, time_s, value));
+}
+
 impl Collector {
     fn new() -> Answer<Self> {
         let times =
@@ -324,23 +356,7 @@ impl Collector {
             }
         }
         for (i, cable) in data.cables.iter_mut().enumerate() {
-            if let Some(state) = cycle.state {
-                // While the position is unknown, the values count from zero and are not lengths.
-                if state.position_known != MotorState::POSITION_UNKNOWN {
-                    cable.length.add(time_s, state.length_m[i]);
-                }
-                cable.velocity.add(time_s, state.velocity_m_s[i]);
-                cable.current.add(time_s, state.current_a[i]);
-                if cycle.moving {
-                    cable.lag.add((state.command_m_s[i] - state.velocity_m_s[i]).abs());
-                }
-            }
-            if let Some(estimate) = cycle.estimate {
-                cable.tension.add(time_s, estimate.tension_n[i]);
-            }
-            if let Some(energy) = cycle.energy {
-                (cable.energy_j, cable.loss_j) = (energy.energy_j[i], energy.loss_j[i]);
-            }
+            cable.add(i, time_s, cycle);
         }
         if let Some(energy) = cycle.energy {
             data.power[0].add(time_s, energy.power_w[..count].iter().sum());
@@ -356,26 +372,8 @@ impl Collector {
             }
         }
         data.rate.add(time_s, authority.plan_rate);
-        let same = |last: Option<&mut (f64, f64, u8)>| {
-            last.is_some_and(|(_, to_s, mode)| {
-                let same = *mode == authority.mode;
-                *to_s = time_s;
-                same
-            })
-        };
-        if !same(data.modes.last_mut()) {
-            data.modes.push((time_s, time_s, authority.mode));
-        }
-        let charge = [authority.active_controller, authority.active_estimator];
-        match data.slots.last_mut() {
-            Some((_, to_s, slots)) if *slots == charge => *to_s = time_s,
-            last => {
-                if let Some((_, to_s, _)) = last {
-                    *to_s = time_s;
-                }
-                data.slots.push((time_s, time_s, charge));
-            }
-        }
+        extend(&mut data.modes, time_s, authority.mode);
+        extend(&mut data.slots, time_s, [authority.active_controller, authority.active_estimator]);
         data.events.cycle(time_s, authority);
         data.legs.cycle(time_s, cycle);
         if let Some(estimate) = cycle.estimate {
