@@ -160,7 +160,7 @@ pub(crate) mod tests {
     }
 
     #[test]
-    fn a_run_without_an_end_says_what_is_known_of_it() {
+    fn a_run_without_an_end_is_described() {
         let manifest = json!({ "name": "demo3", "nims_version": "1" });
         let file = whole_file("run.mcap");
         let said = |file: &FileReport| {
