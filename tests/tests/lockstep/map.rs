@@ -205,9 +205,7 @@ fn the_report_of_the_flight_shows_the_map() {
     let page = out.join("page.html");
     analysis::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
     let text = std::fs::read_to_string(&page).unwrap();
-    assert!(
-        text.contains("Map of range: distance from 0.") && text.contains("Map of soil: moisture_percent from ")
-    );
+    assert!(text.contains("Map of range: distance from 0.") && text.contains("Map of soil: moisture_percent from "));
 }
 
 #[test]

@@ -82,9 +82,7 @@ fn one_run_several_and_a_torn_one() {
     sound(&page);
     assert_eq!(value["runs"][1]["recording"]["healthy"], false);
     assert!(value["runs"][1]["analysis"]["truth"].is_null());
-    assert!(
-        page.contains("three and four") && page.contains("cable 4") && page.contains("The run has no truth")
-    );
+    assert!(page.contains("three and four") && page.contains("cable 4") && page.contains("The run has no truth"));
     assert!(words.contains("four: ") && words.contains("the recording is incomplete"), "{words}");
     // The same axes on both sides.
     let ticks = |caption: &str, which: usize| -> String {

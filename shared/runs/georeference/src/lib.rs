@@ -14,11 +14,13 @@
 mod decode;
 mod logger;
 mod map;
+mod plane;
 mod settings;
 mod text;
 
 pub use decode::Decoder;
 pub use logger::{Counts, Logger};
-pub use map::{Plane, SensorMap};
+pub use map::SensorMap;
+pub use plane::Plane;
 pub use settings::{LoggerConfig, SensorConfig};
 pub use text::complaint;

@@ -1,19 +1,18 @@
 //! The configuration stored in the run file, with the requested changes.
 
-use super::Changes;
+use super::changes::Changes;
 use command::{Answer, Failure};
 use config::{ControlLaw, EstimatorMethod, RobotFile, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
 use motor_io::{Core, CoreConfig};
-use runlog::Attachment;
+use runlog::{Attachment, FORMER_SYSTEM_FILE, SYSTEM_FILE};
 use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 use toml::{Table, Value};
 
-/// File names under which the recorder stores the configuration.
-const BOX: &str = "box.toml";
+/// File name under which the recorder stores the robot file.
 const ROBOT: &str = "robot.toml";
 /// Tables of the robot file; all other keys belong to the system file.
 const ROBOT_TABLES: [&str; 4] = ["robot", "lines", "motor", "site"];
@@ -41,6 +40,7 @@ impl Configuration {
         let folder = tempfile::tempdir().map_err(Failure::not_now)?;
         // The name of an attachment must not lead out of the folder.
         for (attachment, name) in attachments.iter().filter_map(|one| Some((one, Path::new(&one.name).file_name()?))) {
+            let name = if name == FORMER_SYSTEM_FILE { Path::new(SYSTEM_FILE) } else { Path::new(name) };
             fs::write(folder.path().join(name), &attachment.data).map_err(Failure::not_now)?;
         }
         let plain = |problem: &dyn std::fmt::Display| {
@@ -51,7 +51,7 @@ impl Configuration {
                 .map_err(|_| Failure::BadInput(format!("the run file has no {name}, so the run cannot be replayed")))?;
             text.parse().map_err(|error| plain(&format!("{name}: {error}")))
         };
-        let (mut file, mut robot) = (table(BOX)?, table(ROBOT)?);
+        let (mut file, mut robot) = (table(SYSTEM_FILE)?, table(ROBOT)?);
         file.insert("robot".to_owned(), Value::String(ROBOT.to_owned()));
         // Sensor readings are recorded and not recomputed, so the ground is not needed.
         if let Some(Value::Table(section)) = file.get_mut("motor_box") {
@@ -69,11 +69,11 @@ impl Configuration {
             set(&mut file, "controller.law", law)?;
             changed.push("controller.law");
         }
-        for (name, table) in [(BOX, file), (ROBOT, robot)] {
+        for (name, table) in [(SYSTEM_FILE, file), (ROBOT, robot)] {
             let text = toml::to_string(&table).map_err(Failure::not_now)?;
             fs::write(folder.path().join(name), text).map_err(Failure::not_now)?;
         }
-        let file = SystemFile::load(&folder.path().join(BOX)).map_err(|error| plain(&error))?;
+        let file = SystemFile::load(&folder.path().join(SYSTEM_FILE)).map_err(|error| plain(&error))?;
         let robot = file.robot_file().map_err(|error| plain(&error))?;
         let core = CoreConfig::from_files(&file, &robot).map_err(|error| plain(&error))?;
         let this = Self {

@@ -6,6 +6,7 @@
 //! a difference stays where it arises. A process that was started during the run begins with its first sample.
 #![forbid(unsafe_code)]
 
+mod changes;
 mod channel;
 mod command_line;
 mod config;
@@ -13,6 +14,7 @@ mod instead;
 mod parts;
 mod reported;
 
+pub use changes::Changes;
 pub use channel::{Difference, Tally};
 pub use command_line::{Args, replay};
 pub use instead::{Instead, Spread};
@@ -39,23 +41,6 @@ const ESTIMATES_BEHIND_NS: u64 = 700_000_000;
 const BEHIND_NS: u64 = 1_000_000_000;
 /// Interval of run time between two passes of processing, ns.
 const EVERY_NS: u64 = 20_000_000;
-
-/// Requested changes to the recorded configuration.
-#[derive(Debug, Clone, Default, PartialEq)]
-pub struct Changes {
-    /// Law for all controllers.
-    pub law: Option<String>,
-    /// Keys of the system file or the robot file, each with its new value.
-    pub set: Vec<(String, String)>,
-}
-
-impl Changes {
-    /// Returns whether no change is requested.
-    #[must_use]
-    pub fn is_empty(&self) -> bool {
-        *self == Self::default()
-    }
-}
 
 /// Result of a replay.
 #[derive(Debug, Clone, Default, PartialEq)]

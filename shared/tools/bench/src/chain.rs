@@ -2,7 +2,9 @@
 //! tensions, compared with a pseudo-inverse by singular value decomposition.
 
 use super::figures::{Ratio, Spread, record};
-use super::{Settings, Watch, flight};
+use super::flight;
+use super::settings::Settings;
+use super::watch::Watch;
 use bus::clock::now_ns;
 use cable_robot::{Distribution, Robot, StructureMatrix, Vector3, tension};
 use command::{Answer, Failure};

@@ -2,8 +2,10 @@
 //! plain writes of the same bytes.
 
 use super::figures::{Ratio, Spread, record};
+use super::flight;
 use super::place::Scratch;
-use super::{Settings, Watch, flight};
+use super::settings::Settings;
+use super::watch::Watch;
 use bus::clock::{SECOND_NS, now_ns};
 use command::{Answer, Failure};
 use lockstep::Cycle;

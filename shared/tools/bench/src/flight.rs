@@ -1,6 +1,6 @@
 //! A flight with four cables between uneven poles, computed in lockstep, with all decisions of each cycle.
 
-use super::Settings;
+use super::settings::Settings;
 use anyhow::{Context, Result, ensure};
 use cable_robot::{Robot, RobotParts};
 use controller::Law;

@@ -1,6 +1,6 @@
 //! Evaluates the figures for a control rate: one finding with a remedy for each part. Pure.
 
-use super::text::{duration, percent};
+use super::words::{duration, percent};
 use super::{chain, disk, round_trip, tick};
 use commissioning::check::{Finding, error, note, warning};
 

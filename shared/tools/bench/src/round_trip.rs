@@ -5,7 +5,9 @@
 use super::figures::{Ratio, Spread, record};
 use super::peer::{self, FROM_PEER, TO_PEER};
 use super::place::PrivateDomain;
-use super::{Settings, Watch, scheduling};
+use super::scheduling;
+use super::settings::Settings;
+use super::watch::Watch;
 use bus::clock::{Pacer, now_ns};
 use bus::{Bus, Publisher, Subscriber, Waiter};
 use command::{Answer, Failure};

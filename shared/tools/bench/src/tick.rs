@@ -2,7 +2,9 @@
 //! same time.
 
 use super::figures::{Ratio, Spread, record};
-use super::{Settings, Watch, scheduling};
+use super::scheduling;
+use super::settings::Settings;
+use super::watch::Watch;
 use bus::clock::{Pacer, Schedule, Tick, now_ns};
 use command::{Answer, Failure};
 use runtime::Timing;

@@ -262,7 +262,7 @@ pub fn fig16(effort: Effort) -> Result<Section> {
         title: "Figure 16: how least-sum tensions become discontinuous",
         claim: "Where c of (37) changes its sign, the least sum moves from one end of the feasible interval to the other, while \
                 the least norm moves by an infinitesimal amount."
-            .into(),
+                .into(),
         stand_in: stand_in_words(),
         pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![operating, slope] }],
         checks: vec![

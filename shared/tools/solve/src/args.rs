@@ -1,6 +1,6 @@
 //! Typed access to the arguments of a request; errors name the key and the accepted values.
 
-use super::SolveError;
+use super::error::SolveError;
 use cable_robot::energy::CurrentTable;
 use cable_robot::kinematics::LONGEST_M;
 use cable_robot::motor::Motor;

@@ -1,7 +1,7 @@
 //! Calibration of the anchors from measurements.
 
 use super::args::{Args, invalid_value};
-use super::{OperationResult, SolveError};
+use super::error::{OperationResult, SolveError};
 use cable_robot::CableVec;
 use calibration::{self, JointInput, Loss, Range, Side};
 use serde_json::{Value, json};

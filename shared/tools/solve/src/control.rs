@@ -1,7 +1,7 @@
 //! Motor model and control law.
 
 use super::args::{Args, invalid_value};
-use super::{OperationResult, SolveError};
+use super::error::{OperationResult, SolveError};
 use cable_control::law::{InputWeight, LqGain};
 use cable_control::motor_model;
 use cable_robot::{MAX_CABLES, Matrix3, NodeJacobian, Vector3};

@@ -1,9 +1,9 @@
 //! Motor currents, paths and the energy of moves.
 
 use super::args::{Args, Points, invalid_value};
+use super::error::{OperationResult, SolveError};
 use super::geometry::point_json;
 use super::statics::wrench;
-use super::{OperationResult, SolveError};
 use cable_robot::energy::{Bounds, Cost, Current, WinchEnergy, parabola as shape};
 use cable_robot::path::Parabola;
 use cable_robot::{Distribution, Vector3, motor};

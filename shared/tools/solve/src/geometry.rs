@@ -1,7 +1,7 @@
 //! Cable lengths, positions and velocities.
 
 use super::args::{Args, Points, invalid_value};
-use super::{OperationResult, SolveError};
+use super::error::{OperationResult, SolveError};
 use cable_robot::anchors::on_a_line;
 use cable_robot::tension::general::GeneralStructure;
 use cable_robot::{Anchors, KinematicsError, Vector3, kinematics, planar};

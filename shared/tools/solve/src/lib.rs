@@ -10,30 +10,19 @@ mod args;
 mod calibration;
 mod control;
 mod energy;
+mod error;
 mod geometry;
 mod statics;
 
+pub use error::SolveError;
+
 use args::Args;
+use error::OperationResult;
 use serde_json::{Value, json};
 use std::io::{BufRead, BufReader, Read, Write};
 
 /// Maximum length of a request, bytes; a longer line is answered by an error.
 const LONGEST_LINE: usize = 16 << 20;
-
-/// Error of a request.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct SolveError {
-    /// Identifier for programs.
-    pub kind: &'static str,
-    /// One sentence for people.
-    pub message: String,
-}
-
-impl SolveError {
-    fn invalid(message: impl Into<String>) -> Self {
-        Self { kind: "invalid_argument", message: message.into() }
-    }
-}
 
 macro_rules! from_errors {
     ($($error:ty),+) => {
@@ -55,7 +44,6 @@ from_errors!(
     cable_robot::tension::TensionError
 );
 
-type OperationResult = Result<Value, SolveError>;
 type Operation = fn(&Args) -> OperationResult;
 
 /// All operations by name.

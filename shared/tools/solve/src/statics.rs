@@ -1,15 +1,15 @@
 //! Cable tensions and the motion that they cause.
 
-use super::OperationResult;
 use super::args::{Args, Points, invalid_value};
+use super::error::{OperationResult, SolveError};
 use super::geometry::{directions, point_json, structure};
 use cable_robot::tension::general::{self, GeneralStructure};
-use cable_robot::tension::{FourCables, margin};
+use cable_robot::tension::{self, FourCables, margin};
 use cable_robot::{CableVec, Distribution, StructureMatrix, Vector3};
 use serde_json::{Value, json};
 
-/// Returns the wrench m (a + g) of (15), N.
-pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, super::SolveError> {
+/// m (a + g) of (15), N.
+pub fn wrench(args: &Args, planar: bool) -> Result<Vector3<f64>, SolveError> {
     let mass = args.not_negative("node_mass_kg")?;
     let acceleration = match args.get("acceleration_m_s2") {
         Some(_) => args.vector("acceleration_m_s2", planar)?,
@@ -30,7 +30,7 @@ pub fn tensions(args: &Args) -> OperationResult {
     let directions = directions(&anchors, &at)?;
     // Reports a lost rank before the limits are checked.
     structure(&directions, *planar)?.pseudo_inverse()?;
-    let found = general::hold(points, *planar, &at, &wrench, limits, method)?;
+    let found = tension::hold(points, *planar, &at, &wrench, limits, method)?;
     let mut result = summary(&found.tensions_n);
     result["margin_n"] = if bounded { json!(margin(&found.tensions_n, limits)) } else { Value::Null };
     if points.len() == 4 && !planar {

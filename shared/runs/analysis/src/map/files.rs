@@ -2,7 +2,7 @@
 
 use super::draw::{self, Plot};
 use super::globe::{self, Globe};
-use command::Answer;
+use command::{Answer, Failure};
 use georeference::{Plane, SensorMap};
 use messages::Sample;
 use std::fmt::Write as _;
@@ -26,7 +26,7 @@ pub(super) fn write(
     let mut written = Vec::new();
     let mut file = |name: String, text: String| -> Answer {
         let path = folder.join(name);
-        std::fs::write(&path, text).map_err(|error| super::write_failure(&path, &error))?;
+        std::fs::write(&path, text).map_err(|error| cannot(&path, &error))?;
         written.push(path);
         Ok(())
     };
@@ -162,4 +162,8 @@ fn points(map: &SensorMap, samples: &[Sample]) -> String {
         let _ = writeln!(text, "{x:.6} {y:.6} {z:.6} {value}");
     }
     text
+}
+
+pub(super) fn cannot(path: &Path, error: &dyn std::fmt::Display) -> Failure {
+    Failure::NotNow(format!("{} cannot be written: {error}", path.display()))
 }

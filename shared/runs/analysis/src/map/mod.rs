@@ -100,7 +100,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.run));
-    std::fs::create_dir_all(&folder).map_err(|error| write_failure(&folder, &error))?;
+    std::fs::create_dir_all(&folder).map_err(|error| files::cannot(&folder, &error))?;
     let (mut values, mut words) = (Vec::new(), Vec::new());
     for (name, measured) in &measured {
         match sensor_map(&config, args, name, measured) {
@@ -256,8 +256,4 @@ fn describe(name: &str, map: &SensorMap, measured: &SensorSamples, written: &[Pa
 /// Returns `map` in the run folder, or in the folder of a run file.
 fn default_folder(run: &Path) -> PathBuf {
     if run.is_dir() { run.join("map") } else { run.parent().unwrap_or(Path::new("")).join("map") }
-}
-
-fn write_failure(path: &Path, error: &dyn std::fmt::Display) -> Failure {
-    Failure::NotNow(format!("{} cannot be written: {error}", path.display()))
 }

@@ -110,7 +110,7 @@ pub fn page(runs: &[RunAssessment]) -> String {
     });
     if runs.iter().any(|assessment| !assessment.run.sensors.channels().is_empty()) {
         section(&mut out, runs, "Sensors", |assessment| {
-            let mut figures = super::maps::figures(&assessment.run);
+            let mut figures = super::map_charts::figures(&assessment.run);
             figures.extend(charts::sensors(&assessment.run));
             Part { figures, ..Part::default() }
         });

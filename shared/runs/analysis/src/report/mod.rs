@@ -5,6 +5,7 @@ mod events;
 mod gather;
 mod html;
 mod legs;
+mod map_charts;
 mod maps;
 mod robot;
 mod samples;
