@@ -251,19 +251,16 @@ fn prediction_errors(track: &Track, eta: usize) -> [f64; 3] {
     errors.map(|errors| mean(&errors))
 }
 
-/// Table III: benefit of the motor model.
-pub fn table3(effort: Effort) -> Result<Section> {
-    let mut table = Table::new(
-        "Mean error of a cable length predicted one cycle ahead, mm",
-        &["run", "drives", "Phi = [1, 0]", "least squares", "ratio", "with a ridge", "ratio"],
-    );
-    let mut ratios = Vec::new();
-    let mut ridge_ratios = Vec::new();
+/// Name, mission, drives and, unless it is the default, encoder counts per metre of a flight.
+type Table3Flight = (&'static str, &'static str, Drives, Option<f64>);
+
+/// Returns the flights of Table III and the number of those with the default encoder.
+fn table3_flights(effort: Effort) -> (Vec<Table3Flight>, usize) {
     let drives = effort.select(&DRIVES);
-    let mut flown = Vec::new();
+    let mut flights = Vec::new();
     let [(_, lines), (_, spiral)] = missions(effort);
     for (name, mission) in missions(effort) {
-        flown.extend(drives.iter().map(|drives| (name, mission, *drives, None)));
+        flights.extend(drives.iter().map(|drives| (name, mission, *drives, None)));
     }
     // Encoder steps of wheels of other sizes.
     const STEPS: [(&str, f64); 5] = [
@@ -273,10 +270,22 @@ pub fn table3(effort: Effort) -> Result<Section> {
         ("straight lines, steps of 0.5 mm", 2000.0),
         ("straight lines, steps of 1 mm", 1000.0),
     ];
-    let fine = flown.len();
-    flown.extend(STEPS.map(|(name, counts_per_m)| (name, lines, DRIVES[0], Some(counts_per_m))));
-    flown.push(("spiral, steps of 1 mm", spiral, DRIVES[0], Some(1000.0)));
-    for (name, mission, drives, counts_per_m) in flown {
+    let fine = flights.len();
+    flights.extend(STEPS.map(|(name, counts_per_m)| (name, lines, DRIVES[0], Some(counts_per_m))));
+    flights.push(("spiral, steps of 1 mm", spiral, DRIVES[0], Some(1000.0)));
+    (flights, fine)
+}
+
+/// Table III: benefit of the motor model.
+pub fn table3(effort: Effort) -> Result<Section> {
+    let mut table = Table::new(
+        "Mean error of a cable length predicted one cycle ahead, mm",
+        &["run", "drives", "Phi = [1, 0]", "least squares", "ratio", "with a ridge", "ratio"],
+    );
+    let mut ratios = Vec::new();
+    let mut ridge_ratios = Vec::new();
+    let (flights, fine) = table3_flights(effort);
+    for (name, mission, drives, counts_per_m) in flights {
         let horizon = (2.0 * (drives.delay_s + drives.lag_s) / PERIOD_S).round() as u32 + 3;
         let mut flight = flight(mission, horizon, drives);
         flight.counts_per_m = counts_per_m.unwrap_or(flight.counts_per_m);

@@ -81,26 +81,8 @@ fn split_at_jump(mut points: Vec<[f64; 2]>, jump: Option<usize>) -> Vec<[f64; 2]
     points
 }
 
-/// Figure 14: sums and single tensions.
-pub fn fig14(effort: Effort) -> Result<Section> {
-    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
-    let (at, cable, step_n) = TensionProfiles::largest_step(&along.min_sum);
-    let jumps = step_n > 1.0;
-    let jump = jumps.then_some(at);
-    let smooth_n = TensionProfiles::largest_step(&along.least_norm).2;
-    let ratios: Vec<f64> = along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.sum() / lp.sum()).collect();
-    let (ratio, worst) = (mean(&ratios), ratios.iter().fold(0.0, |m: f64, r| m.max(*r)));
-    let margin = |tensions: &[CableVec]| {
-        let low = tensions.iter().flat_map(|t| t.iter()).fold(f64::INFINITY, |m: f64, t| m.min(*t));
-        let high = tensions.iter().flat_map(|t| t.iter()).fold(0.0, |m: f64, t| m.max(*t));
-        [low, high]
-    };
-    let (ln, lp) = (margin(&along.least_norm), margin(&along.min_sum));
-    let at_bound = along.min_sum.iter().filter(|t| t.iter().any(|v| *v < stand_in::LIMITS_N[0] + 1e-6)).count();
-    let at_bound = at_bound as f64 / along.min_sum.len() as f64;
-    let uneven = TensionProfiles::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
-    let (uneven_at, _, uneven_n) = TensionProfiles::largest_step(&uneven.min_sum);
-
+/// Returns charts of the sums and of the single tensions; `jump` is the point before the jump of the least sum, if any.
+fn tension_charts(along: &TensionProfiles, jump: Option<usize>) -> Vec<Chart> {
     let sums = Chart {
         caption: "sum of tensions".into(),
         x: Axis::fixed("fraction of the way", 0.0, 1.0),
@@ -128,6 +110,29 @@ pub fn fig14(effort: Effort) -> Result<Section> {
         legend: Legend::UpperRight,
         ..Chart::default()
     };
+    vec![sums, single]
+}
+
+/// Figure 14: sums and single tensions.
+pub fn fig14(effort: Effort) -> Result<Section> {
+    let along = TensionProfiles::new(&stand_in::SQUARE, effort.trials(2000) + 1)?;
+    let (at, cable, step_n) = TensionProfiles::largest_step(&along.min_sum);
+    let jumps = step_n > 1.0;
+    let jump = jumps.then_some(at);
+    let smooth_n = TensionProfiles::largest_step(&along.least_norm).2;
+    let ratios: Vec<f64> = along.least_norm.iter().zip(&along.min_sum).map(|(ln, lp)| ln.sum() / lp.sum()).collect();
+    let (ratio, worst) = (mean(&ratios), ratios.iter().fold(0.0, |m: f64, r| m.max(*r)));
+    let margin = |tensions: &[CableVec]| {
+        let low = tensions.iter().flat_map(|t| t.iter()).fold(f64::INFINITY, |m: f64, t| m.min(*t));
+        let high = tensions.iter().flat_map(|t| t.iter()).fold(0.0, |m: f64, t| m.max(*t));
+        [low, high]
+    };
+    let (ln, lp) = (margin(&along.least_norm), margin(&along.min_sum));
+    let at_bound = along.min_sum.iter().filter(|t| t.iter().any(|v| *v < stand_in::LIMITS_N[0] + 1e-6)).count();
+    let at_bound = at_bound as f64 / along.min_sum.len() as f64;
+    let uneven = TensionProfiles::new(&stand_in::UNEVEN, effort.trials(2000) + 1)?;
+    let (uneven_at, _, uneven_n) = TensionProfiles::largest_step(&uneven.min_sum);
+
     let mut table = Table::new("Along the parabola", &["", "least norm", "least sum"]);
     table.row(["lowest tension, N".into(), fixed(ln[0], 2), fixed(lp[0], 2)]);
     table.row(["highest tension, N".into(), fixed(ln[1], 2), fixed(lp[1], 2)]);
@@ -141,7 +146,12 @@ pub fn fig14(effort: Effort) -> Result<Section> {
                 .into(),
         stand_in: stand_in_words(),
         tables: vec![table],
-        pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![sums, single] }],
+        pictures: vec![Picture {
+            title: String::new(),
+            size: (1040, 440),
+            columns: 2,
+            charts: tension_charts(&along, jump),
+        }],
         checks: vec![
             Check::claim(
                 ratio < 1.05,
@@ -262,7 +272,7 @@ pub fn fig16(effort: Effort) -> Result<Section> {
         title: "Figure 16: how least-sum tensions become discontinuous",
         claim: "Where c of (37) changes its sign, the least sum moves from one end of the feasible interval to the other, while \
                 the least norm moves by an infinitesimal amount."
-                .into(),
+            .into(),
         stand_in: stand_in_words(),
         pictures: vec![Picture { title: String::new(), size: (1040, 440), columns: 2, charts: vec![operating, slope] }],
         checks: vec![

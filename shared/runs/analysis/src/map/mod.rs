@@ -100,7 +100,7 @@ pub fn run(args: &Args) -> Answer<Output> {
         return Err(Failure::BadInput(format!("the run has no sensor {absent}; available: {there}")));
     }
     let folder = args.out.clone().unwrap_or_else(|| default_folder(&args.run));
-    std::fs::create_dir_all(&folder).map_err(|error| files::cannot(&folder, &error))?;
+    std::fs::create_dir_all(&folder).map_err(|error| files::write_failure(&folder, &error))?;
     let (mut values, mut words) = (Vec::new(), Vec::new());
     for (name, measured) in &measured {
         match sensor_map(&config, args, name, measured) {

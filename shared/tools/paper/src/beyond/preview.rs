@@ -64,6 +64,46 @@ impl Ratios {
     }
 }
 
+/// Errors of both laws on one mission with one kind of drives, mm by measure; NaN where the robot stopped.
+struct Comparison {
+    /// Least error of the paper's law, and its horizon.
+    paper: [(f64, u32); 2],
+    paper_track: Track,
+    identified: [f64; 2],
+    identified_track: Track,
+    /// With a model that is 10 % too long.
+    near: [f64; 2],
+    /// With a model that is twice too long.
+    double: [f64; 2],
+}
+
+fn compare(mission: &str, drives: Drives, horizons: &[u32]) -> Result<Comparison> {
+    let mut paper = [(f64::INFINITY, 0); 2];
+    let mut best: Option<Track> = None;
+    for horizon in horizons {
+        let (errors, track) = fly(mission, drives, None, *horizon)?;
+        for (k, (best_of, error)) in paper.iter_mut().zip(errors).enumerate() {
+            if error < best_of.0 {
+                *best_of = (error, *horizon);
+                if k == 0 {
+                    best = Some(track.clone());
+                }
+            }
+        }
+    }
+    let paper_track = best.context("the paper's law completed no mission")?;
+    let horizon = paper[0].1;
+    let (identified, identified_track) = fly(mission, drives, Some(preview_law(None)?), horizon)?;
+    // The identified model includes the drives' speed loop, so it differs from the nominal delay and lag.
+    let model = identified_track.identified.context("the drives were not identified in flight")?;
+    let told = |share: f64| -> Result<[f64; 2]> {
+        let law = preview_law(Some([share * model.delay_s(), share * model.lag_s()]))?;
+        Ok(fly(mission, drives, Some(law), horizon)?.0)
+    };
+    let (near, double) = (told(1.1)?, told(2.0)?);
+    Ok(Comparison { paper, paper_track, identified, identified_track, near, double })
+}
+
 /// Lag-aware preview control.
 pub fn preview(effort: Effort) -> Result<Section> {
     let horizons = effort.select(&[12, 15, 18, 21, 25, 30, 36, 42, 50]);
@@ -90,33 +130,14 @@ pub fn preview(effort: Effort) -> Result<Section> {
     let mut traces = Vec::new();
     for (name, mission) in missions {
         for drives in drives {
-            let mut paper = [(f64::INFINITY, 0); 2];
-            let mut best: Option<Track> = None;
-            for horizon in &horizons {
-                let (errors, track) = fly(mission, *drives, None, *horizon)?;
-                for (k, (best_of, error)) in paper.iter_mut().zip(errors).enumerate() {
-                    if error < best_of.0 {
-                        *best_of = (error, *horizon);
-                        if k == 0 {
-                            best = Some(track.clone());
-                        }
-                    }
-                }
-            }
-            let paper_track = best.context("the paper's law completed no mission")?;
-            let horizon = paper[0].1;
-            let (identified, track) = fly(mission, *drives, Some(preview_law(None)?), horizon)?;
-            // The identified model includes the drives' speed loop, so it differs from the nominal delay and lag.
-            let model = track.identified.context("the drives were not identified in flight")?;
-            let told = |share: f64| -> Result<[f64; 2]> {
-                let law = preview_law(Some([share * model.delay_s(), share * model.lag_s()]))?;
-                Ok(fly(mission, *drives, Some(law), horizon)?.0)
-            };
-            let (near, double) = (told(1.1)?, told(2.0)?);
+            let Comparison { paper, paper_track, identified, identified_track, near, double } =
+                compare(mission, *drives, &horizons)?;
             if traces.is_empty() {
                 let off = |at: &TrackPoint| 1e3 * at.by_lengths.norm();
-                traces =
-                    vec![paper_track.over_time("lq-endpoint", 1, off), track.over_time("preview, identified", 0, off)];
+                traces = vec![
+                    paper_track.over_time("lq-endpoint", 1, off),
+                    identified_track.over_time("preview, identified", 0, off),
+                ];
             }
             for (k, (measure, _)) in MEASURES.iter().enumerate() {
                 let ratio = |error: f64| if error.is_finite() { paper[k].0 / error } else { 0.0 };
