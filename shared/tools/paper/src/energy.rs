@@ -513,13 +513,6 @@ pub fn table5(effort: Effort) -> Result<Section> {
     }
     let regions = shares_by_height(effort)?;
     let (top, bottom) = (regions[0][1], regions[regions.len() - 1][1]);
-    let chart = Chart {
-        caption: "energy of the optimal parabola over that of the line, ideal motors".into(),
-        x: Axis::auto("height of the move, m (anchors at 3.2 m)"),
-        y: Axis::fixed("E", 0.0, 1.0),
-        series: vec![Series::line("", 0, regions).with_style(SeriesStyle::Marked)],
-        ..Chart::default()
-    };
     Ok(Section {
         key: "table5",
         title: "Table V: energy of parabolic trajectories",
@@ -528,7 +521,7 @@ pub fn table5(effort: Effort) -> Result<Section> {
             .into(),
         stand_in: three_words(),
         tables: vec![table],
-        pictures: vec![Picture { title: String::new(), size: (760, 400), columns: 1, charts: vec![chart] }],
+        pictures: vec![Picture { title: String::new(), size: (760, 400), columns: 1, charts: vec![share_chart(regions)] }],
         checks: vec![
             Check::claim(
                 ordered,
@@ -542,6 +535,16 @@ pub fn table5(effort: Effort) -> Result<Section> {
         ],
         ..Section::default()
     })
+}
+
+fn share_chart(regions: Vec<[f64; 2]>) -> Chart {
+    Chart {
+        caption: "energy of the optimal parabola over that of the line, ideal motors".into(),
+        x: Axis::auto("height of the move, m (anchors at 3.2 m)"),
+        y: Axis::fixed("E", 0.0, 1.0),
+        series: vec![Series::line("", 0, regions).with_style(SeriesStyle::Marked)],
+        ..Chart::default()
+    }
 }
 
 /// Table VIII: least norm and parabolas with four cables.

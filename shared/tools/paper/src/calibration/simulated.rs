@@ -176,26 +176,7 @@ pub fn fig4(effort: Effort) -> Result<Section> {
     let (crossover_table, crossovers) = crossovers(&counts, &sigmas, &ours, &at_08, &at_05);
     let within = crossovers.iter().all(|(main, _)| main.is_some_and(|count| (5..=10).contains(&count)));
     let by_height = crossovers.iter().all(|(_, heights)| heights.is_some_and(|count| (5..=10).contains(&count)));
-    let shown = effort.select(&[5, 6, 10, 20]);
-    let mut series: Vec<Series> = shown
-        .iter()
-        .filter_map(|count| counts.iter().position(|c| c == count))
-        .enumerate()
-        .map(|(colour, i)| {
-            let points = (0..sigmas.len()).map(|k| [sigmas[k], ours[i][k].mean_3d]).collect();
-            Series::line(&format!("M = {}", counts[i]), colour, points).with_style(SeriesStyle::Marked)
-        })
-        .collect();
-    let known = (0..sigmas.len()).map(|k| [sigmas[k], at_08[k][1]]).collect();
-    series.push(Series::line("three known points", GREY, known).with_style(SeriesStyle::Dashed));
-    let chart = Chart {
-        caption: "mean error of anchor positions".into(),
-        x: Axis::auto("σ_L, m"),
-        y: Axis::auto("m"),
-        series,
-        legend: plot::Legend::UpperLeft,
-        ..Chart::default()
-    };
+    let chart = accuracy_chart(&effort.select(&[5, 6, 10, 20]), &counts, &sigmas, &ours, &at_08);
     let list: Vec<String> = crossovers.iter().map(|(main, _)| count_or_none(*main)).collect();
     Ok(Section {
         key: "fig4",
@@ -225,6 +206,35 @@ pub fn fig4(effort: Effort) -> Result<Section> {
         remarks: vec!["The positions of the known points matter as much: the closer together they are, the worse is the baseline.".into()],
         ..Section::default()
     })
+}
+
+/// Plots the position errors of the method with some numbers of points, and of the baseline.
+fn accuracy_chart(
+    shown: &[usize],
+    counts: &[usize],
+    sigmas: &[f64],
+    ours: &[Vec<TrialStatistics>],
+    at_08: &[[f64; 2]],
+) -> Chart {
+    let mut series: Vec<Series> = shown
+        .iter()
+        .filter_map(|count| counts.iter().position(|c| c == count))
+        .enumerate()
+        .map(|(colour, i)| {
+            let points = (0..sigmas.len()).map(|k| [sigmas[k], ours[i][k].mean_3d]).collect();
+            Series::line(&format!("M = {}", counts[i]), colour, points).with_style(SeriesStyle::Marked)
+        })
+        .collect();
+    let known = (0..sigmas.len()).map(|k| [sigmas[k], at_08[k][1]]).collect();
+    series.push(Series::line("three known points", GREY, known).with_style(SeriesStyle::Dashed));
+    Chart {
+        caption: "mean error of anchor positions".into(),
+        x: Axis::auto("σ_L, m"),
+        y: Axis::auto("m"),
+        series,
+        legend: plot::Legend::UpperLeft,
+        ..Chart::default()
+    }
 }
 
 /// Returns the least number of points with which the method is better than the baseline.
