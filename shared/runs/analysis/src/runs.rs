@@ -33,7 +33,7 @@ fn manifest_of(run: &Path) -> Option<Value> {
 
 /// Returns the reason for the end of a run from its manifest.
 #[must_use]
-pub fn ended_because(run: &Path) -> Option<String> {
+pub fn end_reason(run: &Path) -> Option<String> {
     manifest_of(run)?["ended_because"].as_str().map(str::to_owned)
 }
 

@@ -181,7 +181,7 @@ pub struct RunData {
     /// Unrecorded time before the first and after the last sample according to the supervisor, s.
     pub unrecorded_ends_s: [f64; 2],
     /// Reason for the end of the run from its manifest.
-    pub ended_because: Option<String>,
+    pub end_reason: Option<String>,
     /// Number of times that each mission was completed.
     pub missions: BTreeMap<String, u32>,
 }
@@ -303,7 +303,7 @@ impl Collector {
             least_free_bytes: None,
             mission: None,
             unrecorded_ends_s: [0.0; 2],
-            ended_because: None,
+            end_reason: None,
             missions: BTreeMap::new(),
         };
         Ok(Self {
@@ -487,7 +487,7 @@ impl Collector {
         data.periods = self.count.periods();
         data.analysis = self.tally.result(Vec::new(), data.periods);
         data.unrecorded_ends_s = crate::runs::unrecorded_ends_s(run, &recording);
-        data.ended_because = crate::runs::ended_because(run);
+        data.end_reason = crate::runs::end_reason(run);
         data.recording = recording;
         data.robot = robot;
         data.events.close();

@@ -220,7 +220,7 @@ fn unfinished_mission(run: &RunData, mission: &Mission) -> (String, Grade) {
         _ => format!("was unfinished at {done:.0} %"),
     };
     let when = if run.recording.recording { "at the last write of its recorder" } else { "when the recording ended" };
-    let because = in_brackets(cause.or_else(|| run.ended_because.clone()));
+    let because = in_brackets(cause.or_else(|| run.end_reason.clone()));
     (format!("The mission \"{name}\" {state} {when}{because}"), grade)
 }
 
@@ -427,7 +427,7 @@ mod tests {
         grade_of(&blind, &["was paused at 43 % when the recording ended (estimator-a died)"]);
         // Nothing failed: the run was ended.
         let mut ended = run(P::STATE_PAUSED, M::MODE_HOLDING);
-        ended.ended_because = Some("Ctrl-C".to_owned());
+        ended.end_reason = Some("Ctrl-C".to_owned());
         grade_of(&ended, &["when the recording ended (Ctrl-C)"]);
     }
 
