@@ -13,7 +13,7 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
 use arrayvec::ArrayVec;
-use messages::{OperatorRequest, put_sentence};
+use messages::{OperatorRequest, Request, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
 use crate::domain::ESTOP_SOCKET;
@@ -42,7 +42,7 @@ pub struct Receiver {
 /// An emergency stop that has arrived.
 #[derive(Debug)]
 pub struct Stop {
-    /// As the sender filled it in, with [`OperatorRequest::VERB_ESTOP`] in any case.
+    /// As the sender filled it in, with [`Request::Estop`] in any case.
     pub request: OperatorRequest,
     number: [u8; 8],
     from: Option<SocketAddr>,
@@ -86,7 +86,7 @@ impl Receiver {
                 Some(body) if body.len() == size_of::<OperatorRequest>() => bytemuck::pod_read_unaligned(body),
                 _ => OperatorRequest::default(),
             };
-            request.verb = OperatorRequest::VERB_ESTOP;
+            request.body = Request::Estop.body();
             if request.id == 0 {
                 request.id = u64::from_ne_bytes(number).max(1);
             }

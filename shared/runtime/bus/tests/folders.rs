@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use bus::{Bus, BusError, Domain, Unfit};
-use messages::OperatorRequest;
+use messages::{OperatorRequest, Request};
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::Path;
@@ -100,7 +100,7 @@ fn a_stop_asked_of_a_process_that_stands_still_is_found_when_it_goes_on() {
     let bus = Bus::join(&domain, "motor-io").unwrap();
     let mut server = bus.server("motor-io").unwrap();
     let commands = Bus::join(&domain, "nims-command").unwrap();
-    let request = OperatorRequest { verb: OperatorRequest::VERB_ESTOP, ..Default::default() };
+    let request = Request::Estop.encode().unwrap();
     // one client that gave up while the process stood still, and ended with its program
     let mut client = commands.client("motor-io").unwrap();
     let mut said = 0;
@@ -110,7 +110,7 @@ fn a_stop_asked_of_a_process_that_stands_still_is_found_when_it_goes_on() {
     assert_eq!(said, 1, "said once, before it gave up");
     client.leave_behind();
     let call = server.try_next().unwrap().expect("the request is still there");
-    assert_eq!(call.request.verb, OperatorRequest::VERB_ESTOP);
+    assert_eq!(call.request.body, Request::Estop.body());
     assert!(call.request.header.stamp_ns >= before, "it says when it was asked");
     assert!(call.unlogged.is_none());
     call.answer(messages::OperatorRequest::ACCEPTED, "stopped").unwrap();

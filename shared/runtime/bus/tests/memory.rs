@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bus::{Bus, BusError, Client, Domain, Party, Subscriber, THIS_PROCESS, Tap};
-use messages::{LogEvent, MotorState, OperatorRequest, Quality, quality_of};
+use messages::{LogEvent, MotorState, Quality, Request, quality_of};
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
 const STATE: &str = "motor/state";
@@ -187,7 +187,7 @@ fn what_has_no_room_is_refused_before_it_is_made_and_what_lives_goes_on() {
         publisher.send(&mut MotorState::default()).unwrap();
     }
     assert_eq!(std::iter::from_fn(|| subscriber.receive().unwrap()).count(), quality_of(STATE).buffer);
-    let request = OperatorRequest { verb: OperatorRequest::VERB_ESTOP, ..OperatorRequest::default() };
+    let request = Request::Estop.encode().unwrap();
     let mut emergency = bus::estop::Receiver::open(&domain).unwrap();
     let answer = std::thread::scope(|scope| {
         let asked = scope.spawn(|| bus::estop::send(&domain, &request, Duration::from_secs(20), Duration::ZERO, || ()));
