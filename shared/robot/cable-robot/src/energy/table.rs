@@ -194,7 +194,7 @@ fn bilinear(
 }
 
 /// Returns the interval of an axis that contains a value, and the fraction within it; tolerates rounding at the ends.
-fn locate(axis: &[f64], value: f64, what: &'static str, unit: &'static str) -> Result<(usize, f64), TableError> {
+pub fn locate(axis: &[f64], value: f64, what: &'static str, unit: &'static str) -> Result<(usize, f64), TableError> {
     let (low, high) = (axis[0], axis[axis.len() - 1]);
     let rounding = 1e-12 * (high - low);
     // Also true for NaN.
