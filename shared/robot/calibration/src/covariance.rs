@@ -61,7 +61,7 @@ impl AnchorCovariance {
     }
 
     /// The 3 x 3 block of one anchor, counted from 0, m².
-    pub fn of(&self, anchor: usize) -> Matrix3<f64> {
+    pub fn block(&self, anchor: usize) -> Matrix3<f64> {
         self.matrix.fixed_view::<3, 3>(3 * anchor, 3 * anchor).into_owned()
     }
 
@@ -88,7 +88,7 @@ impl AnchorCovariance {
     /// True if an anchor with an error of `error_m` is inside its 95 % region: an ellipsoid, an ellipse or an interval,
     /// depending on the number of directions that the gauge leaves free.
     pub fn contains_95(&self, anchor: usize, error_m: &Vector3<f64>) -> bool {
-        let eigen = self.of(anchor).symmetric_eigen();
+        let eigen = self.block(anchor).symmetric_eigen();
         let largest = eigen.eigenvalues.max();
         let (mut distance, mut free) = (0.0, 0);
         for (k, variance) in eigen.eigenvalues.iter().enumerate() {
