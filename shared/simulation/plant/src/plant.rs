@@ -123,19 +123,7 @@ impl Plant {
                 leg / leg.norm().max(SHORTEST_M)
             })
             .collect();
-        let wrench_n = -config.node.force_n(position_m, Vector3::zeros(), config.gravity_m_s2);
-        let no_equilibrium = PlantError::NoEquilibrium { position_m: config.start_m, limits_n: config.start_limits_n };
-        let tensions: Vec<f64> = match &config.start_tensions_n {
-            Some(given) => {
-                let held: Vector3<f64> = pulls.iter().zip(given).map(|(pull, &tension)| pull * tension).sum();
-                let residual_n = (held - wrench_n).norm();
-                if residual_n > 0.01 * (1.0 + wrench_n.norm()) {
-                    return Err(PlantError::Unbalanced { residual_n });
-                }
-                given.clone()
-            }
-            None => hanging_tensions_n(&pulls, wrench_n, config.start_limits_n).ok_or(no_equilibrium)?.to_vec(),
-        };
+        let tensions = start_tensions_n(&config, &pulls)?;
         let full_speed_m_s = config.supply_v.max(1.0) / config.motor.force_constant_n_a;
         let cables = (0..config.cable_count())
             .map(|i| {
@@ -454,6 +442,23 @@ impl Plant {
             .sum();
         motion + weight_n * self.position_m.z + stretch
     }
+}
+
+/// Tensions that hold the node at rest at the start, N: the configured ones if they balance the forces, otherwise the
+/// least-norm ones.
+fn start_tensions_n(config: &PlantConfig, pulls: &[Vector3<f64>]) -> Result<Vec<f64>, PlantError> {
+    let wrench_n = -config.node.force_n(Vector3::from(config.start_m), Vector3::zeros(), config.gravity_m_s2);
+    let Some(given) = &config.start_tensions_n else {
+        let (position_m, limits_n) = (config.start_m, config.start_limits_n);
+        let tensions = hanging_tensions_n(pulls, wrench_n, limits_n);
+        return Ok(tensions.ok_or(PlantError::NoEquilibrium { position_m, limits_n })?.to_vec());
+    };
+    let held: Vector3<f64> = pulls.iter().zip(given).map(|(pull, &tension)| pull * tension).sum();
+    let residual_n = (held - wrench_n).norm();
+    if residual_n > 0.01 * (1.0 + wrench_n.norm()) {
+        return Err(PlantError::Unbalanced { residual_n });
+    }
+    Ok(given.clone())
 }
 
 /// Upper bound of the frequency of the node on its cables, rad/s: all of them in one direction, at their shortest.

@@ -94,7 +94,8 @@ pub enum IdentifyError {
 /// let truth = DriveLag::new(0.03, 0.05)?;
 /// let (period_s, reading_s) = (0.01, 0.004);
 /// // A jog: 0.05 m/s for a second.
-/// let commands: Vec<CableVec> = (0..150).map(|k| CableVec::repeat(1, if (5..105).contains(&k) { 0.05 } else { 0.0 })).collect();
+/// let jog = |k| CableVec::repeat(1, if (5..105).contains(&k) { 0.05 } else { 0.0 });
+/// let commands: Vec<CableVec> = (0..150).map(jog).collect();
 /// let model = CycleModel::new(&truth, period_s, period_s - reading_s)?;
 /// let mut winch = Winch::default();
 /// let velocities: Vec<CableVec> = (0..150usize).map(|k| {
@@ -104,7 +105,13 @@ pub enum IdentifyError {
 ///     winch = next;
 ///     CableVec::repeat(1, mean)
 /// }).collect();
-/// let record = Record { period_s, reading_s: CableVec::repeat(1, reading_s), commands_m_s: &commands, velocities_m_s: &velocities, ignored: 0 };
+/// let record = Record {
+///     period_s,
+///     reading_s: CableVec::repeat(1, reading_s),
+///     commands_m_s: &commands,
+///     velocities_m_s: &velocities,
+///     ignored: 0,
+/// };
 /// let found = identify(&record)?;
 /// assert!((found.lag.delay_s() - 0.03).abs() < 1e-4 && (found.lag.lag_s() - 0.05).abs() < 1e-4);
 /// assert!(found.misfit < 0.01);

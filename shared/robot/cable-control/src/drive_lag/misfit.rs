@@ -3,8 +3,8 @@
 use super::{CommandHistory, CycleModel, DriveLag, MAX_DELAY_CYCLES, Winch};
 use cable_robot::MAX_CABLES;
 
-/// Smallest length residual without a model, m, for a cycle to count for the running misfit. It is larger than that of a
-/// record because no offset is removed.
+/// Smallest length residual without a model, m, for a cycle to count for the running misfit. It is larger than that of
+/// a record because no offset is removed.
 const LEAST_MOTION_M: f64 = 1e-3;
 
 /// Time constant of the high-pass over lengths, s: longer than any lag, shorter than a move.
