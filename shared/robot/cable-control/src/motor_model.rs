@@ -14,7 +14,7 @@ use thiserror::Error;
 pub const MAX_WINDOW: usize = 128;
 
 /// φ before any identification: commands act immediately, as in the comparison of the paper's Table III.
-pub const START: [f64; 2] = [1.0, 0.0];
+pub const INITIAL_PHI: [f64; 2] = [1.0, 0.0];
 
 /// Prior of a geared winch at ten cycles per second, from simulated winches with 30 ms delay and 40 ms lag.
 pub const PRIOR: [f64; 2] = [0.6, 0.4];
@@ -188,7 +188,7 @@ impl PhiModel {
             next: 0,
             ridge: if ridge.is_finite() { ridge.max(0.0) } else { RIDGE },
             prior,
-            phi: START,
+            phi: INITIAL_PHI,
             last_actual: None,
             learnt: false,
         }
@@ -293,13 +293,13 @@ mod tests {
             speeds in proptest::collection::vec((0.05..0.3f64, -0.3..0.3f64), 40..200),
             windows in (2..60usize, 2..60usize),
         ) {
-            let (mut changed, mut other) = (PhiModel::new(windows.0, RIDGE, PRIOR), PhiModel::new(windows.1, 0.01, START));
+            let (mut changed, mut other) = (PhiModel::new(windows.0, RIDGE, PRIOR), PhiModel::new(windows.1, 0.01, INITIAL_PHI));
             for (command, actual) in &speeds {
                 changed.update(*command, *actual);
                 other.update(*command, *actual);
             }
             let before = changed.phi();
-            changed.retune(windows.1, 0.01, START);
+            changed.retune(windows.1, 0.01, INITIAL_PHI);
             prop_assert_eq!(changed.phi(), before);
             for (command, actual) in speeds.iter().take(windows.1 + 1) {
                 changed.update(*command, *actual);
@@ -379,7 +379,7 @@ mod tests {
     fn standstill_and_constant_speed_keep_phi() {
         let mut model = PhiModel::new(10, RIDGE, PRIOR);
         run(&mut model, [0.5, 0.5], std::iter::repeat_n(0.0, 50), 0.1, 1e-4);
-        assert_eq!((model.phi(), model.is_identified()), (START, false));
+        assert_eq!((model.phi(), model.is_identified()), (INITIAL_PHI, false));
         let flat = |speed| std::iter::repeat_n(speed, 200);
         run(&mut model, [0.5, 0.5], wave(60).chain(flat(0.0)), 0.1, 1e-4);
         assert!((model.phi()[1] - 0.5).abs() < 0.15, "{:?}", model.phi());

@@ -3,7 +3,7 @@
 use crate::drive::DriveConfig;
 use crate::drum::DrumConfig;
 use crate::error::{PlantError, check};
-use crate::line::{IdlerConfig, LineConfig};
+use crate::line::{CableConfig, IdlerConfig};
 use crate::motor::MotorConfig;
 use crate::node::NodeConfig;
 use crate::{MAX_CABLES, STANDARD_GRAVITY};
@@ -20,7 +20,7 @@ pub struct PlantConfig {
     /// The node.
     pub node: NodeConfig,
     /// The cables.
-    pub line: LineConfig,
+    pub line: CableConfig,
     /// The idlers and their encoders, one per cable.
     pub idlers: Vec<IdlerConfig>,
     /// The drums.
@@ -58,7 +58,7 @@ impl PlantConfig {
             anchors_m,
             planar: false,
             node: NodeConfig::default(),
-            line: LineConfig::default(),
+            line: CableConfig::default(),
             drum: DrumConfig::default(),
             motor: MotorConfig::default(),
             drive: DriveConfig::default(),

@@ -12,7 +12,7 @@ use crate::error::{PlantError, check};
 
 /// Material of the cables.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LineConfig {
+pub struct CableConfig {
     /// Axial stiffness EA, N. A braided 0.33 mm cable has 4 to 8 kN; 100 kN approximates a rigid cable.
     pub stiffness_n: f64,
     /// Kelvin-Voigt damping time (damping over stiffness), s. 2 ms damps a mode of 30 rad/s by 3 % of critical, a
@@ -23,13 +23,13 @@ pub struct LineConfig {
 /// Stiffness that approximates a cable without stretch, N: 10 N on 12 m give 1.2 mm.
 pub const RIGID_STIFFNESS_N: f64 = 100_000.0;
 
-impl Default for LineConfig {
+impl Default for CableConfig {
     fn default() -> Self {
         Self { stiffness_n: 6000.0, damping_s: 0.002 }
     }
 }
 
-impl LineConfig {
+impl CableConfig {
     pub(crate) fn validate(&self) -> Result<(), PlantError> {
         check("stiffness_n", self.stiffness_n, "100 N to 10 MN", |x| (100.0..=1e7).contains(&x))?;
         check("damping_s", self.damping_s, "zero to 0.1 s", |x| (0.0..=0.1).contains(&x))
@@ -134,7 +134,7 @@ mod tests {
 
     #[test]
     fn tension_and_unstretched_length_are_inverse() {
-        let line = LineConfig::default();
+        let line = CableConfig::default();
         let unstretched = line.unstretched_m(12.0, 17.0);
         assert!((line.tension_n(12.0, unstretched, 0.0, 0.0) - 17.0).abs() < 1e-9);
         assert_eq!(line.tension_n(11.9, 12.0, 5.0, 0.0), 0.0);

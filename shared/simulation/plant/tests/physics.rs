@@ -5,7 +5,7 @@
 use proptest::prelude::*;
 
 use plant::drive::DriveConfig;
-use plant::line::{LineConfig, RIGID_STIFFNESS_N};
+use plant::line::{CableConfig, RIGID_STIFFNESS_N};
 use plant::motor::MotorConfig;
 use plant::{Fault, MotorInput, Plant, PlantConfig, PlantError, STANDARD_GRAVITY};
 
@@ -91,7 +91,7 @@ fn a_plucked_node_settles_at_the_position_of_hookes_law() {
 #[test]
 fn a_pendulum_has_its_period() {
     let mut config = PlantConfig::new(vec![[0.0, 0.0, 5.0]], [0.0, 0.0, 3.0]);
-    config.line = LineConfig { stiffness_n: RIGID_STIFFNESS_N, damping_s: 0.0 };
+    config.line = CableConfig { stiffness_n: RIGID_STIFFNESS_N, damping_s: 0.0 };
     config.node.drag_n_s2_m2 = 0.0;
     config.routed_length_m = vec![0.0];
     let mut plant = Plant::new(config).unwrap();
