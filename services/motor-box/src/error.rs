@@ -2,8 +2,6 @@
 
 use thiserror::Error;
 
-use crate::settings::ConfigError;
-
 /// What went wrong in the box.
 #[derive(Debug, Error)]
 pub enum BoxError {
@@ -43,4 +41,20 @@ pub enum BoxError {
     /// Waiting for bytes failed.
     #[error("cannot wait for bytes on the ports: {0}")]
     Wait(std::io::Error),
+}
+
+/// A system file that is not, or not only, for the virtual motor box.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ConfigError {
+    /// Real hardware is configured.
+    #[error(
+        "the system file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
+    )]
+    NoSection,
+    /// The ground.
+    #[error("{0}")]
+    Ground(String),
+    /// A port that is not in the domain's folder.
+    #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
+    NotOurPort(String),
 }

@@ -7,31 +7,15 @@ use plant::PlantConfig;
 use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
 use plant::line::IdlerConfig;
 use plant::motor::MotorConfig;
-use thiserror::Error;
 
 use crate::device::{DeviceConfig, DeviceKind};
+pub use crate::error::ConfigError;
 
 /// What stands for the domain's folder in a port's path.
 const DOMAIN: &str = "{domain}";
 
 /// A drive limits at a multiple of the current that its motor stands for long; three times is usual for brushed motors.
 const PEAK_CURRENT_RATIO: f64 = 3.0;
-
-/// A system file that is not, or not only, for the virtual motor box.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum ConfigError {
-    /// Real hardware is configured.
-    #[error(
-        "the system file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
-    )]
-    NoSection,
-    /// The ground.
-    #[error("{0}")]
-    Ground(String),
-    /// A port that is not in the domain's folder.
-    #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
-    NotOurPort(String),
-}
 
 /// One drive unit.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,7 +5,6 @@ use crate::drives::Drives;
 use crate::inbox::Inbox;
 use crate::kernel::Evidence;
 use crate::position::{Keeper, PositionFile};
-use crate::safety::Mode;
 use crate::settings::CoreConfig;
 use bus::clock::{Pacer, SECOND_NS, now_ns};
 use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, estop};
@@ -136,8 +135,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         chassis.pass_begin();
         if !chassis.running() {
             ending += 1;
-            let moving = matches!(core.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);
-            if !moving || ending > last_stop {
+            if !core.moves() || ending > last_stop {
                 break;
             }
             if ending == 1 {

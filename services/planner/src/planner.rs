@@ -2,14 +2,15 @@
 
 use cable_robot::Vector3;
 use messages::{
-    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence,
-    put_text, same_life, text_of,
+    Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence, put_text,
+    same_life, text_of,
 };
 use segments::segment_message;
 use thiserror::Error;
 
 use crate::adaptive;
 use crate::flight::{Flight, Later};
+use crate::inputs::Inputs;
 use crate::mission::{self, Leg, Mission, MissionError, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
@@ -43,19 +44,6 @@ fn is_refused(authority: &MotorAuthority) -> bool {
     verdict.is_some_and(|verdict| {
         [MotorAuthority::VERDICT_NOT_FINITE, MotorAuthority::VERDICT_OUT_OF_LIMITS].contains(verdict)
     })
-}
-
-/// What the planner knows when it is asked something.
-#[derive(Debug, Clone, Copy)]
-pub struct Inputs<'a> {
-    /// Now, CLOCK_MONOTONIC, ns.
-    pub now_ns: u64,
-    /// Newest motor/authority.
-    pub authority: Option<&'a MotorAuthority>,
-    /// Newest node/estimate: [`messages::blended_estimate`].
-    pub estimate: Option<&'a NodeEstimate>,
-    /// Newest map of the name that [`Planner::wants_map`] gives.
-    pub map: Option<&'a FieldMap>,
 }
 
 /// Why a request is not carried out.

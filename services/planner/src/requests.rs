@@ -4,8 +4,9 @@ use std::path::Path;
 
 use messages::{OperatorRequest, text_of};
 
+use crate::inputs::Inputs;
 use crate::mission::{Mission, PathShape};
-use crate::planner::{Inputs, Planner, Refusal};
+use crate::planner::{Planner, Refusal};
 
 /// Carries out one request: whether it is accepted ([`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`],
 /// [`OperatorRequest::BAD_INPUT`]), and the sentence that answers it. Reads the mission file.

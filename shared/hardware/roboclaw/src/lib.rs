@@ -1,18 +1,19 @@
-//! RoboClaw motor controllers over packet serial: the bytes, a driver that is never deceived by a late or broken answer, and the
+//! RoboClaw motor controllers over packet serial: the encoding, a driver that detects late and broken answers, and the
 //! unit's side of the protocol for simulation.
 //!
-//! A unit drives two brushed motors with encoders and closes their speed loops; up to eight units share a line. From the bottom up:
+//! A unit drives two brushed motors with encoders and closes their speed loops; up to eight units share a serial port.
+//! From the bottom up:
 //! * [`codec`]: commands, questions and answers as bytes, [`Status`] in words. No state.
 //! * [`Bus`]: the units of one line, in step with them or on the way back to it, see [`driver`] for the rules and why.
 //! * [`Fleet`]: several lines, each with a thread, all starting a control cycle together.
 //! * [`unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
 //!
-//! Architecture invariants: one thread owns a line. Nothing here moves a motor by itself, and after a unit was lost or restarted it
-//! moves only once it was told to stand still. A sample carries the time at which it was asked for. In a control cycle nothing is
-//! allocated and nothing is waited for longer than the deadline and one answer's time.
+//! Architecture invariants: one thread owns a port. Nothing here moves a motor by itself, and a unit that was lost or
+//! restarted moves only after a command to stand still. A sample carries the time at which it was requested. A control
+//! cycle allocates nothing, and waits at most until the deadline plus the time of one answer.
 //!
-//! What the protocol cannot tell: an acknowledgement is a single byte without a checksum, so a disturbance that looks like it just
-//! after a command was lost passes for one. Whoever commands has to see the encoders follow.
+//! Limit of the protocol: an acknowledgement is a single byte without a checksum, so a disturbance that looks like it
+//! just after a lost command is accepted as one. The caller has to check that the encoders follow.
 //!
 //! ```
 //! use roboclaw::driver::{Bus, BusConfig, Drive, UnitConfig, WIRE_MARGIN_NS};

@@ -20,7 +20,7 @@ use evidence::{State, Thread};
 use rustix::io::{pread, pwrite};
 use rustix::thread::gettid;
 
-use crate::transport::monotonic_ns;
+use crate::clock::monotonic_ns;
 
 /// Where each number stands, bytes from the beginning.
 const LEFT_OUT: u64 = 0;

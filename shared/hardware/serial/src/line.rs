@@ -3,7 +3,8 @@
 use std::cell::Cell;
 use std::sync::Arc;
 
-use crate::transport::{StatusPin, Transport, monotonic_ns, sleep_until};
+use crate::clock::{monotonic_ns, sleep_until};
+use crate::transport::{StatusPin, Transport};
 use crate::{Error, Latency, LineClock, Port};
 
 /// Pause between two attempts to open a lost device: short beside the second or so that USB needs to enumerate a device that was

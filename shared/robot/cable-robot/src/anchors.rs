@@ -5,11 +5,13 @@ use std::ops::Deref;
 use nalgebra::Vector3;
 
 use crate::MAX_CABLES;
-use crate::kinematics::COLLINEAR_TOLERANCE;
-use crate::robot::{FARTHEST_M, RobotError, refuse};
+use crate::robot_error::{FARTHEST_M, RobotError, refuse};
 
 /// Key of the robot file.
 const KEY: &str = "anchors_m";
+
+/// Anchors count as collinear if the area of their triangle is below this share of its squared longest side.
+pub(crate) const COLLINEAR_TOLERANCE: f64 = 1e-9;
 
 /// Anchors closer than this count as one point, m. Pulleys are larger.
 const COINCIDENT_M: f64 = 1e-3;

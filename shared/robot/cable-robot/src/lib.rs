@@ -52,6 +52,7 @@ pub mod path;
 pub mod planar;
 pub mod profile;
 pub mod robot;
+mod robot_error;
 pub mod tension;
 
 pub use anchors::Anchors;

@@ -1,7 +1,7 @@
 //! Electrical model of a winch motor, with forces and speeds at the cable. Speeds are reel-in speeds:
 //! positive winds up cable.
 
-use crate::robot::{RobotError, not_negative, positive};
+use crate::robot_error::{RobotError, not_negative, positive};
 
 /// A geared winch motor, with quantities at the cable; the keys of `[motor]` in the robot file.
 ///

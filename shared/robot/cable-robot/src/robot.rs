@@ -1,10 +1,11 @@
 //! The checked configuration of a robot for all processes: geometry, mass, limits, cables and motors.
 
 use nalgebra::{Matrix3, Vector3};
-use thiserror::Error;
 
 use crate::energy::{Current, CurrentTable, MotorTable};
 use crate::motor::Motor;
+pub use crate::robot_error::RobotError;
+use crate::robot_error::{FARTHEST_M, not_negative, positive, refuse};
 use crate::{Anchors, CableVec, Distribution, MAX_CABLES, STANDARD_GRAVITY};
 
 /// Largest number of keep-out boxes of a robot.
@@ -12,29 +13,6 @@ pub const MAX_KEEP_OUT: usize = 8;
 
 /// Length limits if the robot file has none, m: the width of a hand, and longer than any winch holds.
 pub const DEFAULT_LENGTH_LIMITS_M: [f64; 2] = [0.05, 1e3];
-
-/// Magnitudes above this are in a wrong unit, m.
-pub(crate) const FARTHEST_M: f64 = 1e5;
-
-/// Error of a key of a robot's description: problem and accepted values in one sentence.
-#[derive(Debug, Clone, PartialEq, Error)]
-#[error("{key} {problem}; accepted: {accepted}")]
-pub struct RobotError {
-    /// Key of the robot file.
-    pub key: &'static str,
-    /// Description of the problem.
-    pub problem: String,
-    /// Accepted values.
-    pub accepted: &'static str,
-}
-
-pub(crate) fn refuse<T>(
-    key: &'static str,
-    problem: impl Into<String>,
-    accepted: &'static str,
-) -> Result<T, RobotError> {
-    Err(RobotError { key, problem: problem.into(), accepted })
-}
 
 /// An axis-aligned box that the node may not enter, m.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -373,14 +351,6 @@ impl Robot {
     pub fn moving_wrench_n(&self, velocity_m_s: &Vector3<f64>, acceleration_m_s2: &Vector3<f64>) -> Vector3<f64> {
         self.wrench_n(acceleration_m_s2) + self.drag_n(velocity_m_s)
     }
-}
-
-pub(crate) fn positive(key: &'static str, value: f64, accepted: &'static str) -> Result<(), RobotError> {
-    if value.is_finite() && value > 0.0 { Ok(()) } else { refuse(key, format!("is {value}"), accepted) }
-}
-
-pub(crate) fn not_negative(key: &'static str, value: f64, accepted: &'static str) -> Result<(), RobotError> {
-    if value.is_finite() && value >= 0.0 { Ok(()) } else { refuse(key, format!("is {value}"), accepted) }
 }
 
 fn routed_lengths(lengths_m: Option<&[f64]>, cables: usize) -> Result<CableVec, RobotError> {

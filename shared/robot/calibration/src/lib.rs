@@ -5,13 +5,13 @@
 //! * [`survey`]: x and y of the anchors from horizontal ranges between plumb lines, (1)-(2), for any number of anchors.
 //! * [`heights`]: heights from lengths to points of the reference plane, (4)-(5), as a linear regression: the global
 //!   minimum without a search.
-//! minimum without a search.
 //! * [`joint`]: maximum likelihood estimate of all unknowns together, with scale, encoder zeros and outliers.
 //! * [`gps`]: the baseline of the paper, anchors from points with known positions.
 //! * [`holdout`]: prediction of points that a calibration did not use.
 //! * [`placement`]: positions of the points, and the accuracy to expect before measuring.
 //! * [`motor_fit`]: the motor current over speed and tension, from recorded runs.
 //! * [`Measurements`] and [`calibrate`] combine them: from measurements to anchors with covariance, or an error.
+//!
 //! # Information in lengths
 //! The positions of the points need not be known, but there must be at least three points, not on one line, **whatever
 //! the number of cables**. If all points are on one line, they can be shifted sideways and the squared heights changed

@@ -25,6 +25,8 @@ const NAME_BYTES: usize = 20;
 /// opening a channel at start-up waits longer by trying again.
 const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
 const CLAIM_FILE: &str = "owner";
+/// The socket of motor-io for emergency stops.
+pub(crate) const ESTOP_SOCKET: &str = "estop";
 /// Says that a folder that a person chose is a domain's: nothing is ever removed from one without it.
 const MARKER_FILE: &str = ".nims-domain";
 /// What the supervisor keeps here, a trailing `.new` is one that is being written; and the socket of motor-io.
@@ -35,7 +37,7 @@ const OWN_FILES: [&str; 7] = [
     "running.json.new",
     CLOCK_FILE,
     "clock.txt.new",
-    crate::estop::SOCKET,
+    ESTOP_SOCKET,
 ];
 /// How the name of a file ends that a virtual motor box keeps beside each of its ports (`LeftOut` of the crate `serial`): one that was killed
 /// leaves it.

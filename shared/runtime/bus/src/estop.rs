@@ -16,12 +16,10 @@ use arrayvec::ArrayVec;
 use messages::{OperatorRequest, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
-use crate::node::seconds;
+use crate::domain::ESTOP_SOCKET;
 use crate::requester::sign_from_memory;
 use crate::{BusError, Domain};
 
-/// The socket in the domain's folder.
-pub(crate) const SOCKET: &str = "estop";
 const MAGIC: [u8; 16] = *b"nims emergency 1";
 const NUMBER: std::ops::Range<usize> = 16..24;
 const BODY: usize = 24;
@@ -56,7 +54,7 @@ impl Receiver {
     /// # Errors
     /// [`BusError::DomainFolder`] if the socket cannot be made.
     pub fn open(domain: &Domain) -> Result<Self, BusError> {
-        let path = domain.root().join(SOCKET);
+        let path = domain.root().join(ESTOP_SOCKET);
         let unusable = |error: io::Error| BusError::DomainFolder { path: path.clone(), why: error.into() };
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(unusable(error)),
@@ -113,7 +111,7 @@ impl Receiver {
 /// Whether a motor-io has listened in this domain; it may have been killed since.
 #[must_use]
 pub fn is_heard(domain: &Domain) -> bool {
-    domain.root().join(SOCKET).exists()
+    domain.root().join(ESTOP_SOCKET).exists()
 }
 
 /// Sends an emergency stop and waits for its answer: the request with `answered`, `accepted` and `answer` filled in. Goes on sending until
@@ -129,8 +127,11 @@ pub fn send(
     patience: Duration,
     uneasy: impl FnOnce(),
 ) -> Result<OperatorRequest, BusError> {
-    let failed =
-        |error: io::Error| BusError::Failed { channel: SOCKET.to_owned(), what: "be sent", why: error.to_string() };
+    let failed = |error: io::Error| BusError::Failed {
+        channel: ESTOP_SOCKET.to_owned(),
+        what: "be sent",
+        why: error.to_string(),
+    };
     let absent = || BusError::NoServer { process: "motor-io".to_owned(), domain: domain.name().to_owned() };
     let mut sent = *request;
     sign_from_memory(&mut sent);
@@ -146,7 +147,7 @@ pub fn send(
     datagram.extend_from_slice(&number);
     datagram.extend_from_slice(bytemuck::bytes_of(&sent));
 
-    let path = domain.root().join(SOCKET);
+    let path = domain.root().join(ESTOP_SOCKET);
     let after = |time: Duration| begun + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
     let (deadline, uneasy_at, mut again_ns) = (after(timeout), after(patience), 0);
     let (mut uneasy, mut got_through) = (Some(uneasy), false);
@@ -172,7 +173,7 @@ pub fn send(
         }
         if now >= deadline {
             let why = "is busy or has died";
-            return Err(BusError::NoAnswer { process: "motor-io".to_owned(), seconds: seconds(timeout), why });
+            return Err(BusError::NoAnswer { process: "motor-io".to_owned(), seconds: timeout.as_secs_f64(), why });
         }
         if now >= uneasy_at
             && let Some(say) = uneasy.take()

@@ -23,7 +23,7 @@ use rustix::io::Errno;
 
 use crate::domain::{MEMORY_FILE_SYSTEMS, SHARED_MEMORY};
 use crate::places::Party;
-use crate::{Bus, BusError, Domain};
+use crate::{BusError, Domain};
 
 /// A signal interrupts a reservation; more often than this in one call it does not.
 const INTERRUPTIONS: usize = 1000;
@@ -32,7 +32,7 @@ pub(crate) const CONNECTION_BYTES: usize = 24 << 10;
 
 thread_local! {
     /// Reservations of this thread for which there was no room.
-    static SHORT: Cell<u64> = const { Cell::new(0) };
+    pub(crate) static SHORT: Cell<u64> = const { Cell::new(0) };
 }
 
 /// Shared memory of the machine, and what of it belongs to a domain.
@@ -89,35 +89,6 @@ impl Domain {
     }
 }
 
-impl Bus {
-    /// Whether there is shared memory for so many bytes more, beyond the margin that is always kept: for who is about to make several things.
-    ///
-    /// # Errors
-    /// [`BusError::NoMemory`] if not.
-    pub fn room_for(&self, bytes: usize, what: &str) -> Result<(), BusError> {
-        self.need(bytes, what)
-    }
-
-    /// Makes a port with all of its memory. iceoryx2 makes one also where a connection of it finds no room, and hears nothing on that connection
-    /// for good.
-    pub(crate) fn whole<R>(&self, what: &str, make: impl FnOnce() -> Result<R, BusError>) -> Result<R, BusError> {
-        let before = SHORT.get();
-        let port = make()?;
-        if SHORT.get() == before {
-            return Ok(port);
-        }
-        drop(port);
-        let needed = CONNECTION_BYTES as u64 + self.party.margin();
-        Err(BusError::NoMemory { what: what.to_owned(), needed, free: room().map_or(0, |(_, free)| free) })
-    }
-
-    /// Refuses to make something for which there is no room, so that neither this nor anything that is just being made elsewhere gets stuck
-    /// half way. The margin that has to remain is larger for who only looks on.
-    pub(crate) fn need(&self, bytes: usize, what: &str) -> Result<(), BusError> {
-        need(bytes, self.party, what)
-    }
-}
-
 pub(crate) fn need(bytes: usize, party: Party, what: &str) -> Result<(), BusError> {
     let Some((total, free)) = room() else { return Ok(()) };
     let needed = bytes as u64 + party.margin();
@@ -128,7 +99,7 @@ pub(crate) fn need(bytes: usize, party: Party, what: &str) -> Result<(), BusErro
 }
 
 /// Size and free bytes of shared memory; `None` if it cannot be asked.
-fn room() -> Option<(u64, u64)> {
+pub(crate) fn room() -> Option<(u64, u64)> {
     let found = statvfs(SHARED_MEMORY).ok()?;
     Some((found.f_blocks.saturating_mul(found.f_frsize), found.f_bavail.saturating_mul(found.f_frsize)))
 }

@@ -3,11 +3,7 @@
 //! A channel has a fixed number of places, and a process that hangs keeps its own. So each kind of participant leaves some to the kinds after
 //! it. The kind stands in the name of a port, where every other process reads it.
 
-use std::time::Duration;
-
 use iceoryx2::prelude::{PortName, SemanticStringError};
-
-use crate::Bus;
 
 /// Who takes a place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -65,7 +61,7 @@ impl Party {
     }
 
     /// Whether so many ports of these names are within what this kind may have; a member is only bound by the limit itself.
-    fn within(self, names: &[PortName], limit: usize, coming: usize) -> bool {
+    pub(crate) fn within(self, names: &[PortName], limit: usize, coming: usize) -> bool {
         let taken = names.iter().filter(|name| Self::of(name) <= self).count();
         self == Self::Member || taken + coming <= self.ceiling(limit)
     }
@@ -77,40 +73,6 @@ pub(crate) enum Refused<E> {
     NoPlace(usize),
     /// iceoryx2 refused.
     Error(E),
-}
-
-/// Another process may just be leaving, or finding out that it has no place: so often it is tried again, after so long.
-const ATTEMPTS: usize = 10;
-const PAUSE: Duration = Duration::from_millis(20);
-
-impl Bus {
-    /// Makes a port if this process's kind has a place left, among those whose names `taken` gives.
-    pub(crate) fn take_place<R, E>(
-        &self,
-        limit: usize,
-        taken: impl Fn() -> Vec<PortName>,
-        make: impl Fn() -> Result<R, E>,
-    ) -> Result<R, Refused<E>> {
-        let party = self.party;
-        // a place may be held by a process that has died since this one joined
-        if !party.within(&taken(), limit, 1) {
-            self.clean();
-            if !party.within(&taken(), limit, 1) {
-                return Err(Refused::NoPlace(party.ceiling(limit)));
-            }
-        }
-        let mut port = make().or_else(|_| self.after_cleaning(&make));
-        for _ in 0..if party == Party::Guest { 0 } else { ATTEMPTS } {
-            if port.is_ok() || taken().len() < limit {
-                break;
-            }
-            std::thread::sleep(PAUSE);
-            port = make();
-        }
-        let port = port.map_err(Refused::Error)?;
-        // several may have come at once
-        if party.within(&taken(), limit, 0) { Ok(port) } else { Err(Refused::NoPlace(party.ceiling(limit))) }
-    }
 }
 
 /// What a listing of ports gives.

@@ -17,7 +17,7 @@ use crate::BusError;
 use crate::error::PlaceKind;
 use crate::losses::Losses;
 use crate::memory::CONNECTION_BYTES;
-use crate::node::{BORROWS, Bus, LOANS, PubSub, failed};
+use crate::node::{BORROWS, Bus, LOANS, PubSub};
 use crate::places::{Refused, listed};
 use crate::shm_sample::ShmSample;
 
@@ -71,7 +71,7 @@ impl Bus {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
                 self.full(channel, MessagingPattern::PublishSubscribe, quality.publishers, PlaceKind::Publishers)
             }
-            other => failed(channel, "be published on", &other),
+            other => BusError::failed(channel, "be published on", &other),
         };
         let port = self.whole(channel, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
         let publisher = Publisher { port, notifier: self.notifier(channel)?, channel: channel.to_owned(), seq: 0 };
@@ -140,7 +140,7 @@ impl Bus {
             Refused::Error(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
                 full(limit, PlaceKind::Subscribers)
             }
-            Refused::Error(other) => failed(channel, "be subscribed to", &other),
+            Refused::Error(other) => BusError::failed(channel, "be subscribed to", &other),
         };
         self.whole(channel, || self.take_place(limit, names, make).map_err(refused))
     }
@@ -161,8 +161,8 @@ impl<T: Payload> Publisher<T> {
     }
 
     fn publish(&mut self, sample: T) -> Result<usize, BusError> {
-        let loan = self.port.loan_uninit().map_err(|error| failed(&self.channel, "lend a sample", &error))?;
-        loan.write_payload(ShmSample(sample)).send().map_err(|error| failed(&self.channel, "send", &error))
+        let loan = self.port.loan_uninit().map_err(|error| BusError::failed(&self.channel, "lend a sample", &error))?;
+        loan.write_payload(ShmSample(sample)).send().map_err(|error| BusError::failed(&self.channel, "send", &error))
     }
 
     /// Connects to subscribers that came since the last [`Publisher::send`], and gives them the history.
@@ -202,7 +202,7 @@ impl<T: Payload> Subscriber<T> {
             }
             other => other,
         }
-        .map_err(|error| failed(&self.channel, "receive", &error))?;
+        .map_err(|error| BusError::failed(&self.channel, "receive", &error))?;
         Ok(sample.map(|sample| {
             let ShmSample(value) = *sample.payload();
             self.losses.note(sample.header().publisher_id().value(), value.seq());

@@ -1,6 +1,8 @@
-//! The configuration files: the robot (what it is) and the box (which processes, drives and parameters run it).
+//! The configuration files: the robot file (geometry, limits, cables, motors) and the system file (processes, drives,
+//! parameters).
 //!
-//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys are errors.
+//! The fields document every key with its unit and default; `configs/` holds complete, commented examples. Unknown keys
+//! are errors.
 
 #![forbid(unsafe_code)]
 
@@ -12,6 +14,7 @@ mod load;
 mod logger;
 mod measured;
 mod mission_file;
+mod number;
 mod point;
 mod problem;
 mod process_for;
@@ -22,7 +25,6 @@ pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use check::Given;
 pub use choice::{Algorithm, ControlLaw, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
@@ -30,6 +32,7 @@ pub use devices::{
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
 pub use mission_file::mission_file;
+pub use number::Given;
 pub use point::{Point, Points};
 pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};

@@ -14,6 +14,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing::{error, info, warn};
 
 use crate::args::CommonArgs;
+use crate::bad_input::BadInput;
 use crate::build::{self, Program};
 use crate::declared::{Declared, Since};
 use crate::lease;
@@ -46,11 +47,6 @@ pub const CHANGES_VARIABLE: &str = "NIMS_CHANGES";
 fn from_the_supervisor(variable: &str) -> Option<String> {
     std::env::var(variable).ok().filter(|value| !value.is_empty())
 }
-
-/// Something the caller gave cannot be used; the program exits with 2.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct BadInput(pub String);
 
 /// Where a process is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use bus::clock::now_ns;
 use bus::{Bus, BusError, Publisher};
 use messages::{Heartbeat, Message, SystemConfig};
 
-use crate::BadInput;
+use crate::bad_input::BadInput;
 
 /// What a dead process has left is removed within milliseconds; the process that removes it may be delayed for so long, ns.
 const LEAVING_NS: u64 = 2_000_000_000;

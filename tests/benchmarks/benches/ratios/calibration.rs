@@ -11,7 +11,7 @@ use calibration::calibrate_heights;
 use calibration::heights::closed_form;
 use criterion::Criterion;
 
-use crate::Random;
+use crate::random::Random;
 
 const POINTS: usize = 43;
 

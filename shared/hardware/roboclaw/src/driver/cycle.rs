@@ -2,7 +2,7 @@
 
 use serial::Transport;
 
-use super::{Bus, Drive, Phase, Timed, UnitAnswer, UnitReport, sync::Setup};
+use super::{Bus, Drive, Phase, Timed, UnitAnswer, UnitReport, step::Setup};
 use crate::codec::{Motor, Read, Reply, Write};
 use crate::error::Error;
 

@@ -2,7 +2,7 @@
 
 use serial::Transport;
 
-use super::{Bus, Phase, sync::Step};
+use super::{Bus, Phase, step::Step};
 use crate::codec::{ACK, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
 use crate::error::{Command, Error};
 use crate::packet::{MAX_PACKET, Packet};

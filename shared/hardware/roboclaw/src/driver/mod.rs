@@ -16,6 +16,7 @@
 mod cycle;
 mod exchange;
 mod report;
+mod step;
 mod sync;
 
 use std::sync::Arc;
@@ -108,7 +109,7 @@ struct Unit {
     /// How often its answers came too late on its way back into use, and not in time since; see [`Bus::patience_ns`].
     patience: u8,
     /// What came in place of its answer when it was last asked in vain.
-    instead: sync::Instead,
+    instead: step::Instead,
 }
 
 /// How far a unit is.
@@ -117,7 +118,7 @@ enum Phase {
     /// An answer of it may still be on its way: a fence is due at `due_ns`, after so many that failed.
     Suspect { failed: u32, due_ns: u64 },
     /// In step; what it is to be asked before it is used.
-    Setup(sync::Setup),
+    Setup(step::Setup),
     /// In use.
     Ready,
     /// It does not do what it is told; asked again at `due_ns`.
@@ -131,7 +132,7 @@ pub struct Bus<T> {
     byte_ns: u64,
     margin_ns: u64,
     units: Vec<Unit>,
-    step: sync::Step,
+    step: step::Step,
     /// Since when bytes have come that nobody asked for, without a pause.
     noisy_from_ns: Option<u64>,
     connection: u32,
@@ -181,14 +182,14 @@ impl<T: Transport> Bus<T> {
             doubtful: false,
             interlocked: true,
             patience: 0,
-            instead: sync::Instead::default(),
+            instead: step::Instead::default(),
         };
         Ok(Bus {
             line,
             byte_ns: byte_time_ns(config.baud),
             margin_ns: config.margin_ns,
             units: config.units.iter().map(unit).collect(),
-            step: sync::Step::Draining { quiet_from_ns: 0 },
+            step: step::Step::Draining { quiet_from_ns: 0 },
             noisy_from_ns: None,
             connection: 0,
             last_unit: 0,
@@ -246,7 +247,7 @@ impl<T: Transport> Bus<T> {
 
     /// True where every unit is in use and the line in step: nothing is left to do between cycles.
     pub fn is_settled(&self) -> bool {
-        self.step == sync::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
+        self.step == step::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
     }
 
     /// An input that cannot be read is no better than one that says stop.

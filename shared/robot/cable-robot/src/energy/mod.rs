@@ -30,6 +30,8 @@
 //! # Ok::<(), cable_robot::energy::EnergyError>(())
 //! ```
 
+mod current;
+mod error;
 pub mod flight;
 pub mod lateral;
 pub mod optimum;
@@ -37,28 +39,9 @@ pub mod parabola;
 pub mod table;
 pub mod winch_energy;
 
+pub use current::{Current, TableError};
+pub use error::EnergyError;
 pub use lateral::BestLateral;
 pub use optimum::{Best, Bounds};
-pub use table::{CurrentTable, MotorTable, TableError};
-pub use winch_energy::{Cost, EnergyError, WinchEnergy};
-
-use crate::motor::Motor;
-
-/// Current of a winch motor at the cable: the friction model or a measured table.
-pub trait Current {
-    /// Armature current, A, for a tension, N, and a reel-in speed -dL/dt, m/s. Fails outside the measured range.
-    fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError>;
-
-    /// Armature resistance, Ω.
-    fn resistance_ohm(&self) -> f64;
-}
-
-impl Current for Motor {
-    fn current_a(&self, tension_n: f64, reel_in_m_s: f64) -> Result<f64, TableError> {
-        Ok(Motor::current_a(self, tension_n, reel_in_m_s))
-    }
-
-    fn resistance_ohm(&self) -> f64 {
-        self.resistance_ohm
-    }
-}
+pub use table::{CurrentTable, MotorTable};
+pub use winch_energy::{Cost, WinchEnergy};

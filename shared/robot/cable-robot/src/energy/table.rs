@@ -3,46 +3,7 @@
 //! Speeds in m/s, reeling in positive, tensions in N, currents in A, a row per speed. Points outside the measured range
 //! are a [`TableError`]; nothing is extrapolated.
 
-use thiserror::Error;
-
-use super::Current;
-
-/// Error of a table that cannot be built or does not cover a point.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum TableError {
-    /// The data do not form a table.
-    #[error("{what}; give rising finite speeds and tensions, two or more of each, and a row of currents per speed")]
-    Shape {
-        /// Description of the problem.
-        what: String,
-    },
-    /// Point outside the measured range; nothing is extrapolated.
-    #[error(
-        "the {what} of {value:.6} {unit} is outside the measured {low} to {high} {unit}; measure further or move within"
-    )]
-    OutOfRange {
-        /// Quantity: speed or tension.
-        what: &'static str,
-        /// Requested value.
-        value: f64,
-        /// Unit of the value.
-        unit: &'static str,
-        /// Lowest measured value.
-        low: f64,
-        /// Highest measured value.
-        high: f64,
-    },
-}
-
-impl TableError {
-    /// Error kind for programs: `invalid_argument` or `out_of_range`.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::Shape { .. } => "invalid_argument",
-            Self::OutOfRange { .. } => "out_of_range",
-        }
-    }
-}
+use super::current::{Current, TableError};
 
 /// Measured current over speed and tension, with bilinear interpolation between the points.
 ///

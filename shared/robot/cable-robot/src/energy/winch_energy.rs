@@ -25,80 +25,16 @@
 //! ```
 
 use nalgebra::Vector3;
-use thiserror::Error;
 
 use super::parabola::{self, FractionPoint};
-use super::{Current, TableError};
-use crate::motion::Refusal;
+use super::{Current, EnergyError};
 use crate::path::Parabola;
 use crate::profile::Profile;
-use crate::tension::{TensionError, general, worst_violation};
+use crate::tension::{TensionError, hold, worst_violation};
 use crate::{CableVec, Distribution, Path, Segment};
 
 /// Largest number of Simpson intervals; 64 have an error of 3e-6 with the default motor.
 pub const MAX_INTERVALS: usize = 100_000;
-
-/// Error of a cost that cannot be computed.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum EnergyError {
-    /// A parameter outside its range.
-    #[error("{what} is {value}; accepted: {accepted}")]
-    InvalidArgument {
-        /// Name of the parameter.
-        what: &'static str,
-        /// Value of the parameter.
-        value: f64,
-        /// Accepted values.
-        accepted: &'static str,
-    },
-    /// Start and end coincide.
-    #[error("start and end of the move coincide; give two different points")]
-    NoDistance,
-    /// An end of the move is below the ground.
-    #[error("the move has an end at a height of {height_m} m, below the ground at {ground_m} m; raise it")]
-    BelowGround {
-        /// Height of the lower end, m.
-        height_m: f64,
-        /// Height of the ground, m.
-        ground_m: f64,
-    },
-    /// The cables cannot hold the node at a point of the path.
-    #[error("at ({x:.3}, {y:.3}, {z:.3}) m: {why}")]
-    Tension {
-        /// x of the position, m.
-        x: f64,
-        /// y of the position, m.
-        y: f64,
-        /// z of the position, m.
-        z: f64,
-        /// Reason.
-        why: TensionError,
-    },
-    /// The measured table does not cover the move.
-    #[error(transparent)]
-    Table(#[from] TableError),
-    /// A check of the whole segment rejects the path.
-    #[error(transparent)]
-    Refused(#[from] Refusal),
-}
-
-impl EnergyError {
-    /// Error kind for programs: `invalid_argument`, `degenerate_geometry`, `infeasible`, `singular` or `out_of_range`.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::InvalidArgument { .. } | Self::BelowGround { .. } => "invalid_argument",
-            Self::NoDistance => "degenerate_geometry",
-            Self::Tension { why, .. } => why.kind(),
-            Self::Table(error) => error.kind(),
-            Self::Refused(_) => "infeasible",
-        }
-    }
-
-    /// True if this path is impossible but another path between the same ends may be possible.
-    pub fn is_of_the_path(&self) -> bool {
-        matches!(self.kind(), "infeasible" | "singular" | "out_of_range")
-    }
-}
 
 /// Cost of a move.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -230,8 +166,7 @@ impl WinchEnergy<'_> {
     ) -> Result<InstantCost, EnergyError> {
         let fail = |why| EnergyError::Tension { x: position.x, y: position.y, z: position.z, why };
         let wrench_n = wrench_n + velocity_m_s * (self.drag_n_s2_m2 * velocity_m_s.norm());
-        let held =
-            general::hold(self.anchors, self.planar, position, &wrench_n, self.limits_n, self.method).map_err(fail)?;
+        let held = hold(self.anchors, self.planar, position, &wrench_n, self.limits_n, self.method).map_err(fail)?;
         if let Some(violation) = worst_violation(&held.tensions_n, self.limits_n) {
             return Err(fail(TensionError::Infeasible(violation)));
         }

@@ -4,7 +4,7 @@ use std::ops::Deref;
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::KinematicsError;
+use super::solution::KinematicsError;
 use crate::{Anchors, CableVec, MAX_CABLES, linalg};
 
 /// The cable Jacobian J of (13)-(14): N x 3, each row the unit vector from an anchor to the node; dL/dt = J dX/dt. In

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{Parabola, PathPoint, Spiral};
+use super::shapes::{Parabola, PathPoint, Spiral};
 
 /// Bound of the inversion of the arc length, which needs about six steps.
 const MAX_ITERATIONS: usize = 60;

@@ -8,7 +8,8 @@
 
 use nalgebra::Vector3;
 
-use super::{PathPoint, by_arc_length, invert};
+use super::curves::{by_arc_length, invert};
+use super::shapes::PathPoint;
 
 /// Number of harmonics in each of the two directions.
 pub const HARMONICS: usize = 3;

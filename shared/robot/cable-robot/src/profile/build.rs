@@ -37,6 +37,25 @@ impl Builder {
     }
 }
 
+impl Profile {
+    /// Computes the fastest profile of this kind within the limits: exact trapezoids on straight paths; otherwise a
+    /// forward and a backward pass over samples, reduced to few knots that keep the limits between the samples too.
+    ///
+    /// On curved paths the centripetal acceleration is at most 80 % of the total limit (`ACROSS_SHARES`).
+    pub fn plan(path: &Path, limits: &ProfileLimits) -> Result<Self, ProfileError> {
+        limits.check()?;
+        let length = path.length();
+        if !(length.is_finite() && length > 0.0) {
+            return Err(ProfileError::InvalidLimit {
+                what: "the length of the path",
+                value: length,
+                accepted: "above 0 m; use a dwell to stay in place",
+            });
+        }
+        if path.is_straight() { straight(length, limits) } else { curved(path, length, limits) }
+    }
+}
+
 pub(super) fn straight(length: f64, limits: &ProfileLimits) -> Result<Profile, ProfileError> {
     let a = limits.tangential_m_s2.min(limits.total_m_s2);
     let (start2, end2) = (limits.start_m_s * limits.start_m_s, limits.end_m_s * limits.end_m_s);
@@ -108,7 +127,7 @@ impl Samples {
     }
 }
 
-pub(super) fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, ProfileError> {
+fn curved(path: &Path, length: f64, limits: &ProfileLimits) -> Result<Profile, ProfileError> {
     if path.greatest_curvature().is_some_and(|curvature| is_gentle(curvature, limits)) {
         return straight(length, limits);
     }

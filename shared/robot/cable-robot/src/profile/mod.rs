@@ -5,8 +5,6 @@ mod build;
 
 use thiserror::Error;
 
-use crate::path::Path;
-
 /// Largest number of knots of a profile and of a message.
 pub const MAX_KNOTS: usize = 32;
 
@@ -187,23 +185,6 @@ impl Profile {
         Ok(result)
     }
 
-    /// Computes the fastest profile of this kind within the limits: exact trapezoids on straight paths; otherwise a
-    /// forward and a backward pass over samples, reduced to few knots that keep the limits between the samples too.
-    ///
-    /// On curved paths the centripetal acceleration is at most 80 % of the total limit (`ACROSS_SHARES`).
-    pub fn plan(path: &Path, limits: &ProfileLimits) -> Result<Self, ProfileError> {
-        limits.check()?;
-        let length = path.length();
-        if !(length.is_finite() && length > 0.0) {
-            return Err(ProfileError::InvalidLimit {
-                what: "the length of the path",
-                value: length,
-                accepted: "above 0 m; use a dwell to stay in place",
-            });
-        }
-        if path.is_straight() { build::straight(length, limits) } else { build::curved(path, length, limits) }
-    }
-
     /// The knots.
     pub fn knots(&self) -> &[Knot] {
         &self.knots[..self.count]
@@ -306,7 +287,7 @@ impl ProfileLimits {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::path::{Bow, Lateral, Parabola, Spiral};
+    use crate::path::{Bow, Lateral, Parabola, Path, Spiral};
     use nalgebra::Vector3;
     use proptest::prelude::*;
 

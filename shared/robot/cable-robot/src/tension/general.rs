@@ -11,7 +11,9 @@
 
 use nalgebra::Vector3;
 
-use super::{TOLERANCE, TensionError, Tensions, Violation, check_limits, check_wrench, margin, worst_violation};
+use super::distribution::{
+    TOLERANCE, TensionError, Tensions, Violation, check_limits, check_wrench, margin, worst_violation,
+};
 use crate::{CableVec, Distribution, MAX_CABLES, StructureMatrix};
 
 /// Largest number of directions: the largest number of cables.
@@ -82,8 +84,8 @@ impl GeneralStructure {
         Ok(Self { columns, rows: rows.len(), cables })
     }
 
-    /// Matrix of a planar robot in the x-z plane: two rows. `unit` are unit vectors from the node to the anchors.
-    fn planar(unit: &[Vector3<f64>]) -> Self {
+    /// That of a planar robot in the x-z plane: two rows. `unit` are vectors from the node to the anchors, of length 1.
+    pub(super) fn planar(unit: &[Vector3<f64>]) -> Self {
         let mut columns = [[0.0; MAX_ROWS]; MAX_CABLES];
         for (column, u) in columns.iter_mut().zip(unit) {
             (column[0], column[1]) = (u.x, u.z);
@@ -238,38 +240,6 @@ pub fn distribute(
 /// Converts a force to the values for a structure matrix of space or of the plane; only as many count as it has rows.
 pub(super) fn forces(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> [f64; 3] {
     if structure.is_planar() { [wrench_n.x, wrench_n.z, 0.0] } else { (*wrench_n).into() }
-}
-
-/// Computes tensions that hold a node at a position, of a spatial robot or of a planar one (anchors and position in the
-/// x-z plane, y = 0). [`Distribution::Unique`] ignores the limits.
-pub fn hold(
-    anchors: &[Vector3<f64>],
-    planar: bool,
-    position: &Vector3<f64>,
-    wrench_n: &Vector3<f64>,
-    limits_n: [f64; 2],
-    method: Distribution,
-) -> Result<Tensions, TensionError> {
-    let mut unit = [Vector3::zeros(); MAX_CABLES];
-    for (u, anchor) in unit.iter_mut().zip(anchors) {
-        let d = anchor - position;
-        let length = d.norm();
-        // Also true for NaN.
-        if !(length >= 1e-9 && length.is_finite()) {
-            return Err(TensionError::Singular);
-        }
-        *u = d / length;
-    }
-    let unit = &unit[..anchors.len().min(MAX_CABLES)];
-    if planar {
-        return distribute(&GeneralStructure::planar(unit), &[wrench_n.x, wrench_n.z], limits_n, method);
-    }
-    let structure = StructureMatrix::from_columns(unit);
-    if method == Distribution::Unique {
-        let tensions_n = super::unique(&structure, wrench_n)?;
-        return Ok(Tensions { tensions_n, margin_n: margin(&tensions_n, limits_n) });
-    }
-    super::distribute(&structure, wrench_n, limits_n, method)
 }
 
 /// Computes the least norm within limits (27) through its dual: Newton steps with an exact line search, which reach the

@@ -5,7 +5,8 @@ use cable_robot::energy::{Best, Bounds, Cost, Current, CurrentTable, EnergyError
 use cable_robot::motor::Motor;
 use cable_robot::path::{Parabola, Path};
 use cable_robot::profile::{Profile, ProfileLimits};
-use cable_robot::tension::general::{GeneralStructure, hold};
+use cable_robot::tension::general::GeneralStructure;
+use cable_robot::tension::hold;
 use cable_robot::{Distribution, StructureMatrix, Vector3};
 use proptest::prelude::*;
 

@@ -3,7 +3,7 @@
 //! sum is among these.
 
 use cable_robot::tension::general::{self, GeneralStructure};
-use cable_robot::tension::{TensionError, margin};
+use cable_robot::tension::{self, TensionError, margin};
 use cable_robot::{CableVec, Distribution, Vector3};
 use nalgebra::{DMatrix, DVector};
 use proptest::prelude::*;
@@ -123,16 +123,16 @@ fn a_tie_of_sums_gives_the_least_norm() {
 fn nims_aq_needs_only_preload_at_rest() {
     let anchors = [[0.0, 0.0], [12.0, 0.0], [12.0, 5.0], [0.0, 5.0]].map(|[x, z]| Vector3::new(x, 0.0, z));
     let at = Vector3::new(4.0, 0.0, 1.5);
-    let rest = general::hold(&anchors, true, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::LeastNorm).unwrap();
+    let rest = tension::hold(&anchors, true, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::LeastNorm).unwrap();
     assert!((rest.margin_n).abs() < 1e-9 && rest.tensions_n.max_abs() < 12.0, "{rest:?}");
     // Drag of 20 N against the motion to the right: the right cables carry it.
     let drag = Vector3::new(20.0, 0.0, 0.0);
-    let moving = general::hold(&anchors, true, &at, &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap().tensions_n;
+    let moving = tension::hold(&anchors, true, &at, &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap().tensions_n;
     assert!(moving[1] + moving[2] > moving[0] + moving[3] + 15.0, "{moving:?}");
-    let safe = general::hold(&anchors, true, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::Safest).unwrap();
+    let safe = tension::hold(&anchors, true, &at, &Vector3::zeros(), [5.0, 80.0], Distribution::Safest).unwrap();
     assert!(safe.margin_n > 15.0, "{safe:?}");
     assert_eq!(
-        general::hold(&anchors, true, &anchors[1], &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap_err(),
+        tension::hold(&anchors, true, &anchors[1], &drag, [5.0, 80.0], Distribution::LeastNorm).unwrap_err(),
         TensionError::Singular
     );
 }

@@ -1,6 +1,7 @@
 //! Sums over the samples of a cell, sufficient for every weighted fit of a plane in which the cell has a single weight.
 
-use super::{FULL_CELL, GridSample};
+use super::cell::FULL_CELL;
+use super::spec::GridSample;
 
 /// Sums over samples at (x, y) in cells from the centre, with value v and weight q = 1/sigma².
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

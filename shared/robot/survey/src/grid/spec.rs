@@ -1,6 +1,5 @@
 //! Grid, options and samples of a map.
 
-use super::MOST_CELLS;
 use crate::SurveyError;
 
 /// Grid of a map: square cells, `columns` along x and `rows` along y.
@@ -167,3 +166,6 @@ fn positive(key: &'static str, given: f64) -> Result<(), SurveyError> {
 fn value(key: &'static str, value: f64, accepted: &'static str) -> SurveyError {
     SurveyError::Value { key, value, accepted }
 }
+
+/// Largest number of cells of a map.
+pub const MOST_CELLS: usize = 4_000_000;
