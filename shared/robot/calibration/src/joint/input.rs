@@ -53,7 +53,7 @@ pub struct DirectHeight {
     pub by_line: bool,
 }
 
-/// Input of [`calibrate_joint`].
+/// Input of [`calibrate_joint`](super::calibrate_joint).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointInput<'a> {
     /// x and y of the anchors, m: fixed without ranges, otherwise an initial guess.
