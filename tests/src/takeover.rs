@@ -6,7 +6,9 @@ use cable_control::law::PFeedforward;
 use config::{EstimatorMethod, EstimatorSection};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
-use messages::{CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
+use messages::{
+    CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, PlanStatus, Request, SLOTS, Slot, SlotRole,
+};
 
 use crate::lockstep::{Chain, Cycle, Lockstep};
 use crate::scenarios::Case;
@@ -134,9 +136,7 @@ fn strike(
     let lead = usize::from(now.authority.in_charge[role]);
     match blow {
         Blow::SwapControllers | Blow::SwapEstimators => {
-            let mut args = [0.0; 8];
-            (args[0], args[1]) = (role as f64, (1 - lead) as f64);
-            lockstep.request(OperatorRequest::VERB_SWAP, args);
+            lockstep.request(Request::Swap { role: SlotRole::ALL[role], slot: Slot::ALL[1 - lead] });
         }
         Blow::KillController | Blow::KillEstimator => lockstep.slots_mut().kill(role, lead, unheard),
     }

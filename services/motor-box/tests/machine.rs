@@ -17,7 +17,8 @@ const PERIOD_NS: u64 = 10_000_000;
 const BOUND: CountBound = CountBound { counts_s: 15_000.0, margin: 0.0 };
 const ANCHORS: [[f64; 3]; 3] = [[0.0, 0.0, 3.05], [9.8, 0.0, 3.10], [4.7, 8.6, 2.98]];
 
-/// Three cables: two on the unit at 0x80, one on the second motor of the unit at 0x81; the last encoder counts backwards.
+/// Three cables: two on the unit at 0x80, one on the second motor of the unit at 0x81; the last encoder counts
+/// backwards.
 fn config() -> BoxConfig {
     let mut plant = PlantConfig::new(ANCHORS.to_vec(), [4.8, 3.0, 0.8]);
     plant.idlers = vec![IdlerConfig { counts_per_m: COUNTS_PER_M, slip: 0.0 }; 3];

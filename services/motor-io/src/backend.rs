@@ -6,7 +6,8 @@ use config::{DriveProtocol, PortSection, UnitSection};
 use drives::{DriveBus, Error};
 use serial::{ReopeningPort, StatusPin};
 
-/// Opens the bus of one configured port with the family that its `protocol` names. The device at `path` need not be there.
+/// Opens the bus of one configured port with the family that its `protocol` names. The device at `path` need not be
+/// there.
 ///
 /// # Errors
 /// A setting that the family does not have.

@@ -1,4 +1,5 @@
-//! Connection between the core and the drive units: velocities to counts per second, answers to the replies in [`MotorInput`].
+//! Connection between the core and the drive units: velocities to counts per second, answers to the replies in
+//! [`MotorInput`].
 
 use crate::backend;
 use crate::core::DriveCommand;
@@ -13,8 +14,8 @@ use std::fmt;
 use std::path::Path;
 use std::sync::Arc;
 
-/// Capabilities without which the robot cannot be driven: the control law commands velocities, and the watchdog of the drives is what
-/// stops the motors when this process ends.
+/// Capabilities without which the robot cannot be driven: the control law commands velocities, and the watchdog of the
+/// drives is what stops the motors when this process ends.
 const NEEDED: Capabilities = Capabilities { velocity: true, watchdog: true, ..Capabilities::NONE };
 /// Capabilities without which some fault of a cable is not detected.
 const WATCHED: Capabilities = Capabilities { currents: true, duties: true, supply: true, ..Capabilities::NONE };
@@ -75,8 +76,8 @@ impl Drives {
     /// Starts to look for the ports; returns at once. `{domain}` in a path stands for `domain_root`.
     ///
     /// # Errors
-    /// Errors of the configuration, and a drive family that lacks what the robot needs. A missing port is not an error,
-    /// see [`Drives::lost`].
+    /// A configuration that the drive family does not have, or a family that lacks what the robot needs. A port that is
+    /// not there is not an error, see [`Drives::lost`].
     pub fn open(system_file: &SystemFile, config: &CoreConfig, domain_root: &Path) -> Result<Self, Error> {
         let sections = &system_file.motor_io.ports;
         let mut place = [(0, 0); CABLES];
@@ -178,8 +179,8 @@ impl Drives {
             let report = &answer.report;
             input.sampled_ns[i] = report.counts.at_ns;
             input.counts[i] = report.counts.value[motor];
-            // A drive's current and duty are positive in the direction in which its count rises. Ours: a current where it pulls the
-            // cable in, as in the motor model; a duty where it pays the cable out.
+            // A drive's current and duty are positive in the direction in which its count rises. Ours: a current where
+            // it pulls the cable in, as in the motor model; a duty where it pays the cable out.
             input.current_a[i] = -report.currents_a.value[motor] * self.counts_per_m[i].signum();
             input.duty[i] = report.duties.value[motor] * self.counts_per_m[i].signum();
         }

@@ -1,4 +1,4 @@
-//! The process: the core, the drives and the bus, brought together once per period.
+//! The process: core, drives and bus, connected once per period.
 
 use crate::core::{Core, Observation};
 use crate::drives::Drives;
@@ -11,41 +11,42 @@ use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, estop};
 use config::{RobotFile, SystemFile};
 use messages::{
     Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
-    PlanMotion, SLOT_NAMES,
+    PlanMotion, Request, RequestBody, SLOT_NAMES,
 };
 use robot_state::sentences::{fault_sentences, faults_of, mode_sentence};
 use runtime::{BadInput, Chassis};
 use std::path::Path;
 use tracing::{info, warn};
 
-/// Share of the period, from its tick, in which the drives have to answer; the rest belongs to estimator and controller.
+/// Fraction of the period, from its scheduled begin, in which the drives must answer; the rest belongs to
+/// estimator and controller.
 const BUS_SHARE: f64 = 0.85;
-/// Share of the period that the drives get at least, however late the cycle began.
+/// Least fraction of the period for the drives, however late the cycle began.
 const BUS_LEAST: f64 = 0.65;
-/// Share of the period for which a command that is not there at the tick is waited for: a hiccup of the machine then costs a
-/// little delay and not a cycle.
+/// Fraction of the period to wait for a late command: a hiccup of the machine then costs a little
+/// delay and not a cycle.
 const GRACE_SHARE: f64 = 0.2;
-/// Share of the period that the chain has for its answer at least, however late the drives were with what it answers to ..
+/// Least fraction of the period for the control chain's answer, however late the drives were ..
 const ANSWER_LEAST: f64 = 0.5;
-/// .. but not longer after the tick than this share: the drives want their time too.
+/// .. but at most until this fraction after the scheduled begin, because the drives need their time too.
 const GRACE_MOST: f64 = 0.4;
-/// The energy changes slowly: every so many seconds.
+/// Time between two samples of the energy, which changes slowly, s.
 const ENERGY_S: f64 = 0.1;
-/// Drives have this long to come up without a word, s; the virtual box makes its ports while this process starts. A port that is not there
-/// by then is an error; a unit that does not answer is waited for, and this process is not ready before.
+/// Time for the drives to appear without a warning, s; the virtual motor box creates its ports while motor-io starts.
+/// After it, a missing port is an error. motor-io waits for a unit that does not answer, and is not ready before.
 const PATIENCE_S: f64 = 5.0;
-/// A robot that is told to end while it moves gets this long to come to rest, s.
+/// Longest wait for a moving robot to come to rest at the end of the process, s.
 const LAST_STOP_S: f64 = 3.0;
 
 impl CoreConfig {
-    /// The configuration of a box and its robot.
+    /// Creates the configuration of a system and its robot.
     ///
     /// # Errors
     /// Names the key that cannot be used.
     pub fn from_files(system_file: &SystemFile, robot_file: &RobotFile) -> Result<Self, BadInput> {
         let section = &system_file.motor_io;
         let robot = robot_file.robot().map_err(|error| BadInput(error.to_string()))?;
-        // The estimate is compared with this: both take the lines for the same.
+        // The estimate is compared with this position, so both use the same stretch.
         let robot = if system_file.estimator.stretch { robot } else { robot.with_rigid_lines() };
         let units: Vec<Vec<usize>> = section
             .ports
@@ -89,10 +90,10 @@ impl CoreConfig {
     }
 }
 
-/// Runs until the chassis is told to end. `state_folder` keeps the position over restarts.
+/// Runs until the chassis ends it. `state_folder` keeps the position over restarts.
 ///
 /// # Errors
-/// [`BadInput`] for what is configured; a sentence naming the port if the drives are not there.
+/// [`BadInput`] for the configuration; a sentence with the port if the drives are missing.
 pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result<()> {
     let system_file = chassis.system_file()?.clone();
     let config = CoreConfig::from_files(&system_file, &system_file.robot_file()?)?;
@@ -113,7 +114,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         warn!("{port}: its drives do not report {reading}, so the faults of a cable that show in it are not detected");
     }
     let mut ports = Ports::open(chassis.bus())?;
-    // A later life has a larger number; a computer that starts again begins with empty shared memory.
+    // A later life has a larger number; after a restart of the computer, the shared memory is empty.
     let life = now_ns().max(1);
     let mut inbox = Inbox::new(config.cable_count(), config.unit_count).of_life(life);
     inbox.first((chassis.incarnation() & 0x3fff_ffff).max(1), restored);
@@ -142,15 +143,15 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
                 break;
             }
             if ending == 1 {
-                inbox.request(0, OperatorRequest::VERB_STOP, &[0.0; 8]);
+                inbox.request(0, &Request::Stop.body());
             }
         }
-        // Takes away the wake-ups of the last cycle; from here on a new one is not lost.
+        // Discards the wake-ups of the previous cycle; later ones are not lost.
         reporter.bus(waiter.wait_until(Some(0)).map(|_| ()));
         let awaited = core.awaited_slots();
         let mut answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);
         let earliest_ns = tick.woke_ns.saturating_add(grace_ns);
-        // By the tick and not by the wake-up: what begins later than this is the computer's lateness, and never patience.
+        // Relative to the scheduled begin and not to the wake-up: a later begin is due to the computer, not to waiting.
         let latest_ns = tick.scheduled_ns.saturating_add(grace_most_ns);
         let patient_ns = published_ns.saturating_add(answer_least_ns).max(earliest_ns).min(latest_ns);
         while !answered && core.awaits_command() && now_ns() < patient_ns {
@@ -181,7 +182,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         answer_stops(&stops, &emergency, &mut server, &core, &mut reporter);
         if ready || cycle > patience {
             reporter.look(&observation.authority);
-            // Last: what is still waited for at the start is read from the end of what was said.
+            // Last: during start-up, the reported errors show what is still missing.
             reporter.drives(&mut drives);
         }
         keeper.keep(core.position(), tick.woke_ns);
@@ -190,7 +191,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
             if up {
                 chassis.ready()?;
                 ready = true;
-                let _ = drives.trouble(); // of the time while the units were being set up
+                let _ = drives.trouble(); // errors during the set-up of the units
                 for (port, unit) in drives.units() {
                     let firmware = unit.firmware.as_ref().map_or("unknown", |firmware| firmware.as_str());
                     let watchdog_ms = unit.watchdog_ms.unwrap_or(0);
@@ -211,7 +212,7 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
     Ok(())
 }
 
-/// What the process hears and says.
+/// Channels of the process.
 struct Ports {
     commands: [Subscriber<MotorCommand>; 2],
     estimates: [Subscriber<NodeEstimate>; 2],
@@ -223,7 +224,7 @@ struct Ports {
     input: Publisher<MotorInput>,
     energy: Publisher<Energy>,
     evidence: Evidence,
-    /// Kept here so that publishing the input needs no copy on the stack each time.
+    /// Stored here, so that publishing the input needs no copy on the stack.
     sent_input: Box<MotorInput>,
 }
 
@@ -245,8 +246,8 @@ impl Ports {
         })
     }
 
-    /// Takes in commands; true once the controller that is awaited answers the last cycle by the estimate that is awaited. A standby's
-    /// answer may be there before: it is for the case that the other does not come.
+    /// Receives commands; returns true once the awaited controller has answered the previous cycle with the awaited
+    /// estimate. A standby's answer may arrive earlier; it is used only if the other one is missing.
     fn commands(
         &mut self,
         (life, cycle): (u64, u64),
@@ -256,7 +257,7 @@ impl Ports {
     ) -> bool {
         let mut awaited = false;
         for (slot, commands) in self.commands.iter_mut().enumerate() {
-            // What a dead controller left behind arrives first: the answer to the last cycle counts, whenever it comes.
+            // Samples of a dead controller arrive first; the answer to the previous cycle counts, whenever it arrives.
             let mut answered = false;
             while let Some(command) = reporter.take(commands.receive()) {
                 self.evidence.command(slot, &command);
@@ -271,7 +272,7 @@ impl Ports {
         awaited
     }
 
-    /// Takes in everything else that has arrived, and at most one request.
+    /// Receives everything else that has arrived, and at most one request.
     fn gather<'a>(
         &mut self,
         following: u32,
@@ -294,13 +295,13 @@ impl Ports {
         let call = if inbox.has_room() { reporter.take(server.try_next()) } else { None };
         if let Some(call) = &call {
             let request = &call.request;
-            inbox.request_made(request.id, request.verb, &request.args, request.header.stamp_ns);
+            inbox.request_made(request.id, &request.body, request.header.stamp_ns);
         }
         call
     }
 
     fn publish(&mut self, mut observation: Observation, input: &MotorInput, energy: bool, reporter: &mut Reporter) {
-        // First what estimator and controller wait for.
+        // First the samples for which estimator and controller wait.
         reporter.bus(self.state.send(&mut observation.state).map(|_| ()));
         reporter.bus(self.authority.send(&mut observation.authority).map(|_| ()));
         reporter.bus(self.slots.send(&mut observation.slots).map(|_| ()));
@@ -318,12 +319,12 @@ impl Ports {
     }
 }
 
-/// Passes on what the core has answered. Whoever is not allowed to arm because a unit does not answer (`absent`) is told on which port,
-/// and what comes from there; the core knows of no ports.
+/// Sends the core's answer. If a unit that does not answer (`absent`) prevents arming, the answer names its port, which
+/// the core does not know.
 fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, reporter: &mut Reporter) {
     let Some(call) = call else { return };
     let Some(answer) =
-        core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
+        core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.body.verb)
     else {
         reporter.bus(call.answer(
             OperatorRequest::BAD_INPUT,
@@ -331,10 +332,10 @@ fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, r
         ));
         return;
     };
-    let asks_for_drives = matches!(answer.verb, OperatorRequest::VERB_ARM | OperatorRequest::VERB_RESET);
+    let asks_for_drives = matches!(answer.verb, RequestBody::VERB_ARM | RequestBody::VERB_RESET);
     let sentence = match absent {
         Some(error) if asks_for_drives && !answer.is_accepted() => {
-            let not_done = if answer.verb == OperatorRequest::VERB_ARM { "armed" } else { "reset" };
+            let not_done = if answer.verb == RequestBody::VERB_ARM { "armed" } else { "reset" };
             format!("Not {not_done}: {error}.")
         }
         _ => answer.sentence.to_string(),
@@ -343,7 +344,7 @@ fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, r
     reporter.bus(call.answer(answer.accepted, &sentence));
 }
 
-/// The first of the emergency stops has gone to the core; its answer is that of all.
+/// Answers all emergency stops with the core's answer to the first.
 fn answer_stops(
     stops: &[estop::Stop],
     emergency: &estop::Receiver,
@@ -352,7 +353,7 @@ fn answer_stops(
     reporter: &mut Reporter,
 ) {
     let Some(first) = stops.first() else { return };
-    let Some(answer) = core.answers().iter().find(|answer| answer.verb == first.request.verb) else { return };
+    let Some(answer) = core.answers().iter().find(|answer| answer.verb == first.request.body.verb) else { return };
     for stop in stops {
         emergency.answer(stop, answer.accepted, &answer.sentence);
         info!("emergency stop of process {}: {}", stop.request.pid, answer.sentence);
@@ -360,8 +361,8 @@ fn answer_stops(
     }
 }
 
-/// Says what changes, once; and that the bus fails, not more than once a second: a robot that is held must not be dropped
-/// because a sample could not be published.
+/// Logs changes once, and bus errors at most once a second: a sample that could not be published is no reason
+/// to drop the robot.
 #[derive(Debug, Default)]
 struct Reporter {
     mode: u8,
@@ -390,8 +391,8 @@ impl Reporter {
         })
     }
 
-    /// Noise comes in bursts, and a port that is gone stays gone: not more than one sentence a second, and the same one again
-    /// only after a minute.
+    /// Logs at most one error a second, and the same one again only after a minute: noise comes in bursts, and a
+    /// missing port stays missing.
     fn drives(&mut self, drives: &mut Drives) {
         let now = now_ns();
         if now.saturating_sub(self.conditions_ns) > SECOND_NS
@@ -401,7 +402,7 @@ impl Reporter {
             warn!("{condition}");
         }
         let Some(trouble) = drives.trouble() else { return };
-        // Where it is known what is the matter with a unit, its way back is no news.
+        // The reason why a unit is missing matters more than its resynchronisation.
         let error = match drives.absent() {
             Some(absent) if matches!(trouble, drives::Error::Resynchronising { .. }) => absent.clone(),
             _ => trouble,

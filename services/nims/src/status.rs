@@ -241,7 +241,7 @@ fn port_warning(bus: &Bus) -> Answer<Option<String>> {
 /// motor-io in the process table, adds the time of that start.
 pub(crate) fn position_words(position_known: u8, row: Option<&ProcessState>, now_ns: u64) -> String {
     let sentence = sentences::position_sentence(position_known);
-    let Some(row) = row.filter(|_| position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT) else {
+    let Some(row) = row.filter(|_| position_known == MotorState::POSITION_RESTORED) else {
         return sentence.to_owned();
     };
     let ago_s = now_ns.saturating_sub(row.started_ns) as f64 * 1e-9;
@@ -379,7 +379,7 @@ mod tests {
     #[test]
     fn the_words_for_a_restored_position_name_the_start_of_motor_io() {
         let row = ProcessState { started_ns: 5_000_000_000, restarts: 2, ..ProcessState::default() };
-        let before = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+        let before = MotorState::POSITION_RESTORED;
         let words = position_words(before, Some(&row), 17_000_000_000);
         assert!(words.contains("12 s ago, restart 2 of this run"), "{words}");
         assert!(!position_words(MotorState::POSITION_KNOWN, Some(&row), 17_000_000_000).contains("restart"));

@@ -2,7 +2,7 @@
 //! shows decides what is flown next. Told from the run file and the truth.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
-use messages::{FieldMap, MotorAuthority, OperatorRequest, PlanMotion, PlanStatus, TruthNode};
+use messages::{FieldMap, MotorAuthority, PlanMotion, PlanStatus, Request, TruthNode};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
@@ -85,8 +85,8 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
         let maps = RefCell::new(robot.bus.subscriber::<FieldMap>("map/rangefinder").unwrap());
         robot.until("a map", |_| maps.borrow_mut().latest().unwrap().is_some_and(|map| map.samples > 0));
         let mut statuses = robot.bus.subscriber::<PlanStatus>("plan/status").unwrap();
-        let run = OperatorRequest::VERB_RUN;
-        let (accepted, sentence) = robot.request("planner", run, &[], "look-twice").expect("the planner answers");
+        let run = robot.mission("look-twice");
+        let (accepted, sentence) = robot.request("planner", &run).expect("the planner answers");
         assert!(accepted && sentence.contains("at most") && sentence.contains("J in all"), "{sentence}");
 
         let last = robot.last.header.cycle + MOST_CYCLES;
@@ -96,7 +96,7 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
             assert!(robot.last.header.cycle < last, "the mission does not end\n{}", robot.said());
             status = statuses.latest().unwrap().unwrap_or(status);
             if robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.faults & STARVED != 0 {
-                robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+                robot.ask("motor-io", Request::Resume);
             }
         }
         assert_eq!(robot.named & !STARVED, 0, "{}", robot.said());

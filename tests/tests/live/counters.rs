@@ -3,7 +3,7 @@
 
 use crate::robot::{Robot, root, steadily};
 use analysis::counters::Count;
-use messages::{MotorAuthority, OperatorRequest};
+use messages::{MotorAuthority, Request};
 use nims_tests::python;
 use robot_state::Periods;
 use rustix::process::Signal;
@@ -41,7 +41,7 @@ fn going_on(robot: &mut Robot) {
         let MotorAuthority { mode, faults, plan_rate, .. } = robot.last;
         match mode {
             MotorAuthority::MODE_FOLLOWING if faults == 0 && plan_rate == 1.0 => return,
-            MotorAuthority::MODE_HOLDING => _ = robot.request("motor-io", OperatorRequest::VERB_RESUME, &[], ""),
+            MotorAuthority::MODE_HOLDING => _ = robot.request("motor-io", &Request::Resume),
             _ => {}
         }
     }
@@ -110,7 +110,7 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
         println!("|---|---|---|---|---|---|---|");
         row(&mut robot, "nothing", |robot| robot.for_cycles(100));
         let paused = row(&mut robot, "an operator's pause of a second", |robot| {
-            robot.ask("motor-io", OperatorRequest::VERB_PAUSE, &[]);
+            robot.ask("motor-io", Request::Pause);
             robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
             robot.for_cycles(100);
         });

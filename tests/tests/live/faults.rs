@@ -2,7 +2,7 @@
 //! says.
 
 use crate::robot::{Robot, program, root, steadily};
-use messages::{MotorAuthority, OperatorRequest};
+use messages::{MotorAuthority, Request};
 use motor_box::{BoxFault, FaultRequest};
 use nims::fault::{ROWS, Row, page};
 use nims_tests::lockstep::Lockstep;
@@ -118,7 +118,7 @@ fn found_in(robot: &mut Robot, row: &Row, process: &str, kind: &str) -> bool {
 
 /// The motion goes on, and no fault is named any more.
 fn resume(robot: &mut Robot) {
-    robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+    robot.ask("motor-io", Request::Resume);
     robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
 }
 
@@ -172,7 +172,7 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
         let pressed = row("estop", "");
         robot.fly();
         assert!(found_after(&mut robot, pressed, |robot| robot.fault(pressed.example)));
-        let (accepted, sentence) = robot.request("motor-io", OperatorRequest::VERB_RESET, &[], "").unwrap();
+        let (accepted, sentence) = robot.request("motor-io", &Request::Reset).unwrap();
         assert!(!accepted && sentence.contains("emergency stop button"), "{sentence}");
         robot.fault("estop 1 128 off");
         let until = robot.last.header.cycle + 50;
@@ -244,7 +244,7 @@ fn the_command_breaks_things_and_puts_them_right_again() {
 
     let mut robot = Robot::up("");
     let domain = robot.domain.name().to_owned();
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+    robot.ask("motor-io", Request::Arm);
     let (code, said) = nims(&domain, &["unplug", "1", "--for", "0.7"]);
     assert!(code == Some(0) && said.contains("done: unplug 1 for 0.7"), "{said}");
     robot.until("the fault", |robot| robot.last.faults & MotorAuthority::FAULT_LOST_UNIT != 0);

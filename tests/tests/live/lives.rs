@@ -3,7 +3,7 @@
 
 use crate::robot::{Robot, samples_of, steadily};
 use messages::{
-    ESTIMATORS, Header, MotorAuthority, MotorSlots, NodeEstimate, OperatorRequest, SLOTS, Sample, TruthNode,
+    ESTIMATORS, GotoPath, Header, MotorAuthority, MotorSlots, NodeEstimate, Request, SLOTS, Sample, TruthNode,
 };
 use rustix::process::Signal;
 use std::cell::RefCell;
@@ -19,7 +19,7 @@ const LOGGER: &str = "\n[[process]]\nname = \"sensor-logger\"\ncommand = [\"sens
 /// To a height over the start, to the end of the move.
 fn fly_to(robot: &mut Robot, z: f64) {
     let before = robot.last.motion;
-    robot.ask("planner", OperatorRequest::VERB_GOTO, &[4.8, 3.0, z]);
+    robot.ask("planner", Request::Goto { to_m: [4.8, 3.0, z], path: GotoPath::Line, speed_m_s: None });
     robot.until("the motion is taken up", |robot| robot.last.motion != 0 && robot.last.motion != before);
     robot.until("the end of the move", |robot| {
         robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.motion == 0

@@ -4,7 +4,7 @@
 //! `NIMS_REPLACEMENTS=50 cargo test --workspace --test live plugged_sensors::` replaces them fifty times.
 
 use crate::robot::{Robot, root, samples_of, steadily};
-use messages::{Header, MotorAuthority, MotorState, OperatorRequest};
+use messages::{Header, MotorAuthority, MotorState, Request};
 use nims_tests::python;
 use rustix::process::Signal;
 use std::path::Path;
@@ -150,7 +150,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
             robot.until("the next cycle", |robot| robot.last.header.cycle > now);
             if robot.last.mode != MotorAuthority::MODE_FOLLOWING {
                 // Whether that was the machine's doing is seen below.
-                robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+                robot.ask("motor-io", Request::Resume);
             }
         }
         // Whoever is in the control cycle holds no channel of a sensor, so that none can hold it up.

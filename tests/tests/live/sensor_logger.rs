@@ -8,7 +8,7 @@ use crate::robot::{Robot, program, root};
 use bus::clock::{Pacer, now_ns};
 use bus::{Bus, Domain, Publisher};
 use messages::{
-    FieldMap, Header, Heartbeat, MotorAuthority, NodeEstimate, OperatorRequest, Reading, Sample, put_text, text_of,
+    FieldMap, Header, Heartbeat, MotorAuthority, NodeEstimate, Reading, Request, Sample, put_text, text_of,
 };
 use rustix::process::{Pid, Signal, kill_process};
 use std::cell::{Cell, RefCell};
@@ -233,8 +233,8 @@ fn samples_in(run: &Path) -> Vec<Sample> {
 #[test]
 fn on_a_robot_it_is_a_process_like_the_others() {
     let mut robot = Robot::up(PROCESS);
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    robot.ask("motor-io", Request::Arm);
+    robot.ask("motor-io", Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
     robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     robot.until("the logger", |robot| robot.pid("sensor-logger").is_some());
     robot.told(&["plug", "soil", "--", "my-sensor"]);

@@ -6,7 +6,7 @@ use crate::method::MyEstimator;
 use config::{ControllerSection, EstimatorSection};
 use controller::{Controller, Law};
 use estimator::{Estimator, METHOD_OTHER, Method};
-use messages::{ESTIMATORS, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
+use messages::{ESTIMATORS, MotorSlots, PlanStatus, Request, SLOTS, Slot, SlotRole};
 use nims_tests::lockstep::{Chain, Flight, Lockstep, fly, fly_with};
 use nims_tests::scenarios::Case;
 
@@ -116,7 +116,7 @@ fn the_template_of_an_estimator_is_swapped_in_in_flight() {
         last = lockstep.cycle().unwrap();
     }
     assert_eq!(last.slots.phase[seat], MotorSlots::PHASE_QUALIFIED);
-    lockstep.request(OperatorRequest::VERB_SWAP, [ESTIMATORS as f64, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    lockstep.request(Request::Swap { role: SlotRole::Estimator, slot: Slot::B });
     for _ in 0..300 {
         last = lockstep.cycle().unwrap();
     }

@@ -2,7 +2,7 @@
 
 use crate::rig;
 
-use messages::{MotorAuthority as A, MotorInput as I, OperatorRequest as R, SLOTS};
+use messages::{MotorAuthority as A, MotorInput as I, Request, SLOTS};
 use rig::Rig;
 
 const VELOCITY: [f64; 3] = [0.1, -0.1, 0.05];
@@ -100,7 +100,7 @@ fn one_answer_that_the_computer_does_not_explain_speaks_for_the_row() {
 #[test]
 fn a_pause_is_paused_however_long_it_is_and_whoever_stands_still_meanwhile() {
     let mut rig = Rig::following(VELOCITY);
-    rig.demand(R::VERB_PAUSE, &[]);
+    rig.demand(Request::Pause);
     rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
     let before = rig.seen().authority;
     rig.controller = None;
@@ -143,7 +143,7 @@ fn a_drive_that_is_silent_is_the_cause_of_bringing_its_port_back_into_step() {
 fn the_cycle_that_ends_a_mission_and_the_gap_before_it_count() {
     let mut rig = Rig::following(VELOCITY);
     let before = rig.seen().authority;
-    assert!(rig.inbox.request(1, R::VERB_ESTOP, &[0.0; 8]));
+    assert!(rig.inbox.request(1, &Request::Estop.body()));
     // The tick itself is late by whole periods, which is a stop of its own.
     rig.step_after(20_000_000_000, 50_000);
     let after = rig.seen().authority;

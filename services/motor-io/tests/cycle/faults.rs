@@ -2,7 +2,7 @@
 
 use crate::rig;
 
-use messages::{MotorAuthority as A, MotorInput, MotorState, OperatorRequest as R, UNITS};
+use messages::{MotorAuthority as A, MotorInput, MotorState, Request, UNITS};
 use motor_io::Core;
 use motor_io::inbox::Inbox;
 use rig::Rig;
@@ -44,10 +44,10 @@ fn a_stalled_cable_is_let_go_and_the_others_hold() {
     rig.duty[1] = 0.1;
     rig.count_offset[1] = rig.last.as_ref().unwrap().input.counts[1] + (rig.length_m[1] * 10_000.0).round() as i64;
     rig.steps(5);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
     assert_eq!((rig.mode(), released(&rig)), (A::MODE_HOLDING, [false; 3]));
     // How far it ran meanwhile, nobody knows.
-    assert_eq!(rig.seen().state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!(rig.seen().state.position_known, MotorState::POSITION_RESTORED);
 }
 
 #[test]
@@ -82,7 +82,7 @@ fn an_encoder_glitch_is_refused_and_a_jump_is_a_fault() {
     rig.count_offset[0] = 40_000;
     expect(&mut rig, 5, A::FAULT_ENCODER_JUMP, Some(0));
     let state = rig.seen().state;
-    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
     assert!((state.length_m[0] - length).abs() < 0.02);
 }
 
@@ -97,10 +97,10 @@ fn a_restarted_unit_has_lost_its_count_but_not_the_lengths() {
     expect(&mut rig, 5, A::FAULT_UNIT_REBOOT, None);
     assert_eq!(rig.seen().authority.fault_unit[1], 1);
     let state = rig.seen().state;
-    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
     assert!((state.length_m[2] - length).abs() < 0.02);
-    rig.demand(R::VERB_RESET, &[]);
-    rig.demand(R::VERB_CONFIRM_POSITION, &[]);
+    rig.demand(Request::Reset);
+    rig.demand(Request::ConfirmPosition);
     assert_eq!(rig.seen().state.position_known, MotorState::POSITION_KNOWN);
 }
 
@@ -115,14 +115,14 @@ fn a_lost_unit_is_survived_while_holding_and_nothing_moves_by_itself() {
         (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[0]),
         (A::MODE_FAULTED, A::FAULT_LOST_UNIT, 1)
     );
-    let (accepted, sentence) = rig.ask(R::VERB_RESET, &[]);
+    let (accepted, sentence) = rig.ask(Request::Reset);
     assert!(!accepted && sentence.contains("unit 1"), "{sentence}");
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.steps(50);
     assert_eq!(rig.mode(), A::MODE_FAULTED);
     // The counts agree, so the position is still known.
     assert_eq!(rig.seen().state.position_known, MotorState::POSITION_KNOWN);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
 }
 
@@ -135,7 +135,7 @@ fn a_line_that_moved_while_its_unit_was_away_needs_confirmation() {
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.steps(5);
     let state = rig.seen().state;
-    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
     assert!((state.length_m[1] - 5.02).abs() < 1e-3);
 }
 
@@ -179,7 +179,7 @@ fn lateness_of_this_program_stops_the_robot_and_loses_no_unit() {
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.estimate_valid = true;
     rig.steps(3);
-    rig.demand(R::VERB_RESUME, &[]);
+    rig.demand(Request::Resume);
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
 }
@@ -286,10 +286,10 @@ fn drive_errors_low_supply_and_the_emergency_input_stop_the_robot() {
     let mut rig = Rig::following([0.05, -0.05, 0.0]);
     rig.status[1] = 0x40;
     expect(&mut rig, 5, A::FAULT_DRIVE_ERROR, None);
-    assert!(!rig.ask(R::VERB_RESET, &[]).0);
+    assert!(!rig.ask(Request::Reset).0);
     rig.status[1] = 0;
     rig.steps(2);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
 
     let mut rig = Rig::following([0.05, -0.05, 0.0]);
     rig.supply_v = 8.0;
@@ -300,10 +300,10 @@ fn drive_errors_low_supply_and_the_emergency_input_stop_the_robot() {
     rig.steps(2);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_EMERGENCY_STOP, A::FAULT_EMERGENCY_INPUT));
     assert!(at_rest(&rig));
-    assert!(!rig.ask(R::VERB_RESET, &[]).0);
+    assert!(!rig.ask(Request::Reset).0);
     rig.status[0] = 0;
     rig.steps(2);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
 }
 

@@ -3,7 +3,7 @@
 use crate::rig;
 
 use cable_robot::{Jacobian, Vector3};
-use messages::{CABLES, MotorAuthority as A, MotorSlots, OperatorRequest as R};
+use messages::{CABLES, MotorAuthority as A, MotorSlots, Request, Slot, SlotRole};
 use rig::{PERIOD_S, Rig};
 
 const HERE: [f64; 3] = [4.8, 3.0, 0.8];
@@ -12,8 +12,8 @@ const HERE: [f64; 3] = [4.8, 3.0, 0.8];
 fn ready() -> Rig {
     let mut rig = Rig::default();
     rig.steps(3);
-    rig.demand(R::VERB_ZERO_AT, &HERE);
-    rig.demand(R::VERB_ARM, &[]);
+    rig.demand(Request::ZeroAt { position_m: HERE });
+    rig.demand(Request::Arm);
     rig
 }
 
@@ -76,7 +76,7 @@ fn commands_that_lead_away_from_the_set_point_are_a_fault_with_a_name() {
         assert!(off_m < bound.divergence_m + speed_m_s * (bound.divergence_s + 5.0 * PERIOD_S), "{off_m}");
         rig.until(100, |rig| rig.last.as_ref().unwrap().sent.is_hold());
         // It stays a fault until it is reset, and then the robot holds.
-        rig.demand(R::VERB_RESET, &[]);
+        rig.demand(Request::Reset);
         assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, 0));
     }
 }
@@ -124,7 +124,7 @@ fn beside(second: impl Fn(Vector3<f64>) -> [f64; CABLES]) -> (u8, bool, String) 
         rig.step();
     }
     let phase = rig.seen().slots.phase[1];
-    let (accepted, sentence) = rig.ask(R::VERB_SWAP, &[0.0, 1.0]);
+    let (accepted, sentence) = rig.ask(Request::Swap { role: SlotRole::Controller, slot: Slot::B });
     (phase, accepted, sentence)
 }
 

@@ -35,7 +35,7 @@ proptest! {
         let rig = jumped(speed_m_s, metres, cycles);
         prop_assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_ENCODER_JUMP));
         let state = rig.seen().state;
-        prop_assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+        prop_assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
         // The length goes on from the last good reading: it lacks only what the line did while nobody looked.
         let lacks_m = (state.length_m[0] - rig.length_m[0]).abs();
         prop_assert!(lacks_m <= speed_m_s.abs() * f64::from(cycles + 4) * rig::PERIOD_S + 1e-3, "{lacks_m} m");
@@ -76,7 +76,7 @@ proptest! {
             prop_assert_eq!(rig.faults() & A::FAULT_ENCODER_JUMP, 0);
             if rig.mode() == A::MODE_FAULTED {
                 rig.steps(100);
-                rig.demand(messages::OperatorRequest::VERB_RESET, &[]);
+                rig.demand(messages::Request::Reset);
             }
             if rig.mode() != A::MODE_FOLLOWING {
                 rig.offer(1000.0);
@@ -88,7 +88,7 @@ proptest! {
 #[test]
 fn a_line_that_nothing_holds_may_be_moved_by_hand() {
     let mut rig = Rig::default().ready();
-    rig.demand(messages::OperatorRequest::VERB_DISARM, &[]);
+    rig.demand(messages::Request::Disarm);
     for _ in 0..50 {
         rig.length_m[1] += 0.009;
         rig.step();
@@ -96,7 +96,7 @@ fn a_line_that_nothing_holds_may_be_moved_by_hand() {
     }
     // And what it did then is not held against it when it is held.
     rig.length_m[1] += 0.009;
-    rig.demand(messages::OperatorRequest::VERB_ARM, &[]);
+    rig.demand(messages::Request::Arm);
     rig.length_m[1] += 0.009;
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, 0));

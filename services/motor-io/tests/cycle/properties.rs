@@ -4,7 +4,7 @@ use crate::rig;
 
 use bytemuck::bytes_of;
 use messages::faults::HARD;
-use messages::{MotorAuthority as A, MotorInput, OperatorRequest as R};
+use messages::{MotorAuthority as A, MotorInput, Request, RequestBody as R};
 use motor_io::Core;
 use proptest::prelude::*;
 use rig::{Rig, Step};
@@ -12,7 +12,7 @@ use rig::{Rig, Step};
 #[derive(Debug, Clone)]
 enum Event {
     Steps(u32),
-    Ask(u8, [f64; 3]),
+    Ask(R),
     Controller(Option<[f64; 3]>),
     Offer(f64),
     Unit(usize, u8),
@@ -42,13 +42,13 @@ fn velocity() -> impl Strategy<Value = f64> {
 fn event() -> impl Strategy<Value = Event> {
     let verbs = prop_oneof![
         4 => Just(R::VERB_ARM), 2 => Just(R::VERB_RESET), 2 => Just(R::VERB_RESUME), 1 => 0..40u8,
-        2 => Just(R::VERB_JOG), 1 => Just(R::VERB_PAUSE), 1 => Just(R::VERB_CONFIRM_POSITION), 1 => Just(R::VERB_SPEED),
+        2 => Just(R::VERB_JOG), 1 => Just(R::VERB_PAUSE), 1 => Just(R::VERB_CONFIRM), 1 => Just(R::VERB_SPEED),
     ];
     prop_oneof![
         6 => (1..40u32).prop_map(Event::Steps),
-        5 => (verbs, prop::array::uniform3(number())).prop_map(|(verb, args)| Event::Ask(verb, args)),
-        2 => Just(Event::Ask(R::VERB_ZERO_LENGTHS, [5.0, 6.0, 7.0])),
-        2 => (1..4u8, -1.0..1.0f64).prop_map(|(cable, m)| Event::Ask(R::VERB_JOG, [f64::from(cable), m, 0.0])),
+        5 => (verbs, prop::array::uniform3(number())).prop_map(|(verb, numbers)| Event::Ask(rig::body(verb, numbers))),
+        2 => Just(Event::Ask(rig::lengths([5.0, 6.0, 7.0]).body())),
+        2 => (1..4u8, -1.0..1.0f64).prop_map(|(cable, distance_m)| Event::Ask(Request::Jog { cable, distance_m }.body())),
         4 => prop::option::weighted(0.9, prop::array::uniform3(velocity())).prop_map(Event::Controller),
         5 => (0.1..20.0f64).prop_map(Event::Offer),
         1 => (0..2usize, 0..5u8).prop_map(|(unit, state)| Event::Unit(unit, state)),
@@ -140,10 +140,8 @@ proptest! {
             let (mut steps, mut gap, mut asked) = (1, 0, false);
             match event {
                 Event::Steps(count) => steps = count,
-                Event::Ask(verb, args) => {
-                    let mut all = [0.0; 8];
-                    all[..3].copy_from_slice(&args);
-                    prop_assert!(rig.inbox.request(1, verb, &all));
+                Event::Ask(body) => {
+                    prop_assert!(rig.inbox.request(1, &body));
                     asked = true;
                 }
                 Event::Controller(answer) => rig.controller = answer.map(|v| [v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0, 0.0]),
@@ -164,7 +162,7 @@ proptest! {
                 let now = rig.step_after(if step == 0 { gap as i64 } else { 0 }, if step == 0 { gap } else { 0 }).clone();
                 let asked = asked && step == 0;
                 check(&config, record.last(), &now, asked)?;
-                let verbs = now.input.request_verb.iter().filter(|verb| **verb != 0).count();
+                let verbs = now.input.request.iter().filter(|body| body.verb != 0).count();
                 prop_assert_eq!(now.answers.len(), verbs);
                 for answer in &now.answers {
                     prop_assert!(answer.sentence.ends_with('.') && answer.sentence.len() > 5, "{}", answer.sentence);
@@ -184,11 +182,7 @@ proptest! {
             let mut steps = 1;
             match event {
                 Event::Steps(count) => steps = count,
-                Event::Ask(verb, args) => {
-                    let mut all = [0.0; 8];
-                    all[..3].copy_from_slice(&args);
-                    prop_assert!(rig.inbox.request(1, verb, &all));
-                }
+                Event::Ask(body) => prop_assert!(rig.inbox.request(1, &body)),
                 Event::Controller(answer) => rig.controller = answer.map(|v| [v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0, 0.0]),
                 Event::Offer(seconds) if rig.last.is_some() => rig.offer(seconds),
                 Event::Unit(unit, state) => rig.unit[unit] = state,

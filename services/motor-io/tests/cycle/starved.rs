@@ -2,7 +2,7 @@
 
 use crate::rig;
 
-use messages::{MotorAuthority as A, MotorInput, OperatorRequest as R, SLOTS};
+use messages::{MotorAuthority as A, MotorInput, Request, SLOTS};
 use rig::Rig;
 
 const PERIOD_NS: u64 = 10_000_000;
@@ -48,7 +48,7 @@ fn starved_for_longer_it_holds_by_that_name_and_can_be_resumed() {
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMPUTER));
     rig.controller = velocity;
     rig.steps(3);
-    rig.demand(R::VERB_RESUME, &[]);
+    rig.demand(Request::Resume);
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
 }

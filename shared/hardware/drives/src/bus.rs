@@ -12,7 +12,8 @@ pub const AXES: usize = 2;
 /// Command for one motor. Positive is the direction in which its count rises.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Command {
-    /// No closed loop and no drive output. The right stop where the encoder cannot be trusted; a gear that can be back-driven creeps.
+    /// No closed loop and no drive output. The right stop where the encoder cannot be trusted; a gear that can be
+    /// back-driven creeps.
     Release,
     /// Closed-loop velocity, counts per second.
     Velocity(f64),
@@ -89,14 +90,16 @@ impl Capabilities {
 /// One serial port with the units of a drive family on it. The device need not be present.
 ///
 /// Contract of every family:
-/// * **Deadlines.** Nothing is sent after the deadline. An answer that does not arrive ends a call at most one answer time later.
-/// * **No stale answer.** After any failed exchange the bus resynchronises before it uses an answer: a late answer must never count as
-///   the answer to a later question.
+/// * **Deadlines.** Nothing is sent after the deadline. An answer that does not arrive ends a call at most one answer
+///   time later.
+/// * **No stale answer.** After any failed exchange the bus resynchronises before it uses an answer: a late answer must
+///   never count as the answer to a later question.
 /// * **Watchdog.** A unit is in use ([`UnitAnswer::outcome`] is `Ok`) only after its watchdog was set and read back
 ///   ([`UnitInfo::watchdog_ms`]); until then it is [`Error::Preparing`] or [`Error::WatchdogRefused`].
 /// * **Restarts.** A unit that restarted has lost its counts and its watchdog. The bus detects this, counts it in
 ///   [`UnitReport::reboots`](crate::UnitReport::reboots), and continues the counts from where they were.
-/// * **Interlock.** A unit that was lost or restarted is [`Error::Interlocked`] until one command that does not move it was accepted.
+/// * **Interlock.** A unit that was lost or restarted is [`Error::Interlocked`] until one command that does not move it
+///   was accepted.
 /// * **Allocation.** [`exchange`](DriveBus::exchange) and [`spend`](DriveBus::spend) do not allocate.
 pub trait DriveBus: Send {
     /// The port's name, as the operator configured it.
@@ -124,8 +127,8 @@ pub trait DriveBus: Send {
     /// `commands` and `answers` follow the order of the units; a unit without a command is only read.
     fn exchange(&mut self, commands: &[UnitCommand], deadline_ns: u64, answers: &mut [UnitAnswer]);
 
-    /// Uses the time until the deadline: reads the stop input, brings units back into use, and reads what changes slowly. The results
-    /// are in the reports of the next [`exchange`](DriveBus::exchange).
+    /// Uses the time until the deadline: reads the stop input, brings units back into use, and reads what changes
+    /// slowly. The results are in the reports of the next [`exchange`](DriveBus::exchange).
     fn spend(&mut self, deadline_ns: u64);
 
     /// Connects, resynchronises and sets up units, between cycles. `Ok` once every unit is in use.

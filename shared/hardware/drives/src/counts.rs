@@ -2,8 +2,8 @@
 
 /// Largest motion of an encoder count that its motor explains.
 ///
-/// A driver holds back one sample beyond it, to find out whether the unit restarted and began to count at zero. It does not judge
-/// whether the count is credible: that is left to whoever knows the robot.
+/// A driver holds back one sample beyond it, to find out whether the unit restarted and began to count at zero. It does
+/// not judge whether the count is credible: that is left to whoever knows the robot.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CountBound {
     /// Highest believable speed, counts per second. 0: no bound.

@@ -1,7 +1,7 @@
 //! Several ports at once: one thread each, all starting a cycle together.
 //!
-//! Each port is owned by its thread, so a port that is slow, silent or unplugged delays no other and recovers on its own. The threads
-//! inherit scheduling policy, priority and processors of the thread that opens the fleet.
+//! Each port is owned by its thread, so a port that is slow, silent or unplugged delays no other and recovers on its
+//! own. The threads inherit scheduling policy, priority and processors of the thread that opens the fleet.
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread::JoinHandle;
@@ -139,8 +139,8 @@ fn blank_answers<B: DriveBus>(bus: &B) -> Vec<UnitAnswer> {
 }
 
 impl Fleet {
-    /// Starts a thread for each bus, which looks for its device and sets up its units. Returns at once; a device that is not there is
-    /// an error of the exchanges until it is.
+    /// Starts a thread for each bus, which looks for its device and sets up its units. Returns at once; a device that
+    /// is not there is an error of the exchanges until it is.
     ///
     /// Deadlines of the fleet are on the monotonic clock. A bus with a clock of its own gets what is left of them.
     ///
@@ -225,12 +225,13 @@ impl Fleet {
         most_left_out_ns(&self.clocks)
     }
 
-    /// Runs the cycle on all ports at the same time and waits for all of them, but not beyond `deadline_ns` of the monotonic clock. A
-    /// port that has not finished by then is [`Error::Busy`], or [`Error::Resynchronising`] where that is the reason; its results are in
-    /// the next cycle's report.
+    /// Runs the cycle on all ports at the same time and waits for all of them, but not beyond `deadline_ns` of the
+    /// monotonic clock. A port that has not finished by then is [`Error::Busy`], or [`Error::Resynchronising`] where
+    /// that is the reason; its results are in the next cycle's report.
     ///
-    /// Returns as soon as every unit has its command and its counts are read. The ports use the rest of the time until the deadline for
-    /// currents and slow values, which are in the next cycle's reports with the time at which they were requested.
+    /// Returns as soon as every unit has its command and its counts are read. The ports use the rest of the time until
+    /// the deadline for currents and slow values, which are in the next cycle's reports with the time at which they
+    /// were requested.
     ///
     /// Time that simulated ports leave out meanwhile does not count: the deadline moves by it, by a second at most.
     ///

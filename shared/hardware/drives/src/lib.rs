@@ -1,14 +1,17 @@
-//! Motor drives without a vendor: what the control cycle needs of a drive family, and the threads that serve several ports at once.
+//! Motor drives without a vendor: what the control cycle needs of a drive family, and the threads that serve several
+//! ports at once.
 //!
-//! * [`DriveBus`]: the trait of a drive family. One bus is one serial port with its units; each unit has up to [`AXES`] motors.
-//! * [`Command`], [`UnitReport`], [`DriveStatus`], [`Error`]: commands, readings, conditions and failures in neutral terms.
+//! * [`DriveBus`]: the trait of a drive family. One bus is one serial port with its units; each unit has up to [`AXES`]
+//!   motors.
+//! * [`Command`], [`UnitReport`], [`DriveStatus`], [`Error`]: commands, readings, conditions and failures in neutral
+//!   terms.
 //! * [`Fleet`]: several buses, each with a thread, that start every control cycle together.
 //!
-//! A new family implements [`DriveBus`] in its own crate; nothing here and nothing in the safety machine changes. The contract of the
-//! trait is in its documentation, and `tests/fleet/fake.rs` is a complete family of 200 lines.
+//! A new family implements [`DriveBus`] in its own crate; nothing here and nothing in the safety machine changes. The
+//! contract of the trait is in its documentation, and `tests/fleet/fake.rs` is a complete family of 200 lines.
 //!
-//! Architecture invariants: no vendor is named here. One thread owns a port. A sample carries the time at which it was requested. In
-//! a control cycle nothing is allocated.
+//! Architecture invariants: no vendor is named here. One thread owns a port. A sample carries the time at which it was
+//! requested. In a control cycle nothing is allocated.
 //!
 //! ```
 //! use drives::{Capabilities, Command, CountBound};

@@ -40,15 +40,15 @@ pub struct UnitReport {
     pub status: Timed<DriveStatus>,
     /// The same as the unit sent it, for the log.
     pub native_status: u32,
-    /// Restarts of the unit since the driver knows it. Each time its counters began at zero, so the position of its motors is unknown.
-    /// A counter rather than an event, so that no reader misses one.
+    /// Restarts of the unit since the driver knows it. Each time its counters began at zero, so the position of its
+    /// motors is unknown. A counter rather than an event, so that no reader misses one.
     pub reboots: u32,
     /// Counts that moved further than [`CountBound`](crate::CountBound) explains and stayed there, without a restart.
     pub jumps: u32,
     /// How often the unit was set up: 1 after the first time.
     pub setups: u32,
-    /// The unit already had the configured watchdog when it was first addressed: it has been running since an earlier run of this
-    /// program, and has counted on meanwhile.
+    /// The unit already had the configured watchdog when it was first addressed: it has been running since an earlier
+    /// run of this program, and has counted on meanwhile.
     pub was_alive: bool,
 }
 

@@ -2,10 +2,12 @@
 
 use std::fmt;
 
-/// Conditions of a unit as bits. These are the values of `status` in `motor/state` and `motor/input`, so a bit never changes its meaning.
+/// Conditions of a unit as bits. These are the values of `status` in `motor/state` and `motor/input`, so a bit never
+/// changes its meaning.
 ///
-/// Bits 0 to 15 and 26 to 28 are errors, at which a drive stops or soon will; the others are warnings and inputs. The layout is a
-/// superset of that of the first supported family: in run files recorded before other families existed the bits mean the same.
+/// Bits 0 to 15 and 26 to 28 are errors, at which a drive stops or soon will; the others are warnings and inputs. The
+/// layout is a superset of that of the first supported family: in run files recorded before other families existed the
+/// bits mean the same.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DriveStatus(pub u32);
 

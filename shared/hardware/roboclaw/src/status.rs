@@ -1,11 +1,11 @@
 //! Status of a unit (command 90), in one layout for every firmware.
 //!
-//! Old firmware answers with 16 bits, new firmware with 32, and the same bit means different things. [`Status`] always holds the
-//! layout of new firmware, which has a place for everything old firmware can say.
+//! Old firmware answers with 16 bits, new firmware with 32, and the same bit means different things. [`Status`] always
+//! holds the layout of new firmware, which has a bit for every condition of old firmware.
 
 use drives::DriveStatus;
 
-/// Bits of the answer, decided by the firmware.
+/// Width of the answer, which depends on the firmware.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StatusWidth {
     /// Old firmware: 16 bits.
@@ -99,7 +99,7 @@ impl Status {
         Status(CONDITIONS.iter().filter(|(_, narrow, _)| bits & narrow != 0).fold(0, |all, (wide, _, _)| all | wide))
     }
 
-    /// To the 16 bits of old firmware; conditions it does not know are left out.
+    /// To the 16 bits of old firmware; conditions that it does not have are left out.
     #[must_use]
     pub fn to_narrow(self) -> u16 {
         CONDITIONS.iter().filter(|(wide, _, _)| self.0 & wide != 0).fold(0, |all, (_, narrow, _)| all | narrow)
@@ -111,7 +111,7 @@ impl Status {
         self.0 & bits != 0
     }
 
-    /// True where the unit itself has stopped, or soon will.
+    /// True where the unit has stopped its motors, or soon will.
     #[must_use]
     pub fn is_error(self) -> bool {
         self.has(Status::ERRORS)

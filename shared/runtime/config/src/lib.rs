@@ -14,7 +14,7 @@ pub mod file;
 mod load;
 mod logger;
 mod measured;
-mod mission_file;
+mod mission_copy;
 mod number;
 mod point;
 mod problem;
@@ -33,7 +33,7 @@ pub use devices::{
 pub use drive_family::DriveFamily;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
-pub use mission_file::mission_file;
+pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
 pub use number::Given;
 pub use point::{Point, Points};
 pub use problem::Problem;

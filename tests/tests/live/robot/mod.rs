@@ -6,7 +6,7 @@ mod steady;
 pub use steady::steadily;
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain, clock};
-use messages::{MotorAuthority, MotorInput, MotorSlots, OperatorRequest, TruthNode, put_text, text_of};
+use messages::{GotoPath, MotorAuthority, MotorInput, MotorSlots, Request, TruthNode, text_of};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::collections::HashMap;
@@ -65,6 +65,11 @@ pub struct Robot {
     broken: bool,
     pub domain: TestDomain,
     _alone: MutexGuard<'static, ()>,
+}
+
+/// A straight move at that speed, m/s.
+pub fn goto(to_m: [f64; 3], speed_m_s: f64) -> Request {
+    Request::Goto { to_m, path: GotoPath::Line, speed_m_s: Some(speed_m_s) }
 }
 
 /// A copy of the examples' files, because what a robot keeps stands beside them.
@@ -294,10 +299,10 @@ impl Robot {
     }
 
     /// Asks until it is accepted.
-    pub fn ask(&mut self, process: &str, verb: u8, args: &[f64]) {
+    pub fn ask(&mut self, process: &str, request: Request) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
-            let answer = self.request(process, verb, args, "");
+            let answer = self.request(process, &request);
             if matches!(answer, Some((true, _))) {
                 return;
             }
@@ -314,15 +319,13 @@ impl Robot {
     /// Breaks something in that process.
     pub fn fault_of(&mut self, process: &str, text: &str) {
         self.broken = true;
-        let (accepted, sentence) = self.request(process, OperatorRequest::VERB_FAULT, &[], text).unwrap();
+        let (accepted, sentence) = self.request(process, &Request::Fault { text: text.to_owned() }).unwrap();
         assert!(accepted, "{sentence}");
     }
 
     /// One request and its answer; none where the process is not there or does not answer.
-    pub fn request(&mut self, process: &str, verb: u8, args: &[f64], text: &str) -> Option<(bool, String)> {
-        let mut request = OperatorRequest { verb, ..OperatorRequest::default() };
-        request.args[..args.len()].copy_from_slice(args);
-        put_text(&mut request.text, text);
+    pub fn request(&mut self, process: &str, request: &Request) -> Option<(bool, String)> {
+        let request = request.encode().unwrap();
         if !self.clients.contains_key(process) {
             self.clients.insert(process.to_owned(), self.bus.client(process).unwrap());
         }
@@ -331,6 +334,13 @@ impl Robot {
             self.clients.remove(process);
         }
         answer.map(|answer| (answer.accepted == 1, text_of(&answer.answer)))
+    }
+
+    /// The request to fly a mission of the folder of missions, which is copied into the run first.
+    pub fn mission(&self, name: &str) -> Request {
+        let text = std::fs::read_to_string(self.folder().join(format!("configs/missions/{name}.toml"))).unwrap();
+        let hash = config::store_mission(&self.run(), &text).unwrap();
+        Request::Run { mission: name.to_owned(), hash, continues: false }
     }
 
     /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the
@@ -343,12 +353,11 @@ impl Robot {
     pub fn fly_at(&mut self, speed_m_s: f64) {
         for _ in 0..5 {
             // Gives up what is left of a move; without one it is refused, which is as good.
-            self.request("motor-io", OperatorRequest::VERB_STOP, &[], "").unwrap();
+            self.request("motor-io", &Request::Stop).unwrap();
             self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
             // Wherever an earlier move was broken off, the farther end is a move away.
             self.goal = if self.distance_m(START) < self.distance_m(GOAL) { GOAL } else { START };
-            let [x, y, z] = self.goal;
-            self.ask("planner", OperatorRequest::VERB_GOTO, &[x, y, z, speed_m_s]);
+            self.ask("planner", goto(self.goal, speed_m_s));
             self.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
             let cycle = self.last.header.cycle + 100;
             self.until("a second of it", |robot| robot.last.header.cycle > cycle);
@@ -367,7 +376,7 @@ impl Robot {
             if self.last.faults & STARVED == 0 {
                 return;
             }
-            self.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+            self.ask("motor-io", Request::Resume);
             self.until("it goes on", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
         }
         panic!("this machine does not let the robot end its move: {:#x}", self.last.faults);
@@ -375,8 +384,8 @@ impl Robot {
 
     /// Armed, and told where it hangs.
     pub fn arm(&mut self) {
-        self.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-        self.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &START);
+        self.ask("motor-io", Request::Arm);
+        self.ask("motor-io", Request::ZeroAt { position_m: START });
     }
 
     /// Everything that has been published so far is in `last`, `seen` and `seats`.
@@ -416,10 +425,10 @@ impl Robot {
 
     /// Puts the robot back to holding at a known position.
     pub fn reset(&mut self) {
-        self.ask("motor-io", OperatorRequest::VERB_RESET, &[]);
+        self.ask("motor-io", Request::Reset);
         self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.faults == 0);
-        if self.last.position_known == messages::MotorState::POSITION_FROM_BEFORE_THE_CUT {
-            self.ask("motor-io", OperatorRequest::VERB_CONFIRM_POSITION, &[]);
+        if self.last.position_known == messages::MotorState::POSITION_RESTORED {
+            self.ask("motor-io", Request::ConfirmPosition);
         }
     }
 

@@ -3,7 +3,7 @@
 
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3};
-use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, UNITS};
+use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanSegment, Request, RequestBody, UNITS};
 use motor_io::inbox::Inbox;
 use motor_io::{Answer, Core, CoreConfig, DriveCommand, Observation};
 use segments::segment_message;
@@ -28,6 +28,29 @@ pub fn config() -> CoreConfig {
     })
     .unwrap();
     CoreConfig::new(robot, PERIOD_S, &COUNTS_PER_M, &[vec![0, 1], vec![2]]).unwrap()
+}
+
+/// Sets the lengths of the three cables, m.
+pub fn lengths(lengths_m: [f64; 3]) -> Request {
+    Request::ZeroLengths { lengths_m: lengths_m.into_iter().collect() }
+}
+
+/// A request of any verb with these numbers in every field that it may read.
+pub fn body(verb: u8, numbers: [f64; 3]) -> RequestBody {
+    let mut body = RequestBody {
+        verb,
+        position_m: numbers,
+        distance_m: numbers[1],
+        speed_m_s: numbers[1],
+        rate: numbers[0],
+        cable: numbers[0] as u8,
+        cable_count: 3,
+        slot_role: numbers[0] as u8,
+        slot: numbers[1] as u8,
+        ..RequestBody::default()
+    };
+    body.length_m[..3].copy_from_slice(&numbers);
+    body
 }
 
 /// One cycle's record.
@@ -249,24 +272,26 @@ impl Rig {
         panic!("not within {most} cycles; mode {}, faults {:#x}", authority.mode, authority.faults);
     }
 
-    pub fn ask(&mut self, verb: u8, args: &[f64]) -> (bool, String) {
-        let mut all = [0.0; 8];
-        all[..args.len()].copy_from_slice(args);
-        assert!(self.inbox.request(self.cycle + 100, verb, &all));
+    pub fn ask(&mut self, request: Request) -> (bool, String) {
+        self.ask_body(&request.body())
+    }
+
+    pub fn ask_body(&mut self, body: &RequestBody) -> (bool, String) {
+        assert!(self.inbox.request(self.cycle + 100, body));
         let answer = self.step().answers[0];
         (answer.is_accepted(), answer.sentence.to_string())
     }
 
-    pub fn demand(&mut self, verb: u8, args: &[f64]) {
-        let (accepted, sentence) = self.ask(verb, args);
+    pub fn demand(&mut self, request: Request) {
+        let (accepted, sentence) = self.ask(request);
         assert!(accepted, "{sentence}");
     }
 
     /// Armed, position known, holding.
     pub fn ready(mut self) -> Self {
         self.steps(3);
-        self.demand(OperatorRequest::VERB_ZERO_LENGTHS, &[5.0; 3]);
-        self.demand(OperatorRequest::VERB_ARM, &[]);
+        self.demand(lengths([5.0; 3]));
+        self.demand(Request::Arm);
         self
     }
 

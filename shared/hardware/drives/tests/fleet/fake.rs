@@ -1,8 +1,8 @@
-//! A drive family that exists only here, as different from the real one as the trait allows: text lines with a tag in each question and
-//! answer, one motor per unit, positions in turns, torque besides velocity.
+//! A drive family that exists only here, as different from the real one as the trait allows: text lines with a tag in
+//! each question and answer, one motor per unit, positions in turns, torque besides velocity.
 //!
-//! A question is `@ADDRESS TAG VERB VALUE`, its answer `@ADDRESS TAG TURNS AMPERES STATUS WATCHDOG_MS`. The tag makes a late answer
-//! harmless: it answers an old question and is skipped.
+//! A question is `@ADDRESS TAG VERB VALUE`, its answer `@ADDRESS TAG TURNS AMPERES STATUS WATCHDOG_MS`. The tag makes a
+//! late answer harmless: it answers an old question and is skipped.
 
 use std::fmt::Write as _;
 use std::sync::Arc;

@@ -37,7 +37,7 @@ impl<T: Transport> DriveBus for Bus<T> {
         Some(UnitInfo {
             name: Arc::clone(&unit.name),
             firmware: unit.version.map(firmware),
-            watchdog_ms: unit.told.then_some(watchdog_ms(unit.config.watchdog_tenths)),
+            watchdog_ms: unit.watchdog_set.then_some(watchdog_ms(unit.config.watchdog_tenths)),
         })
     }
 

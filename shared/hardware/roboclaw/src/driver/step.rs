@@ -6,18 +6,18 @@ use crate::packet::MAX_PACKET;
 /// Where the bus is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Reading and forgetting until it is quiet; the last byte came at `quiet_from_ns` or before.
+    /// Reads and discards until the port is quiet; the last byte arrived at `quiet_from_ns` or before.
     Draining { quiet_from_ns: u64 },
-    /// Waiting for the answer to a fence, whatever comes before it.
+    /// Waits for the answer to a fence, and skips bytes before it.
     Fencing { unit: usize, read: Read, until_ns: u64, window: Window },
-    /// Empty, and nothing outstanding.
+    /// Nothing received, nothing outstanding.
     Settled,
 }
 
-/// What came in place of the answer to a fence.
+/// Bytes received in place of the answer to a fence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum Instead {
-    /// Not one byte.
+    /// No byte.
     #[default]
     Nothing,
     /// The question itself.
@@ -26,10 +26,11 @@ pub(super) enum Instead {
     Foreign,
 }
 
-/// What a unit is asked before it is used, in this order.
+/// Questions of a unit's setup, in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Setup {
-    /// Is the watchdog still as it was set? Otherwise the unit has restarted. `whole`: ask for everything in any case.
+    /// Reads the watchdog: another value than the one that was set means a restart. `whole`: continue the setup in any
+    /// case.
     Recognise {
         whole: bool,
     },
@@ -41,7 +42,7 @@ pub(super) enum Setup {
     Encoders,
 }
 
-/// The last bytes received, to find an answer in.
+/// The last bytes received, in which an answer is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Window {
     bytes: [u8; MAX_PACKET],

@@ -9,8 +9,8 @@ fn bytes(hex: &str) -> Vec<u8> {
     hex.split_whitespace().map(|byte| u8::from_str_radix(byte, 16).unwrap()).collect()
 }
 
-/// Commands, each with the bytes emitted for it by the vendor's Python client, the bmegli C library, or the suite of dumbotics;
-/// the rest with the checksum of an independent CRC (Python's binascii.crc_hqx).
+/// Commands, each with the bytes emitted for it by the vendor's Python client, the bmegli C library, or the suite of
+/// dumbotics; the rest with the checksum of an independent CRC (Python's binascii.crc_hqx).
 #[rustfmt::skip]
 const WRITES: [(u8, Write, &str); 18] = [
     (0x80, Write::Watchdog(5), "80 0e 05 48 f0"),
@@ -211,7 +211,8 @@ proptest! {
     fn no_bytes_make_the_decoder_stumble(code in any::<u8>(), noise in proptest::collection::vec(any::<u8>(), 0..60)) {
         let _ = Write::decode(code, &noise);
         for read in READS {
-            // Random bytes pass a checksum of 16 bits once in 65536 times, which is why a driver has to do more than check it.
+            // Random bytes pass a checksum of 16 bits once in 65536 times, which is why a driver has to do more than
+            // check it.
             if let Ok(reply) = read.decode(0x80, &noise) {
                 prop_assert_eq!(crc16(&[&[0x80, read.code()], noise.as_slice()].concat()), 0, "{:?}", reply);
             }

@@ -11,8 +11,8 @@ pub const PERIOD_NS: u64 = 10 * MS;
 pub const BUDGET_NS: u64 = 9 * MS;
 pub const BAUD: u32 = 230_400;
 
-/// Units whose encoders show the time: motor 1 counts microseconds, motor 2 counts them backwards. So every sample tells by itself
-/// when it was taken, and a stale one cannot hide.
+/// Units whose encoders show the time: motor 1 counts microseconds, motor 2 counts them backwards. So every sample
+/// tells by itself when it was taken, and a stale one cannot hide.
 #[derive(Debug)]
 pub struct Clockwork {
     pub bus: UnitBus,

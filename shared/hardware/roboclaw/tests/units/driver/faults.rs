@@ -9,7 +9,8 @@ use serial::{Device, Faults, Paced, Pipe, Transport};
 
 use super::clockwork::*;
 
-/// The heart of the matter: whatever happens to the bytes, no sample is stale and no command counts as given that was not.
+/// The heart of the matter: whatever happens to the bytes, no sample is stale and no command counts as given that was
+/// not.
 #[test]
 fn no_stale_sample_and_no_false_acknowledgement_under_faults() {
     let mixes = [

@@ -70,7 +70,8 @@ fn answers_that_were_slow_once_do_not_keep_a_unit_from_being_set_up() {
     }
 }
 
-/// A starved computer, or a slow adapter, answers later than the margin every time: it takes longer, but the units come into use.
+/// A starved computer, or a slow adapter, answers later than the margin every time: it takes longer, but the units come
+/// into use.
 #[test]
 fn answers_that_are_always_late_are_waited_for_longer_until_they_are_not() {
     let mut bus = two_units();
