@@ -1,6 +1,8 @@
 //! A mission being flown: which part of it is on its way to motor-io, what was flown before, and what comes at most after it.
 
 use messages::MotorAuthority;
+use robot_state::Reason;
+use robot_state::answers::detail;
 
 use crate::mission::Mission;
 use crate::plan::{Plan, PlannerConfig};
@@ -102,27 +104,17 @@ impl Flight {
         share.max(self.share)
     }
 
-    /// What is said to whoever asked for it.
-    pub(crate) fn sentence(&self, verb: &str, config: &PlannerConfig) -> String {
+    /// The answer to the request for it; `continues`: it is the rest of a mission.
+    pub(crate) fn accepted(&self, continues: bool, config: &PlannerConfig) -> Reason {
         let plan = &self.plan;
-        let now_j = plan.energy_j(config);
-        let energy = now_j.map_or(String::new(), |joules| format!(", about {joules:.0} J"));
-        let then = match &self.left {
-            Some(_) => {
-                let joules = now_j.zip(self.later.energy_j);
-                let energy = joules.map_or(String::new(), |(now_j, later_j)| {
-                    format!(" and about {later_j:.0} J, {:.0} J in all", now_j + later_j)
-                });
-                format!(", then where the map is worth it: at most {:.0} s more{energy}", self.later.time_s)
-            }
-            None => String::new(),
-        };
-        format!(
-            "mission \"{}\" {verb}: {} segments, {:.2} m, {:.1} s{energy}{then}",
-            self.name,
-            plan.segments.len(),
-            plan.length_m(),
-            plan.end_s() - plan.start_s()
-        )
+        Reason::Planned {
+            continues,
+            segments: plan.segments.len(),
+            length_m: plan.length_m(),
+            duration_s: plan.end_s() - plan.start_s(),
+            energy_j: plan.energy_j(config),
+            later: self.left.as_ref().map(|_| (self.later.time_s, self.later.energy_j)),
+            mission: detail(&self.name),
+        }
     }
 }

@@ -2,9 +2,11 @@
 
 use cable_robot::Vector3;
 use messages::{
-    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence,
-    put_text, same_life, text_of,
+    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, PlanStatus,
+    put_sentence, put_text, same_life, text_of,
 };
+use robot_state::Reason;
+use robot_state::answers::detail;
 use segments::segment_message;
 use thiserror::Error;
 
@@ -61,9 +63,9 @@ pub struct Inputs<'a> {
 /// Why a request is not carried out.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Refusal {
-    /// The robot is not ready.
+    /// The robot or the mission is not ready.
     #[error("{0}")]
-    NotReady(String),
+    NotReady(Box<Reason>),
     /// The motion would break a limit, or is none.
     #[error(transparent)]
     Plan(#[from] PlanError),
@@ -73,16 +75,35 @@ pub enum Refusal {
 }
 
 impl Refusal {
-    /// True where what was asked for cannot be done by this robot, in whatever state it is.
+    /// The answer to the request: the number of the class of an error, and the error's own sentence.
+    #[must_use]
+    pub fn reason(&self) -> Reason {
+        let error = match self {
+            Self::NotReady(reason) => return **reason,
+            Self::Mission(error) => return Reason::MissionInvalid { why: detail(error) },
+            Self::Plan(error) => error,
+        };
+        let why = detail(error);
+        match error {
+            PlanError::Refused { .. } => Reason::PlanLimit { why },
+            PlanError::TooFast { .. } => Reason::PlanTooFast { why },
+            PlanError::TooHard { .. } => Reason::PlanTooHard { why },
+            PlanError::Path { .. } => Reason::PlanPath { why },
+            PlanError::Profile { .. } => Reason::PlanProfile { why },
+            PlanError::Point { .. } => Reason::PlanPoint { why },
+            PlanError::NoPath { .. } => Reason::PlanEnergy { why },
+            PlanError::Scan { .. } => Reason::PlanPattern { why },
+            PlanError::TooLong => Reason::PlanTooLong { why },
+            PlanError::OtherPlan => Reason::PlanOther { why },
+            PlanError::AlreadyThere => Reason::AlreadyThere { why },
+            PlanError::NoStart { .. } => Reason::NoStart { why },
+        }
+    }
+
+    /// True where this robot cannot do what was requested, in whatever state it is.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
-        match self {
-            Self::NotReady(_) => false,
-            Self::Mission(_) => true,
-            Self::Plan(error) => {
-                !matches!(error, PlanError::AlreadyThere | PlanError::NoStart { .. } | PlanError::OtherPlan)
-            }
-        }
+        self.reason().accepted() == OperatorRequest::BAD_INPUT
     }
 }
 
@@ -146,7 +167,7 @@ impl Planner {
         shape: PathShape,
         mu_per_m: Option<f64>,
         seen: &Inputs<'_>,
-    ) -> Result<String, Refusal> {
+    ) -> Result<Reason, Refusal> {
         let to = to_m.into();
         let leg = if shape == PathShape::Parabola && mu_per_m.is_some() {
             Leg::Parabola(mission::Parabola { to_m: to, mu_per_m, speed_m_s })
@@ -171,7 +192,7 @@ impl Planner {
     ///
     /// # Errors
     /// One sentence: why not, and what to do. Nothing moves then.
-    pub fn run(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
+    pub fn run(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
         let result = self.try_run(mission, true, seen);
         self.answered(mission, result)
     }
@@ -180,22 +201,21 @@ impl Planner {
     ///
     /// # Errors
     /// One sentence: why not, and what to do. Nothing moves then.
-    pub fn go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
+    pub fn go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
         let result = self.try_go_on(mission, seen);
         self.answered(mission, result)
     }
 
-    /// Takes back a motion that was planned and not offered yet; the sentence that says so.
-    pub fn take_back(&mut self) -> String {
-        let sentence =
-            "not flown: whoever asked did not wait until the plan was ready; ask again, or fly a shorter mission";
+    /// Withdraws a motion that was planned and not offered yet; returns the answer.
+    pub fn take_back(&mut self) -> Reason {
+        let reason = Reason::RequesterTimedOut;
         self.flight = None;
         self.status.state = PlanStatus::STATE_REFUSED;
-        put_sentence(&mut self.status.reason, sentence);
-        sentence.to_owned()
+        put_sentence(&mut self.status.reason, &reason.sentence());
+        reason
     }
 
-    fn answered(&mut self, mission: &Mission, result: Result<String, Refusal>) -> Result<String, Refusal> {
+    fn answered(&mut self, mission: &Mission, result: Result<Reason, Refusal>) -> Result<Reason, Refusal> {
         if let Err(refusal) = &result {
             self.refused = self.refused.wrapping_add(1);
             self.status.refused = self.refused;
@@ -209,7 +229,7 @@ impl Planner {
         result
     }
 
-    fn try_run(&mut self, mission: &Mission, kept: bool, seen: &Inputs<'_>) -> Result<String, Refusal> {
+    fn try_run(&mut self, mission: &Mission, kept: bool, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
         let mission = mission.clone().checked()?;
         let (authority, estimate) = self.ready(seen)?;
         let start = Vector3::from(estimate.position_m);
@@ -235,22 +255,21 @@ impl Planner {
             None => Later::default(),
         };
         let flight = Flight { later, left, ..Flight::new(mission.name, plan.clone(), plan, kept, authority, seen) };
-        Ok(self.offer(flight, "accepted"))
+        Ok(self.offer(flight, false))
     }
 
-    fn try_go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<String, Refusal> {
-        let refuse = |sentence: String| Err(Refusal::NotReady(sentence));
+    fn try_go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
+        let refuse = |reason: Reason| Err(Refusal::NotReady(Box::new(reason)));
         let name = &mission.name;
+        let named = || detail(name);
         let Some(progress) = self.progress.clone().filter(|progress| progress.mission.name == *name) else {
-            return refuse(format!("mission \"{name}\" was not begun; run it without --continue"));
+            return refuse(Reason::MissionNotBegun { mission: named() });
         };
         if progress.mission != *mission {
-            return refuse(format!(
-                "mission \"{name}\" was changed since it was begun; run it from its beginning, without --continue"
-            ));
+            return refuse(Reason::MissionChanged { mission: named() });
         }
         if progress.done {
-            return refuse(format!("mission \"{name}\" is done; nothing is left of it, run it without --continue"));
+            return refuse(Reason::MissionDone { mission: named() });
         }
         let (authority, estimate) = self.ready(seen)?;
         let stage = progress.stage.as_ref().unwrap_or(mission);
@@ -272,7 +291,7 @@ impl Planner {
                 Plan::new(&stay, &self.config, here, authority.plan_time_s, self.next_id)?
             }
             Err(PlanError::AlreadyThere) => {
-                return refuse(format!("mission \"{name}\" is done; nothing is left of it, run it without --continue"));
+                return refuse(Reason::MissionDone { mission: named() });
             }
             plan => plan?,
         };
@@ -290,11 +309,11 @@ impl Planner {
             legs_before,
             ..Flight::new(name.clone(), plan, whole, true, authority, seen)
         };
-        Ok(self.offer(flight, "goes on"))
+        Ok(self.offer(flight, true))
     }
 
-    /// Offers a motion to motor-io; the sentence that says so.
-    fn offer(&mut self, mut flight: Flight, verb: &str) -> String {
+    /// Offers a motion to motor-io; returns the answer to its request.
+    fn offer(&mut self, mut flight: Flight, continues: bool) -> Reason {
         let plan = &flight.plan;
         self.next_id = self.next_id.wrapping_add(plan.segments.len() as u32).max(1);
         self.motions = self.motions.wrapping_add(1).max(1);
@@ -303,7 +322,7 @@ impl Planner {
             self.missions = self.missions.wrapping_add(1).max(1);
             flight.mission = self.missions;
         }
-        let sentence = flight.sentence(verb, &self.config);
+        let reason = flight.accepted(continues, &self.config);
         self.status = PlanStatus {
             refused: self.refused,
             legs: 0,
@@ -318,7 +337,7 @@ impl Planner {
         self.status.target_m = plan.end().into();
         put_text(&mut self.status.mission, &flight.name);
         self.flight = Some(flight);
-        sentence
+        reason
     }
 
     /// Keeps the newest valid estimate: a single cycle without one is no reason to refuse anything.
@@ -333,47 +352,30 @@ impl Planner {
     /// Authority and estimate, if a motion may start now.
     fn ready<'a>(&mut self, seen: &Inputs<'a>) -> Result<(&'a MotorAuthority, NodeEstimate), Refusal> {
         self.look(seen);
-        let refuse = |sentence: &str| Err(Refusal::NotReady(sentence.to_owned()));
-        let silent = "motor-io does not answer; start the robot with nims up";
-        let Some(authority) = seen.authority else { return refuse(silent) };
+        let refuse = |reason: Reason| Err(Refusal::NotReady(Box::new(reason)));
+        let Some(authority) = seen.authority else { return refuse(Reason::MotorIoAbsent) };
         if seen.now_ns.saturating_sub(authority.header.stamp_ns) > SILENT_NS {
-            return refuse(silent);
+            return refuse(Reason::MotorIoAbsent);
         }
         if let Some(flight) = &self.flight {
-            let name = &flight.name;
-            return Err(Refusal::NotReady(if self.status.state == PlanStatus::STATE_PAUSED {
-                format!("mission \"{name}\" is paused; resume it with nims resume, or give it up with nims stop")
-            } else {
-                format!("mission \"{name}\" is being flown; wait for its end, or give it up with nims stop")
-            }));
+            let mission = detail(&flight.name);
+            let paused = self.status.state == PlanStatus::STATE_PAUSED;
+            return refuse(if paused { Reason::MissionPaused { mission } } else { Reason::MissionRuns { mission } });
         }
         match authority.mode {
-            // Another planner's, which has ended: motor-io keeps it to go on with, and takes up no other meanwhile.
-            MotorAuthority::MODE_HOLDING if authority.motion != 0 => {
-                return refuse("a motion of a planner that has ended is still kept; give it up with nims stop");
-            }
+            // Of a planner that has ended: motor-io keeps it for a resume, and takes up no other meanwhile.
+            MotorAuthority::MODE_HOLDING if authority.motion != 0 => return refuse(Reason::ForeignMotion),
             MotorAuthority::MODE_HOLDING => {}
-            MotorAuthority::MODE_DISARMED => return refuse("the robot is disarmed; arm it with nims arm"),
-            MotorAuthority::MODE_JOGGING => return refuse("a cable is being jogged; wait until it has stopped"),
-            MotorAuthority::MODE_FAULTED => {
-                return refuse(
-                    "the robot has a fault; nims status names it, nims reset clears it once its cause is gone",
-                );
-            }
-            MotorAuthority::MODE_EMERGENCY_STOP => {
-                return refuse("the emergency stop is on; release it and nims reset");
-            }
-            _ => return refuse("the robot is moving; wait until it holds, or stop it with nims stop"),
+            MotorAuthority::MODE_DISARMED => return refuse(Reason::RobotDisarmed),
+            MotorAuthority::MODE_JOGGING => return refuse(Reason::RobotJogging),
+            MotorAuthority::MODE_FAULTED => return refuse(Reason::RobotFaulted),
+            MotorAuthority::MODE_EMERGENCY_STOP => return refuse(Reason::RobotEmergencyStop),
+            _ => return refuse(Reason::RobotMoves),
         }
         match authority.position_known {
             MotorState::POSITION_KNOWN => {}
-            MotorState::POSITION_RESTORED => {
-                return refuse(
-                    "the position is the one kept from before motor-io was started; look whether the node is where nims status says, \
-                     then nims confirm-position, or nims zero --at x,y,z",
-                );
-            }
-            _ => return refuse("the position is not known; tell where the node hangs with nims zero --at x,y,z"),
+            MotorState::POSITION_RESTORED => return refuse(Reason::PositionRestored),
+            _ => return refuse(Reason::PositionUnknown),
         }
         let fresh = |(estimate, epoch): &(NodeEstimate, u32)| {
             // another epoch may have another idea of where the node is
@@ -381,11 +383,7 @@ impl Planner {
                 && same_life(&estimate.header, &authority.header)
                 && estimate.header.cycle.saturating_add(STALE_CYCLES) >= authority.header.cycle
         };
-        let Some((estimate, _)) = self.valid.filter(fresh) else {
-            return refuse(
-                "the position estimate is missing or stale; see nims status for the estimator and the drives",
-            );
-        };
+        let Some((estimate, _)) = self.valid.filter(fresh) else { return refuse(Reason::NoEstimate) };
         Ok((authority, estimate))
     }
 
@@ -462,7 +460,7 @@ impl Planner {
                 }
                 let flight = Flight::new(name, plan.clone(), plan, true, authority, seen);
                 let flight = Flight { before_s: flown_s, share, later, left, legs_before, mission, ..flight };
-                self.offer(flight, "goes on");
+                self.offer(flight, true);
             }
             Err(error) => {
                 let done = error == PlanError::AlreadyThere;

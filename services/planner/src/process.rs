@@ -84,9 +84,9 @@ pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         let mut asked = false;
         while let Some(call) = server.try_next()? {
             let (request, awaited) = (&call.request, || call.is_awaited());
-            let (accepted, sentence) = requests::answer(&mut planner, request, awaited, &run, &seen);
-            tracing::info!("{sentence}");
-            call.answer(accepted, &sentence)?;
+            let reason = requests::answer(&mut planner, request, awaited, &run, &seen);
+            tracing::info!("{reason}");
+            call.answer(&reason.answer())?;
             asked = true;
         }
         if asked || now_ns() >= due_ns {

@@ -10,6 +10,8 @@ use bus::{Bus, Raw, Tap, clock};
 use command::{Answer, Failure};
 use messages::ros::Payload;
 use messages::{ProcessState, Reading, put_sentence};
+use robot_state::Reason;
+use robot_state::answers::detail;
 use rustix::process::{Pid, getpgid};
 use std::collections::BTreeSet;
 
@@ -68,7 +70,7 @@ fn is_of(pid: u32, child: &Child) -> bool {
 
 impl Supervisor {
     /// Starts a program in the place of one that was plugged in: beside it where that one publishes, otherwise after it has ended.
-    pub(super) fn replace(&mut self, member: ProcessSpec) -> Answer<String> {
+    pub(super) fn replace(&mut self, member: ProcessSpec) -> Answer<Reason> {
         let name = member.name.clone();
         self.is_not_succeeded(&name)?;
         let Some((tap, mut restarts)) = self.tap_of(&name)? else {
@@ -76,13 +78,13 @@ impl Supervisor {
             if let Some(child) = self.process_set.find(&name) {
                 child.member = member;
             }
-            return Ok(format!("ending {name}, to start the new one in its place"));
+            return Ok(Reason::ProcessReplaces { process: detail(name) });
         };
         restarts.again();
         let child = self.spawn(&member, restarts, true)?;
         self.process_set.successors.push(Successor { child, tap, given_up: false });
         self.record_living();
-        Ok(format!("starting the new {name} beside the one that runs, until it has said something"))
+        Ok(Reason::ProcessSucceeds { process: detail(name) })
     }
 
     /// What a process of that name says on the channel of its name, if it does.

@@ -113,6 +113,13 @@ fn a_stop_asked_of_a_process_that_stands_still_is_found_when_it_goes_on() {
     assert_eq!(call.request.body, Request::Estop.body());
     assert!(call.request.header.stamp_ns >= before, "it says when it was asked");
     assert!(call.unlogged.is_none());
-    call.answer(messages::OperatorRequest::ACCEPTED, "stopped").unwrap();
+    call.answer(&answer(messages::OperatorRequest::ACCEPTED, "stopped")).unwrap();
     assert!(server.try_next().unwrap().is_none());
+}
+
+/// An answer without a reason of the catalogue.
+fn answer(accepted: u8, text: &str) -> messages::RequestAnswer {
+    let mut answer = messages::RequestAnswer { accepted, ..Default::default() };
+    messages::put_text(&mut answer.text, text);
+    answer
 }
