@@ -16,6 +16,7 @@ use robot_state::sentences::WhyNot;
 
 /// Requests older than this are rejected, s: the situation has changed, and the requester has timed out.
 const STALE_S: f64 = 5.0;
+
 /// Whether a request can only bring the robot to rest: such a request is carried out at any age.
 fn brings_to_rest(request: &Request) -> bool {
     matches!(request, Request::Estop | Request::Stop | Request::Hold | Request::Pause | Request::Disarm)

@@ -128,7 +128,7 @@ impl Estimators {
         recent: &Recent,
         configuration: &Configuration,
     ) -> Result<NodeEstimate, Why> {
-        let NodeEstimate { header, incarnation, method, seen_authority, .. } = *recorded;
+        let NodeEstimate { header, incarnation, method, based_on_authority, .. } = *recorded;
         let config = |said: Option<&str>| configuration.estimator(incarnation, method, said);
         let begin = || config(recent.used.at_start(incarnation)).map(|config| Estimator::new(&config));
         let estimator = self.life.part(incarnation, header.seq, begin)?;
@@ -136,7 +136,7 @@ impl Estimators {
             estimator.configure(&config);
         }
         let state = recent.states.find(header.cycle, time_ns).ok_or(INPUT);
-        let inputs = state.and_then(|state| Ok((state, seen(&recent.authorities, seen_authority, time_ns)?)));
+        let inputs = state.and_then(|state| Ok((state, seen(&recent.authorities, based_on_authority, time_ns)?)));
         match inputs {
             Ok((state, authority)) => Ok(estimator.step(state, authority)),
             Err(why) => Err(self.life.lose(why)),
@@ -173,7 +173,7 @@ impl Controllers {
             Ok(seen) => {
                 let (command, mut status) = controller.step(&seen);
                 // What had no say was not handed over.
-                status.seen_estimate = recorded.seen_estimate;
+                status.based_on_estimate = recorded.based_on_estimate;
                 Ok((command, status))
             }
             Err(why) => Err(self.life.lose(why)),
@@ -183,7 +183,7 @@ impl Controllers {
 
 /// What the controller had seen when it made `recorded`.
 fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Result<Inputs<'a>, Why> {
-    let cycles = recorded.seen_estimate;
+    let cycles = recorded.based_on_estimate;
     let mut estimates = [None; SLOTS];
     for (slot, history) in recent.estimates.iter().enumerate() {
         let estimate = seen(history, cycles[slot], time_ns);
@@ -193,8 +193,8 @@ fn inputs<'a>(time_ns: u64, recorded: &ControlStatus, recent: &'a Recent) -> Res
     }
     Ok(Inputs {
         estimates,
-        motion: seen(&recent.motions, recorded.seen_motion, time_ns)?,
-        authority: seen(&recent.authorities, recorded.seen_authority, time_ns)?,
-        state: seen(&recent.states, recorded.seen_state, time_ns)?,
+        motion: seen(&recent.motions, recorded.based_on_motion, time_ns)?,
+        authority: seen(&recent.authorities, recorded.based_on_authority, time_ns)?,
+        state: seen(&recent.states, recorded.based_on_state, time_ns)?,
     })
 }

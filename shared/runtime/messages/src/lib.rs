@@ -2,7 +2,7 @@
 //!
 //! Invariants:
 //! * A sample is `#[repr(C)]`, has no hidden padding (`bytemuck` proves it when this crate compiles) and every number stands at a
-//!   multiple of its own size. It is therefore, byte for byte, a little-endian CDR body: the recorder writes it as it lies in memory.
+//!   multiple of its own size. It is therefore, byte for byte, a little-endian CDR body, which the recorder writes unchanged.
 //! * A sample begins with a [`Header`].
 //! * No `bool`, no Rust `enum`, no `Option` in a sample: another process may have written any byte. Choices are `u8` constants.
 //! * The type name that peers compare ends in a hash of the schema text, so two builds that disagree refuse to connect.
@@ -15,7 +15,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
-// the macros name this crate as whoever uses them does
+// the macros refer to this crate by its name
 extern crate self as messages;
 
 mod channels;
@@ -47,11 +47,11 @@ pub use request::{
 pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
 pub use text::{MORE, parted, put_sentence, put_text, text_of, words_within};
 
-/// Cables of one robot at most; every per-cable array has this length.
+/// Most cables of one robot; every per-cable array has this length.
 pub const CABLES: usize = 8;
-/// Drive units of one robot at most (a unit drives one or two cables).
+/// Most drive units of one robot (a unit drives one or two cables).
 pub const UNITS: usize = 8;
-/// Roles with slots.
+/// Number of roles with slots.
 pub const ROLES: usize = 2;
 /// Index of the controllers in arrays per role.
 pub const CONTROLLERS: usize = 0;
@@ -61,5 +61,5 @@ pub const ESTIMATORS: usize = 1;
 pub const SEATS: usize = ROLES * SLOTS;
 /// Slots per role (controller, estimator): a and b.
 pub const SLOTS: usize = 2;
-/// Their names, as they stand in channel names.
+/// Names of the slots in channel names.
 pub const SLOT_NAMES: [&str; SLOTS] = ["a", "b"];

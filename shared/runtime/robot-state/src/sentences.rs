@@ -249,8 +249,8 @@ pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
         MotorSlots::CAUSE_RESTARTED => "was started again",
         MotorSlots::CAUSE_NOT_FINITE => "gave something that is no number",
         MotorSlots::CAUSE_OUT_OF_LIMITS => "asked for velocities far beyond the limit",
-        MotorSlots::CAUSE_APART if role == CONTROLLERS => "commanded something else than the one in charge",
-        MotorSlots::CAUSE_APART => "put the node somewhere else than the one in charge",
+        MotorSlots::CAUSE_DEVIATION if role == CONTROLLERS => "commanded something else than the one in charge",
+        MotorSlots::CAUSE_DEVIATION => "put the node somewhere else than the one in charge",
         MotorSlots::CAUSE_NOT_VALID => "answered without a valid result",
         MotorSlots::CAUSE_PROBATION => "missed a cycle just after it had taken over",
         _ => "failed in a way unknown to this program",
@@ -292,7 +292,7 @@ impl fmt::Display for WhyNot {
             }
             MotorSlots::PHASE_SHADOW if well_s == 0.0 && !failed.is_empty() => {
                 write!(f, "does not qualify: it {failed}")?;
-                if let Some((off_m, within_s)) = self.moves_off.filter(|_| cause == MotorSlots::CAUSE_APART) {
+                if let Some((off_m, within_s)) = self.moves_off.filter(|_| cause == MotorSlots::CAUSE_DEVIATION) {
                     write!(f, " and would move the node {off_m:.2} m off its path within {within_s:.1} s")?;
                 }
                 f.write_str("; look at its log and its configuration, or swap where the robot holds")
