@@ -26,7 +26,8 @@ fn brings_to_rest(request: &Request) -> bool {
 type Outcome = Result<Reason, Reason>;
 
 impl Core {
-    /// Carries out one request that was made `age_s` ago. A late request may bring the robot to rest and never moves it.
+    /// Carries out one request that was made `age_s` ago. A late request may bring the robot to rest and never moves
+    /// it.
     pub(crate) fn request(&mut self, input: &MotorInput, id: u64, body: &RequestBody, age_s: f64) -> Answer {
         let outcome = match Request::from_body(body) {
             Ok(request) if age_s > STALE_S && !brings_to_rest(&request) => Err(Reason::TooLate { age_s }),
@@ -354,8 +355,9 @@ impl Core {
         }
     }
 
-    /// How far a controller would move the node off its path until the swap to it is over, m, and within which time, s. It counts half of
-    /// its mean difference from the controller in charge while the commands fade, and all of it during the probation.
+    /// How far a controller would move the node off its path until the swap to it is over, m, and within which time, s.
+    /// It counts half of its mean difference from the controller in charge while the commands fade, and all of it
+    /// during the probation.
     fn swap_moves_off(&self, role: usize, slot: usize) -> Option<(f64, f64)> {
         if role != CONTROLLERS {
             return None;

@@ -1,8 +1,8 @@
 //! Missions and requests to checked motion segments.
 //!
-//! [`mission`] reads what the operator wants, [`plan`] makes segments of it and checks each against the robot's limits,
-//! [`Planner`] keeps track of the one mission that is flown, [`progress`] keeps on disk how far it came, [`dry_run`] says what would
-//! happen. [`scan`] makes way points of patterns over an area.
+//! [`mission`] reads mission files, [`plan`] makes segments of them and checks each against the limits of the robot,
+//! [`Planner`] tracks the mission that is flown, [`progress`] stores its progress on disk, [`dry_run`] plans without
+//! flying. [`scan`] makes way points of patterns over an area.
 //!
 //! Invariants:
 //! * A mission is checked whole before its first segment is published: a refused mission moves nothing.

@@ -1,4 +1,4 @@
-//! The planner's state: one mission at a time, from a request to the end of its last segment.
+//! State of the planner: one mission at a time, from its request to the end of its last segment.
 
 use cable_robot::Vector3;
 use messages::{
@@ -17,28 +17,29 @@ use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
 use crate::stopped::stopped_by;
 
-/// An estimate this many cycles behind motor-io is no longer where the node is.
+/// An estimate this many cycles behind motor-io is stale.
 const STALE_CYCLES: u64 = 20;
 
-/// What was begun is planned once more: where it was left, both plans have to agree to this, m.
+/// A continued mission is planned again: both plans agree to this at the point of the interruption, m.
 const AGREES_M: f64 = 0.001;
 
-/// A motion that is not taken up within this time is withdrawn, ns. Two controllers swapped in a row take three.
+/// A motion that motor-io does not take up within this time is withdrawn, ns. Two consecutive swaps of controllers take
+/// three seconds.
 const TAKE_UP_NS: u64 = 5_000_000_000;
 
-/// A map that has not come for this long after a leg's end will not come, ns: one a second is the rule.
+/// Longest wait for a map at the end of a leg, ns: one is usually published every second.
 const MAP_NS: u64 = 20_000_000_000;
 
-/// motor-io that has not been heard for this long is gone, ns. A shared machine stands still for up to 250 ms.
+/// Without a sample of motor-io for this time it counts as gone, ns. A shared computer may stall for 250 ms.
 const SILENT_NS: u64 = 1_000_000_000;
 
-/// Why a mission is given up that nothing has stopped.
+/// Reasons for which a mission ends without a stop of the robot.
 const NO_MAP: &str = "no map came for the adaptive leg; is the sensor-logger running, and is there a map of that name? See nims channel list";
-const OFF_START: &str = "motor-io believes that the node is elsewhere than the estimate says, so the motion was not started; see nims status, restart the estimator, and ask again";
+const OFF_START: &str = "the position of the node by motor-io differs from the estimate, so the motion was not started; see nims status, restart the estimator, and try again";
 const NOT_TAKEN_UP: &str = "the motion was not taken up within 5 s; is the controller running? See nims status";
-const REFUSED: &str = "the motion was not taken up within 5 s, because the controller's answers are no numbers or far beyond the limits; swap to another controller, then start a new motion";
+const REFUSED: &str = "the motion was not taken up within 5 s, because the controller sent NaN or commands far beyond the limits; swap to another controller, then start a new motion";
 
-/// Whether motor-io refuses what the controller in charge answers.
+/// Returns whether motor-io rejects the commands of the controller in charge.
 fn is_refused(authority: &MotorAuthority) -> bool {
     let [slot, _] = authority.in_charge;
     let verdict = authority.verdict.get(usize::from(slot));
@@ -47,35 +48,35 @@ fn is_refused(authority: &MotorAuthority) -> bool {
     })
 }
 
-/// What the planner knows when it is asked something.
+/// Inputs of one call of the planner.
 #[derive(Debug, Clone, Copy)]
 pub struct Inputs<'a> {
-    /// Now, CLOCK_MONOTONIC, ns.
+    /// Present time, CLOCK_MONOTONIC, ns.
     pub now_ns: u64,
     /// Newest motor/authority.
     pub authority: Option<&'a MotorAuthority>,
     /// Newest node/estimate: [`messages::blended_estimate`].
     pub estimate: Option<&'a NodeEstimate>,
-    /// Newest map of the name that [`Planner::wants_map`] gives.
+    /// Newest map of the name that [`Planner::wants_map`] returns.
     pub map: Option<&'a FieldMap>,
 }
 
-/// Why a request is not carried out.
+/// Reason for which a request is refused.
 #[derive(Debug, Clone, PartialEq, Error)]
 pub enum Refusal {
     /// The robot or the mission is not ready.
     #[error("{0}")]
     NotReady(Box<Reason>),
-    /// The motion would break a limit, or is none.
+    /// The motion breaks a limit, or is invalid.
     #[error(transparent)]
     Plan(#[from] PlanError),
-    /// A value of the mission makes no sense.
+    /// A value of the mission is invalid.
     #[error(transparent)]
     Mission(#[from] MissionError),
 }
 
 impl Refusal {
-    /// The answer to the request: the number of the class of an error, and the error's own sentence.
+    /// Returns the answer to the request; for an error its class with its own sentence.
     #[must_use]
     pub fn reason(&self) -> Reason {
         let error = match self {
@@ -100,14 +101,14 @@ impl Refusal {
         }
     }
 
-    /// True where this robot cannot do what was requested, in whatever state it is.
+    /// Returns whether this robot cannot carry out the request in any state.
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         self.reason().accepted() == OperatorRequest::BAD_INPUT
     }
 }
 
-/// Missions and requests to motion segments. Pure: time and samples come with every call.
+/// Planner of missions and single moves. Pure: time and samples are arguments of every call.
 #[derive(Debug, Clone)]
 pub struct Planner {
     config: PlannerConfig,
@@ -118,13 +119,13 @@ pub struct Planner {
     beat: u64,
     refused: u32,
     status: PlanStatus,
-    /// The newest valid estimate, and the epoch of that moment.
+    /// The newest valid estimate, and the epoch in which it arrived.
     valid: Option<(NodeEstimate, u32)>,
     progress: Option<Progress>,
 }
 
 impl Planner {
-    /// A planner without a mission.
+    /// Creates a planner without a mission.
     pub fn new(config: PlannerConfig) -> Self {
         Self {
             config,
@@ -140,7 +141,7 @@ impl Planner {
         }
     }
 
-    /// Takes in how far a mission came before this planner was there.
+    /// Stores the progress of a mission of an earlier planner.
     pub fn remember(&mut self, progress: Progress) {
         if !progress.done {
             let name = &progress.mission.name;
@@ -150,16 +151,17 @@ impl Planner {
         self.progress = Some(progress);
     }
 
-    /// How far the present or the last mission has come.
+    /// Returns the progress of the present or the last mission.
     pub fn progress(&self) -> Option<&Progress> {
         self.progress.as_ref()
     }
 
-    /// Flies to a point, m, on a path of that shape; a parabola may have a given µ, 1/m, in place of the one with the least loss in the
-    /// motors. Without a speed, m/s, it is the configured one.
+    /// Plans a move to a point, m, on a path of that shape, and offers it to motor-io. A parabola may have a given µ,
+    /// 1/m, in place of the one with the least loss in the motors. The default of the speed, m/s, is the configured
+    /// one.
     ///
     /// # Errors
-    /// One sentence: why not, and what to do.
+    /// The reason of the refusal; nothing moves.
     pub fn goto(
         &mut self,
         to_m: [f64; 3],
@@ -188,19 +190,19 @@ impl Planner {
         self.answered(&mission, result)
     }
 
-    /// Plans and checks a whole mission and, if nothing is wrong, offers it to motor-io.
+    /// Plans and checks a whole mission, and offers it to motor-io.
     ///
     /// # Errors
-    /// One sentence: why not, and what to do. Nothing moves then.
+    /// The reason of the refusal; nothing moves.
     pub fn run(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
         let result = self.try_run(mission, true, seen);
         self.answered(mission, result)
     }
 
-    /// Flies what is left of a mission that was broken off: back to where it was, and on.
+    /// Plans the rest of an interrupted mission, from the point of the interruption on, and offers it to motor-io.
     ///
     /// # Errors
-    /// One sentence: why not, and what to do. Nothing moves then.
+    /// The reason of the refusal; nothing moves.
     pub fn go_on(&mut self, mission: &Mission, seen: &Inputs<'_>) -> Result<Reason, Refusal> {
         let result = self.try_go_on(mission, seen);
         self.answered(mission, result)
@@ -219,7 +221,7 @@ impl Planner {
         if let Err(refusal) = &result {
             self.refused = self.refused.wrapping_add(1);
             self.status.refused = self.refused;
-            // A refusal while something flies must not hide that it flies.
+            // A refusal must not hide a mission that is being flown.
             if self.flight.is_none() {
                 self.status.state = PlanStatus::STATE_REFUSED;
                 put_text(&mut self.status.mission, &mission.name);
@@ -233,7 +235,7 @@ impl Planner {
         let mission = mission.clone().checked()?;
         let (authority, estimate) = self.ready(seen)?;
         let start = Vector3::from(estimate.position_m);
-        // All of it may be flown; an adaptive leg as if all of its area were worth it.
+        // The whole mission can be flown, with the whole area of each adaptive leg.
         let all = Plan::new(&mission, &self.config, start, authority.plan_time_s, self.next_id)?;
         let (first, left) = adaptive::split(&mission);
         let plan = match &left {
@@ -284,7 +286,7 @@ impl Planner {
         let before_s = progress.flown_s + segment.start_s + in_segment_s;
         let here = Vector3::from(estimate.position_m);
         let plan = match whole.rest(stage, &self.config, mark, here, authority.plan_time_s, self.next_id) {
-            // Only the map is missing: it is waited for at rest.
+            // Only the map is missing: the robot waits for it at rest.
             Err(PlanError::AlreadyThere) if progress.left.is_some() => {
                 let stay = Leg::Dwell(mission::Dwell { duration_s: SHORTEST_S });
                 let stay = Mission { leg: vec![stay], ..mission.clone() };
@@ -340,7 +342,7 @@ impl Planner {
         reason
     }
 
-    /// Keeps the newest valid estimate: a single cycle without one is no reason to refuse anything.
+    /// Stores the newest valid estimate, so that a single cycle without one refuses nothing.
     fn look(&mut self, seen: &Inputs<'_>) {
         if let (Some(authority), Some(estimate)) = (seen.authority, seen.estimate)
             && estimate.valid == 1
@@ -349,7 +351,7 @@ impl Planner {
         }
     }
 
-    /// Authority and estimate, if a motion may start now.
+    /// Returns authority and estimate if a motion may start now.
     fn ready<'a>(&mut self, seen: &Inputs<'a>) -> Result<(&'a MotorAuthority, NodeEstimate), Refusal> {
         self.look(seen);
         let refuse = |reason: Reason| Err(Refusal::NotReady(Box::new(reason)));
@@ -378,7 +380,7 @@ impl Planner {
             _ => return refuse(Reason::PositionUnknown),
         }
         let fresh = |(estimate, epoch): &(NodeEstimate, u32)| {
-            // another epoch may have another idea of where the node is
+            // another epoch may have another position of the node
             *epoch == authority.epoch
                 && same_life(&estimate.header, &authority.header)
                 && estimate.header.cycle.saturating_add(STALE_CYCLES) >= authority.header.cycle
@@ -387,7 +389,7 @@ impl Planner {
         Ok((authority, estimate))
     }
 
-    /// One pass, 10 to 20 times a second and after every request: where the mission stands.
+    /// Updates the mission and returns its samples; called 10 to 20 times a second and after every request.
     pub fn step(&mut self, seen: &Inputs<'_>) -> (PlanMotion, PlanStatus) {
         self.look(seen);
         if let Some(authority) = seen.authority {
@@ -416,12 +418,12 @@ impl Planner {
         (motion, self.status)
     }
 
-    /// The segments still planned, current first; for those who check what was planned.
+    /// Returns the remaining segments, current first.
     pub fn segments(&self) -> &[cable_robot::Segment] {
         self.flight.as_ref().map_or(&[], |flight| &flight.plan.segments[flight.current..])
     }
 
-    /// The map that the next leg of the mission waits for.
+    /// Returns the name of the map that the next leg of the mission needs.
     pub fn wants_map(&self) -> Option<&str> {
         match self.flight.as_ref()?.left.as_ref()?.leg.first()? {
             Leg::Adaptive(leg) => Some(&leg.map),
@@ -429,7 +431,7 @@ impl Planner {
         }
     }
 
-    /// At the end of the legs before an adaptive one, with a map that knows of all of them: what comes next.
+    /// Plans an adaptive leg at the end of the legs before it, once a map includes all of them.
     fn refine(&mut self, authority: &MotorAuthority, seen: &Inputs<'_>) {
         let Some((flight, since_ns)) = self.flight.as_ref().and_then(|flight| Some((flight, flight.waits_ns?))) else {
             return;
@@ -526,7 +528,7 @@ impl Planner {
             status.state = if !flight.taken_up {
                 PlanStatus::STATE_READY
             } else if !moving {
-                // Not before it stands: a pause takes its ramp.
+                // Only at rest: a pause takes its ramp.
                 PlanStatus::STATE_PAUSED
             } else {
                 PlanStatus::STATE_RUNNING
@@ -545,7 +547,7 @@ impl Planner {
     }
 }
 
-/// The state of a mission in words.
+/// Returns the state of a mission in words.
 pub fn state_text(status: &PlanStatus) -> String {
     let word = match status.state {
         PlanStatus::STATE_READY => "is ready",

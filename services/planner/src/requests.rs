@@ -11,8 +11,8 @@ use crate::planner::{Inputs, Planner, Refusal};
 
 /// Carries out one request and returns the answer. A mission is read from its copy in the folder `run`.
 ///
-/// `awaited`: whether the requester still waits for the answer. Planning takes time, and a motion whose requester has timed out is not
-/// started.
+/// `awaited`: whether the requester still waits for the answer. Planning takes time, and a motion whose requester has
+/// timed out is not started.
 pub fn answer(
     planner: &mut Planner,
     request: &OperatorRequest,

@@ -239,7 +239,7 @@ fn a_mission_ends_with_its_epoch_with_a_fault_and_when_nobody_takes_it_up() {
     let cases: &[(&str, Spoil)] = &[
         ("stopped", |w| w.authority.epoch += 1),
         ("fault", |w| w.authority.mode = MotorAuthority::MODE_FAULTED),
-        ("a line is slack or broken (cable 2)", |w| {
+        ("a cable is slack or broken (cable 2)", |w| {
             w.authority.mode = MotorAuthority::MODE_FAULTED;
             w.authority.faults = MotorAuthority::FAULT_SLACK;
             w.authority.fault_cable[1] = 1;

@@ -7,11 +7,12 @@ use crate::{
     SystemConfig, TruthNode,
 };
 
-/// Quality of service of a channel. Safe overflow is always on: the oldest sample is overwritten, and a publisher never waits.
+/// Quality of service of a channel. Safe overflow is always on: the oldest sample is overwritten, and a publisher never
+/// waits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Quality {
-    /// Samples that a deep subscriber (the recorder, the sensor logger) can lag behind before it loses the oldest: at least 2.5 s at the
-    /// channel's rate. All others have [`Quality::SHALLOW`] at most.
+    /// Samples that a deep subscriber (the recorder, the sensor logger) can lag behind before it loses the oldest: at
+    /// least 2.5 s at the channel's rate. All others have [`Quality::SHALLOW`] at most.
     pub buffer: usize,
     /// Samples kept for a recorder that joins late or is restarted: more than a second at the rate of the channel.
     pub history: usize,
@@ -28,9 +29,11 @@ pub struct Quality {
 impl Quality {
     /// Samples that a subscriber that is not deep can lag behind: 0.3 s at 100 Hz, and every row of a table.
     pub const SHALLOW: usize = 32;
-    /// Deep subscribers of a channel: recorder, sensor logger, the successor of one that has just died, and an observer.
+    /// Deep subscribers of a channel: recorder, sensor logger, the successor of one that has just died, and an
+    /// observer.
     pub const DEEP_PLACES: usize = 4;
-    /// Most bytes of the newest samples of one publisher: 0.8 s of 1 MB pictures at 10 Hz. The control chain stays below 2 MB.
+    /// Most bytes of the newest samples of one publisher: 0.8 s of 1 MB pictures at 10 Hz. The control chain stays
+    /// below 2 MB.
     pub const BYTES: usize = 8 << 20;
     /// Samples of this size and above have fewer subscribers, because each may hold a copy, bytes.
     const LARGE_BYTES: usize = 128 << 10;
@@ -70,8 +73,8 @@ impl Quality {
         self
     }
 
-    /// Number of samples in the memory of a publisher. A sample is stored once for all subscribers and the history; added are the samples
-    /// that subscribers borrow and the publisher loans.
+    /// Number of samples in the memory of a publisher. A sample is stored once for all subscribers and the history;
+    /// added are the samples that subscribers borrow and the publisher loans.
     #[must_use]
     pub const fn samples(&self, borrows: usize, loans: usize) -> usize {
         let kept = if self.buffer > self.history { self.buffer } else { self.history };

@@ -3,13 +3,14 @@
 use crate::{Header, message};
 
 message! {
-    /// `system/config/NAME`: configuration of the process NAME, from its start or from a change on. `system/config/nims` holds the parameters
-    /// that were set while the robot runs.
+    /// `system/config/NAME`: configuration of the process NAME, from its start or from a change on.
+    /// `system/config/nims` holds the parameters that were set while the robot runs.
     pub struct SystemConfig {
         header: Header,
         /// First control cycle in which it is used; 0: from the start of the process.
         from_cycle: u64,
-        /// Number of the first sample of `control/status` or `node/estimate` that was computed with it; 0: other processes.
+        /// Number of the first sample of `control/status` or `node/estimate` that was computed with it; 0: other
+        /// processes.
         from_seq: u64,
         pid: u32,
         incarnation: u32,

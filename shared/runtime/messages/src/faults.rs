@@ -49,7 +49,8 @@ pub const OF_CABLES: u32 = MotorAuthority::FAULT_STALL
     | MotorAuthority::FAULT_ENCODER_JUMP
     | MotorAuthority::FAULT_LENGTH_LIMIT;
 
-/// Faults after which the velocity loop of the drive cannot be trusted, because its encoder may be wrong: only this cable goes to duty 0.
+/// Faults after which the velocity loop of the drive cannot be trusted, because its encoder may be wrong: only this
+/// cable goes to duty 0.
 pub const RELEASING: u32 = MotorAuthority::FAULT_STALL | MotorAuthority::FAULT_RUNAWAY;
 
 /// Set of faults with the cables and units that they name.

@@ -1,14 +1,14 @@
 //! Validity of samples of the control chain: the only place that judges life, cycle and age.
 //!
-//! A sample of the chain says in its header which life of motor-io and which cycle it belongs to. motor-io counts its cycles from 1 in
-//! every life, and a channel may still hold samples of a dead or a faulty process. A consumer that acts on samples therefore calls
-//! [`standing`] and acts only on [`Standing::Live`]; one that keeps history, such as the sensor logger or an analysis, calls
-//! [`same_life`]; the recorder records everything.
+//! A sample of the chain says in its header which life of motor-io and which cycle it belongs to. motor-io counts its
+//! cycles from 1 in every life, and a channel may still hold samples of a dead or a faulty process. A consumer that
+//! acts on samples therefore calls [`standing`] and acts only on [`Standing::Live`]; one that keeps history, such as
+//! the sensor logger or an analysis, calls [`same_life`]; the recorder records everything.
 
 use crate::{ESTIMATORS, Header, Message, MotorAuthority, NodeEstimate, SLOTS};
 
-/// Cycles by which motor/authority may lag behind a sample: it is published just after motor/state, so one is usual, and a consumer may
-/// be woken between the two.
+/// Cycles by which motor/authority may lag behind a sample: it is published just after motor/state, so one is usual,
+/// and a consumer may be woken between the two.
 pub const AUTHORITY_LAG: u64 = 3;
 
 /// Validity of a sample of the chain beside the newest motor/authority.
@@ -41,8 +41,8 @@ pub fn same_life(one: &Header, other: &Header) -> bool {
     one.life == other.life
 }
 
-/// Returns the newer of a kept and an arrived sample, by life and cycle: samples of a dead motor-io may arrive after the first of its
-/// successor.
+/// Returns the newer of a kept and an arrived sample, by life and cycle: samples of a dead motor-io may arrive after
+/// the first of its successor.
 #[must_use]
 pub fn newer<T: Message>(kept: Option<T>, arrived: Option<T>) -> Option<T> {
     let age = |sample: &T| (sample.header().life, sample.header().cycle);
@@ -64,8 +64,9 @@ pub enum Rule {
     History,
 }
 
-/// Returns the estimate whose command motor-io uses. While motor-io fades from one slot to the other, it is the mixture of both in the
-/// proportion of the commands. `None` without an authority or a usable estimate; the result may be one that is not `valid`.
+/// Returns the estimate whose command motor-io uses. While motor-io fades from one slot to the other, it is the mixture
+/// of both in the proportion of the commands. `None` without an authority or a usable estimate; the result may be one
+/// that is not `valid`.
 ///
 /// `authority` is the newest one; `estimates` are the newest of each slot.
 #[must_use]

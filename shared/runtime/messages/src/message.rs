@@ -52,7 +52,8 @@ pub fn hash_of(schema: &str) -> u32 {
     schema.bytes().fold(0x811c_9dc5, |hash, byte| (hash ^ u32::from(byte)).wrapping_mul(0x0100_0193))
 }
 
-/// Returns `pkg/msg/Type`, the name of the schema in a run file, for a type name `pkg/Type/hash` or `pkg/Type`; `None` for other names.
+/// Returns `pkg/msg/Type`, the name of the schema in a run file, for a type name `pkg/Type/hash` or `pkg/Type`; `None`
+/// for other names.
 #[must_use]
 pub fn schema_name(type_name: &str) -> Option<String> {
     let mut parts = type_name.split('/');
@@ -91,8 +92,9 @@ pub mod expanded {
 
 /// Declares a struct of fields: layout, schema lines and constants from one text.
 ///
-/// Constants follow the field they belong to: `mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1 }`. A crate that uses it depends on this
-/// crate by the name `messages`. A struct with hidden padding does not compile: put wide fields first, or add `pad0: [u8; 6]`.
+/// Constants follow the field they belong to: `mode: u8 { MODE_DISARMED = 0, MODE_HOLDING = 1 }`. A crate that uses it
+/// depends on this crate by the name `messages`. A struct with hidden padding does not compile: put wide fields first,
+/// or add `pad0: [u8; 6]`.
 #[macro_export]
 macro_rules! layout {
     ($(#[$outer:meta])* pub struct $name:ident { $( $(#[$inner:meta])* $field:ident : $type:ty $({ $($(#[$cdoc:meta])* $constant:ident = $value:literal),* $(,)? })? ),* $(,)? }) => {
@@ -131,7 +133,8 @@ macro_rules! layout {
     };
 }
 
-/// Declares a sample: a [`layout!`](crate::layout) whose first field is `header: Header`. A new type needs nothing else.
+/// Declares a sample: a [`layout!`](crate::layout) whose first field is `header: Header`. A new type needs nothing
+/// else.
 ///
 /// ```
 /// use messages::{Header, Message};
@@ -178,8 +181,8 @@ macro_rules! message {
 layout! {
     /// Beginning of every sample.
     pub struct Header {
-        /// Start of the motor-io that the sample belongs to, CLOCK_MONOTONIC, ns; 0 outside the control chain. A later life is a larger
-        /// number. Cycles are compared only within a life.
+        /// Start of the motor-io that the sample belongs to, CLOCK_MONOTONIC, ns; 0 outside the control chain. A later
+        /// life is a larger number. Cycles are compared only within a life.
         life: u64,
         /// Control cycle of the sample; 0 outside the control chain.
         cycle: u64,

@@ -15,8 +15,8 @@ layout! {
         length_m: f64,
         from_m: [f64; 3],
         to_m: [f64; 3],
-        /// By kind. Parabola: [mu 1/m]. Spiral: [centre x, y, r0 m, radius growth m/rad, start angle rad, total angle rad, rise m].
-        /// Lateral: amplitudes m of three harmonics down, then three to the left.
+        /// By kind. Parabola: [mu 1/m]. Spiral: [centre x, y, r0 m, radius growth m/rad, start angle rad, total angle
+        /// rad, rise m]. Lateral: amplitudes m of three harmonics down, then three to the left.
         shape: [f64; 8],
         /// Speed profile: between knots the tangential acceleration is constant.
         knot_s_m: [f64; 32],

@@ -13,7 +13,8 @@ message! {
         counts: [i64; CABLES],
         /// Unstretched cable paid out beyond the routed part, m.
         length_m: [f64; CABLES],
-        /// Measured cable velocity, m/s; over the last 50 ms, because one encoder step in one cycle is a large velocity.
+        /// Measured cable velocity, m/s; over the last 50 ms, because one encoder step in one cycle is a large
+        /// velocity.
         velocity_m_s: [f64; CABLES],
         /// Motor current, A; positive where it pulls the cable in, as a tension does.
         current_a: [f64; CABLES],
@@ -23,7 +24,8 @@ message! {
         command_m_s: [f64; CABLES],
         /// Supply voltage per unit, V.
         supply_v: [f64; UNITS],
-        /// Position of the node computed from the lengths, m, and its velocity by the command of this cycle, m/s; NaN: unknown.
+        /// Position of the node computed from the lengths, m, and its velocity by the command of this cycle, m/s; NaN:
+        /// unknown.
         node_m: [f64; 3],
         node_command_m_s: [f64; 3],
         /// Bound on the node's speed in this cycle, m/s; infinite: only the cables' limits apply.
@@ -63,7 +65,8 @@ message! {
         /// 1: the row is a valid answer.
         valid: [u8; SLOTS],
         pad0: [u8; 2],
-        /// Kernel's id of the answering thread, with which motor-io reads how long it waited for a processor; 0: unknown.
+        /// Kernel's id of the answering thread, with which motor-io reads how long it waited for a processor; 0:
+        /// unknown.
         thread: u32,
     }
 }
@@ -81,15 +84,16 @@ message! {
         period_s: f64,
         /// Factor by which the commanded velocities were scaled to keep the limits; 1: not scaled.
         scale: f64,
-        /// Periods of wall-clock time with a mission since this life began, those that never ran included: the sum of `steered`,
-        /// `paused` and the four `lost_..`.
+        /// Periods of wall-clock time with a mission since this life began, those that never ran included: the sum of
+        /// `steered`, `paused` and the four `lost_..`.
         periods: u64,
         /// Periods in which a fresh command, the answer to the previous cycle, reached every drive.
         steered: u64,
         /// Periods at rest because an operator paused.
         paused: u64,
-        /// Periods without a fresh command, by cause. Computer: this program or its peers did not get the processor, by evidence of the
-        /// kernel. Drive: a unit did not answer in time. Resync: a serial port was being resynchronised. Answer: all others.
+        /// Periods without a fresh command, by cause. Computer: this program or its peers did not get the processor, by
+        /// evidence of the kernel. Drive: a unit did not answer in time. Resync: a serial port was being
+        /// resynchronised. Answer: all others.
         lost_computer: u64,
         lost_drive: u64,
         lost_resync: u64,
@@ -100,7 +104,8 @@ message! {
         wake_ns: u64,
         /// Age of the applied command when it was sent: since the oldest encoder reading it is based on, ns.
         command_age_ns: u64,
-        /// Per role (controller, estimator): progress of the cross-fade to the slot in charge, 0 to 1; 1: no cross-fade.
+        /// Per role (controller, estimator): progress of the cross-fade to the slot in charge, 0 to 1; 1: no
+        /// cross-fade.
         fade: [f64; ROLES],
         /// Causes of a fault or a stop; latched until reset.
         faults: u32 {
@@ -162,10 +167,11 @@ message! {
         commit_cycle: [u64; ROLES],
         /// As in motor/authority.
         fade: [f64; ROLES],
-        /// Per role and slot (controller a, b, estimator a, b): difference from the slot in charge. Controllers: m/s of the cable that differs
-        /// most; estimators: m. Negative: nothing to compare.
+        /// Per role and slot (controller a, b, estimator a, b): difference from the slot in charge. Controllers: m/s of
+        /// the cable that differs most; estimators: m. Negative: nothing to compare.
         deviation: [f64; SEATS],
-        /// Per role and slot: consecutive cycles with a good answer beside the slot in charge; `qualify_cycles` make it a standby.
+        /// Per role and slot: consecutive cycles with a good answer beside the slot in charge; `qualify_cycles` make it
+        /// a standby.
         good_cycles: [u32; SEATS],
         qualify_cycles: u32,
         /// Per role and slot: phase of qualification.
@@ -187,7 +193,8 @@ message! {
 }
 
 message! {
-    /// `motor/input`, each cycle: the complete input of the step of motor-io, from which a replay computes the same bits.
+    /// `motor/input`, each cycle: the complete input of the step of motor-io, from which a replay computes the same
+    /// bits.
     pub struct MotorInput {
         header: Header,
         /// When this cycle was due, and when it began, ns.
@@ -195,14 +202,15 @@ message! {
         begin_ns: u64,
         /// When the bus exchange ended, ns.
         end_ns: u64,
-        /// Evidence of the computer, all cumulative: time for which this thread was ready to run and had no processor, ns; the same of
-        /// controllers a, b and estimators a, b (0: unknown); time for which any task of the computer waited for a processor, us
-        /// (0: unknown); time that the virtual motor box left out, ns.
+        /// Evidence of the computer, all cumulative: time for which this thread was ready to run and had no processor,
+        /// ns; the same of controllers a, b and estimators a, b (0: unknown); time for which any task of the computer
+        /// waited for a processor, us (0: unknown); time that the virtual motor box left out, ns.
         run_delay_ns: u64,
         chain_delay_ns: [u64; SEATS],
         pressure_us: u64,
         box_left_out_ns: u64,
-        /// Setpoint at the plan time of this cycle, for the checks of motor-io: position, m, and velocity at rate 1, m/s.
+        /// Setpoint at the plan time of this cycle, for the checks of motor-io: position, m, and velocity at rate 1,
+        /// m/s.
         setpoint_m: [f64; 3],
         setpoint_velocity_m_s: [f64; 3],
         /// Where the offered motion starts, m.
@@ -218,7 +226,8 @@ message! {
         request_id: [u64; 4],
         /// When each request was made, ns; 0: unknown.
         request_stamp_ns: [u64; 4],
-        /// From plan/motion, s on the plan clock: start of the current segment, end of the motion, end of the segments it carries.
+        /// From plan/motion, s on the plan clock: start of the current segment, end of the motion, end of the segments
+        /// it carries.
         motion_start_s: f64,
         motion_end_s: f64,
         motion_known_s: f64,

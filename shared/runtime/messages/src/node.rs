@@ -49,8 +49,8 @@ message! {
         tension_n: [f64; CABLES],
         /// Unstretched length error of the redundant mode, m.
         redundant_m: f64,
-        /// Inputs of the answer: cycle of the newest estimate of each slot, of motor/authority and of motor/state, beat of plan/motion;
-        /// 0: none.
+        /// Inputs of the answer: cycle of the newest estimate of each slot, of motor/authority and of motor/state, beat
+        /// of plan/motion; 0: none.
         based_on_estimate: [u64; SLOTS],
         based_on_authority: u64,
         based_on_state: u64,
@@ -85,8 +85,9 @@ message! {
 message! {
     /// `sensor/NAME`: the standard reading, for sensors that need no type of their own.
     ///
-    /// `stamp_ns` is the time of arrival, `oldest_input_ns` the time of the measurement, `latency_s` earlier. Without a new reading a driver
-    /// repeats the last one as stale with its old times, so that a silent driver differs from a silent device.
+    /// `stamp_ns` is the time of arrival, `oldest_input_ns` the time of the measurement, `latency_s` earlier. Without a
+    /// new reading a driver repeats the last one as stale with its old times, so that a silent driver differs from a
+    /// silent device.
     pub struct Reading {
         header: Header,
         /// The first `count` are valid; NaN where the device reports no value.
@@ -111,8 +112,8 @@ message! {
 message! {
     /// `sample/NAME`: a reading with the position of the sensor at the time of the measurement, `stamp_ns`.
     ///
-    /// The position is interpolated between two estimates, plus the lever of the sensor. Its standard deviation includes those of the
-    /// estimate with its anchors, of the residual, and of the time.
+    /// The position is interpolated between two estimates, plus the lever of the sensor. Its standard deviation
+    /// includes those of the estimate with its anchors, of the residual, and of the time.
     pub struct Sample {
         header: Header,
         position_m: [f64; 3],
@@ -134,7 +135,8 @@ message! {
 message! {
     /// `map/NAME`: map of the measured field over the plane, from the samples of a sensor so far.
     ///
-    /// Cells are squares, row by row from the lowest y, in a row from the lowest x; the first `columns` x `rows` count. NaN is unknown.
+    /// Cells are squares, row by row from the lowest y, in a row from the lowest x; the first `columns` x `rows` count.
+    /// NaN is unknown.
     pub struct FieldMap {
         header: Header,
         /// Corner with the lowest x and y, and side of a cell, m.

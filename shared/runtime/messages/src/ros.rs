@@ -1,7 +1,8 @@
 //! Messages that ROS 2 defines, for tools that draw a robot without knowing nims.
 //!
-//! They contain texts and lists, but every sample of one type here is a CDR body of the same length, with texts and lists of fixed length.
-//! It therefore travels like any other sample, and the recorder writes it unchanged. The visualization process makes these bodies.
+//! They contain texts and lists, but every sample of one type here is a CDR body of the same length, with texts and
+//! lists of fixed length. It therefore travels like any other sample, and the recorder writes it unchanged. The
+//! visualization process makes these bodies.
 
 use bytemuck::{Pod, Zeroable};
 

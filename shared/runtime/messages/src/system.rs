@@ -92,12 +92,13 @@ message! {
 }
 
 message! {
-    /// In run files, on `recorder/gap`: samples of a channel that are missing between two others. The recorder writes it at that place of
-    /// the file; it does not travel in shared memory.
+    /// In run files, on `recorder/gap`: samples of a channel that are missing between two others. The recorder writes
+    /// it at that place of the file; it does not travel in shared memory.
     pub struct RecorderGap {
         header: Header,
         missing: u64,
-        /// Numbers of the samples before and after the gap, and their times of publication, CLOCK_MONOTONIC, ns; 0: none before.
+        /// Numbers of the samples before and after the gap, and their times of publication, CLOCK_MONOTONIC, ns; 0:
+        /// none before.
         last_seq: u64,
         next_seq: u64,
         last_ns: u64,

@@ -20,11 +20,11 @@ pub fn words_within(text: &str, room: usize) -> usize {
     space.or_else(|| (0..=room).rev().find(|end| text.is_char_boundary(*end))).unwrap_or(0)
 }
 
-/// Returns where a sentence of more than `room` bytes is shortened: the text before the first number and from the second one on is kept,
-/// with [`MORE`] between them.
+/// Returns where a sentence of more than `room` bytes is shortened: the text before the first number and from the
+/// second one on is kept, with [`MORE`] between them.
 ///
-/// A sentence ends with its cure, behind the last `; ` or `: `. The end is therefore kept as far as it fits into two thirds of the room.
-/// Of a sentence without such a mark the beginning is kept.
+/// A sentence ends with its cure, behind the last `; ` or `: `. The end is therefore kept as far as it fits into two
+/// thirds of the room. Of a sentence without such a mark the beginning is kept.
 #[must_use]
 pub fn parted(text: &str, room: usize) -> (usize, usize) {
     let most = (room * 2 / 3).min(room.saturating_sub(MORE.len()));

@@ -1,4 +1,4 @@
-//! Motion segments between their form in messages and the one that can be evaluated.
+//! Conversion of motion segments between messages and the types that evaluate them.
 
 #![forbid(unsafe_code)]
 
@@ -9,7 +9,7 @@ use messages::{KNOTS, PlanMotion, PlanSegment};
 
 const _: () = assert!(KNOTS == MAX_KNOTS);
 
-/// The message of a segment.
+/// Returns the message of a segment.
 #[must_use]
 pub fn segment_message(segment: &Segment) -> PlanSegment {
     let (kind, shape) = match segment.path {
@@ -46,8 +46,8 @@ pub fn segment_message(segment: &Segment) -> PlanSegment {
     message
 }
 
-/// The segment of a message; `None` if it carries none, or one that makes no sense (another process may have written
-/// anything).
+/// Returns the segment of a message; `None` if it carries none or an invalid one, because another process may have
+/// written any bytes.
 #[must_use]
 pub fn segment_of(message: &PlanSegment) -> Option<Segment> {
     if !message.from_m.iter().chain(&message.to_m).all(|value| value.is_finite()) {

@@ -188,7 +188,7 @@ fn every_fault_has_its_sentence() {
     }
     let picture = picture(&faulted, 140, 40);
     line(&picture, "FAULTED");
-    assert!(line(&picture, "A line is slack or broken").contains("(cable 2)"));
+    assert!(line(&picture, "A cable is slack or broken").contains("(cable 2)"));
     line(&picture, "The supply voltage is low");
 }
 
