@@ -11,13 +11,6 @@ use serde::Serialize;
 use serde_json::{Value, json};
 use std::path::{Path, PathBuf};
 
-/// Bytes of one cycle on the wire for a unit, with replies: speeds, encoders, currents; and once per port the slow slot.
-const UNIT_BYTES: f64 = 13.0 + 12.0 + 8.0;
-const SLOT_BYTES: f64 = 8.0;
-/// Exchanges of the same.
-const UNIT_EXCHANGES: f64 = 3.0;
-/// What an exchange costs besides its bytes on a native serial port: unit and host together, s.
-const TURNAROUND_S: f64 = 0.000_3;
 /// Part of a period that the bus may take, so that the control chain has the rest.
 const BUS_SHARE: f64 = 0.8;
 /// Anchors nearer to one line than this share of its length are warned of: lengths that are 5 mm off move the node 100 times as far.
@@ -417,9 +410,7 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
         1000.0 * watchdog * cable
     )));
     for (index, port) in file.motor_io.ports.iter().enumerate() {
-        let units = port.units.len() as f64;
-        let seconds = (units * UNIT_BYTES + SLOT_BYTES) * 10.0 / f64::from(port.baud)
-            + (units * UNIT_EXCHANGES + 1.0) * TURNAROUND_S;
+        let seconds = port.protocol.family().cycle_s(port.units.len(), port.baud);
         let sentence =
             format!("port {} needs {:.1} ms of each cycle of {:.1} ms", index + 1, 1000.0 * seconds, 1000.0 * period);
         let cure = "lower rate_hz, raise baud (on the drives too), or give each unit a port of its own";
