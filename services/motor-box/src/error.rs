@@ -2,8 +2,6 @@
 
 use thiserror::Error;
 
-use crate::settings::ConfigError;
-
 /// Reason why the box cannot be built or continue.
 #[derive(Debug, Error)]
 pub enum BoxError {
@@ -43,4 +41,20 @@ pub enum BoxError {
     /// Waiting for bytes failed.
     #[error("cannot wait for bytes on the ports: {0}")]
     Wait(std::io::Error),
+}
+
+/// Reason why a system file cannot be used for the virtual motor box.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ConfigError {
+    /// The file is for real hardware.
+    #[error(
+        "the system file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
+    )]
+    NoSection,
+    /// The ground file cannot be used.
+    #[error("{0}")]
+    Ground(String),
+    /// A port that is not in the domain's folder.
+    #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
+    NotOurPort(String),
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use config::SystemFile;
-use messages::{OperatorRequest, TruthNode, text_of};
+use messages::{OperatorRequest, Request, TruthNode};
 use runtime::{BadInput, Chassis};
 use tracing::{info, warn};
 
@@ -145,10 +145,11 @@ fn fill<T>(into: &mut [T], from: impl IntoIterator<Item = T>) {
 }
 
 fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> (u8, String) {
-    if request.verb != OperatorRequest::VERB_FAULT {
-        return (OperatorRequest::BAD_INPUT, "the motor box takes faults only".to_owned());
-    }
-    let text = text_of(&request.text);
+    let text = match Request::decode(request) {
+        Ok(Request::Fault { text }) => text,
+        Ok(_) => return (OperatorRequest::BAD_INPUT, "the motor box takes faults only".to_owned()),
+        Err(error) => return (OperatorRequest::BAD_INPUT, error.to_string()),
+    };
     let done = match text.parse::<FaultRequest>() {
         Ok(fault) => motor_box.request(&fault).map_err(|error| match error {
             BoxError::Serial(_) | BoxError::Wait(_) => (OperatorRequest::REFUSED, error.to_string()),

@@ -10,31 +10,15 @@ use plant::PlantConfig;
 use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
 use plant::line::IdlerConfig;
 use plant::motor::MotorConfig;
-use thiserror::Error;
 
 use crate::device::{DeviceConfig, DeviceKind};
+pub use crate::error::ConfigError;
 
 /// Placeholder for the domain's folder in a port's path.
 const DOMAIN: &str = "{domain}";
 
 /// Current limit of a drive as a multiple of its motor's continuous current; three is usual for brushed motors.
 const PEAK_CURRENT_RATIO: f64 = 3.0;
-
-/// Reason why a system file cannot be used for the virtual motor box.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum ConfigError {
-    /// The file is for real hardware.
-    #[error(
-        "the system file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
-    )]
-    NoSection,
-    /// The ground file cannot be used.
-    #[error("{0}")]
-    Ground(String),
-    /// A port that is not in the domain's folder.
-    #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
-    NotOurPort(String),
-}
 
 /// One drive unit.
 #[derive(Debug, Clone, PartialEq)]

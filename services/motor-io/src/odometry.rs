@@ -170,7 +170,7 @@ impl Odometry {
     /// Marks the lengths as in need of confirmation.
     pub fn doubt(&mut self) {
         if self.position == MotorState::POSITION_KNOWN {
-            self.position = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+            self.position = MotorState::POSITION_RESTORED;
         }
     }
 
@@ -187,7 +187,7 @@ impl Odometry {
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
             }
-            self.position = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+            self.position = MotorState::POSITION_RESTORED;
             self.only_restored = true;
         }
     }
@@ -210,7 +210,7 @@ impl Odometry {
 
     /// Confirms the restored lengths.
     pub fn confirm(&mut self) {
-        if self.position == MotorState::POSITION_FROM_BEFORE_THE_CUT {
+        if self.position == MotorState::POSITION_RESTORED {
             self.position = MotorState::POSITION_KNOWN;
             self.only_restored = false;
         }

@@ -5,7 +5,7 @@
 //! bottom up:
 //! * [`codec`]: commands, questions and answers as bytes; [`Status`] for old and new firmware. No state.
 //! * [`Bus`]: the driver of the units on one port; see [`driver`] for the rules and why.
-//! * [`unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
+//! * [`mod@unit`]: virtual units without physics, for a process on a pseudo-terminal or a test with a virtual clock.
 //!
 //! Architecture invariants: one thread owns a port. The driver moves a motor only by command, and after a unit was lost
 //! or restarted only once it was commanded to stand still. A sample carries the time of its request. A control cycle

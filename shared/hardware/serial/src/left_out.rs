@@ -21,7 +21,7 @@ use evidence::{State, Thread};
 use rustix::io::{pread, pwrite};
 use rustix::thread::gettid;
 
-use crate::transport::monotonic_ns;
+use crate::clock::monotonic_ns;
 
 /// Offset of each number, bytes.
 const LEFT_OUT: u64 = 0;

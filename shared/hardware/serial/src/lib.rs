@@ -35,6 +35,7 @@
 //! ```
 #![forbid(unsafe_code)]
 
+mod clock;
 mod error;
 mod left_out;
 mod pace;
@@ -45,6 +46,7 @@ mod random;
 mod reopening;
 mod transport;
 
+pub use clock::{monotonic_ns, sleep_until};
 pub use error::Error;
 pub use left_out::{LeftOut, PortClock, Program};
 pub use pace::{Paced, byte_time_ns};
@@ -53,4 +55,4 @@ pub use port::{Latency, Port};
 pub use pty::{Jack, Pty};
 pub use random::Random;
 pub use reopening::{PortState, REOPEN_EVERY_NS, ReopeningPort};
-pub use transport::{StatusPin, Transport, monotonic_ns, sleep_until};
+pub use transport::{StatusPin, Transport};

@@ -9,8 +9,9 @@ use std::time::Duration;
 use serialport::{ClearBuffer, SerialPort, TTYPort};
 
 use crate::Error;
+use crate::clock::{monotonic_ns, sleep_until};
 use crate::error::only_a_pause;
-use crate::transport::{StatusPin, Transport, monotonic_ns, sleep_until};
+use crate::transport::{StatusPin, Transport};
 
 /// Time for which the adapter may hold received bytes back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,7 +3,8 @@
 use std::cell::Cell;
 use std::sync::Arc;
 
-use crate::transport::{StatusPin, Transport, monotonic_ns, sleep_until};
+use crate::clock::{monotonic_ns, sleep_until};
+use crate::transport::{StatusPin, Transport};
 use crate::{Error, Latency, Port, PortClock};
 
 /// Time between two attempts to open a lost device, ns: short compared with the second that USB needs to enumerate a

@@ -2,27 +2,7 @@
 
 use std::sync::Arc;
 
-use rustix::thread::{ClockId, clock_nanosleep_absolute};
-use rustix::time::Timespec;
-
 use crate::{Error, PortClock};
-
-const NS_PER_S: u64 = 1_000_000_000;
-
-/// Nanoseconds of the machine's monotonic clock (`CLOCK_MONOTONIC`), the same in every process.
-#[must_use]
-pub fn monotonic_ns() -> u64 {
-    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
-    // Both parts are non-negative by the clock's definition.
-    now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
-}
-
-/// Sleeps until the monotonic clock shows `until_ns`; returns at once if that has passed.
-pub fn sleep_until(until_ns: u64) {
-    let until = Timespec { tv_sec: (until_ns / NS_PER_S) as i64, tv_nsec: (until_ns % NS_PER_S) as i64 };
-    // Only a signal ends the sleep early; the time is absolute, so the sleep can be repeated.
-    while let Err(rustix::io::Errno::INTR) = clock_nanosleep_absolute(ClockId::Monotonic, &until) {}
-}
 
 /// Status input of a serial port besides its data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,11 +33,11 @@ pub trait Transport: Send {
     /// Name for the operator.
     fn name(&self) -> &Arc<str>;
 
-    /// Time of this transport's clock, ns: [`monotonic_ns`] for devices of this machine, less the time that a simulated
-    /// one left out.
+    /// Time of this transport's clock, ns: [`monotonic_ns`](crate::monotonic_ns) for devices of this machine, less the
+    /// time that a simulated one left out.
     fn now_ns(&self) -> u64;
 
-    /// Present time for stamps, ns: [`monotonic_ns`] for devices of this machine.
+    /// Present time for stamps, ns: [`monotonic_ns`](crate::monotonic_ns) for devices of this machine.
     fn stamp_ns(&self) -> u64 {
         self.now_ns()
     }

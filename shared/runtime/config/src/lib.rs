@@ -1,6 +1,8 @@
-//! The configuration files: the robot (what it is) and the box (which processes, drives and parameters run it).
+//! The configuration files: the robot file (geometry, limits, cables, motors) and the system file (processes, drives,
+//! parameters).
 //!
-//! Every key is documented here with its unit and default; `configs/` holds complete, commented examples. Unknown keys are errors.
+//! The fields document every key with its unit and default; `configs/` holds complete, commented examples. Unknown keys
+//! are errors.
 
 #![forbid(unsafe_code)]
 
@@ -12,7 +14,8 @@ pub mod file;
 mod load;
 mod logger;
 mod measured;
-mod mission_file;
+mod mission_copy;
+mod number;
 mod point;
 mod problem;
 mod process_for;
@@ -23,7 +26,6 @@ pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use check::Given;
 pub use choice::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
@@ -31,7 +33,8 @@ pub use devices::{
 pub use drive_family::DriveFamily;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
-pub use mission_file::mission_file;
+pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
+pub use number::Given;
 pub use point::{Point, Points};
 pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};

@@ -1,12 +1,12 @@
-//! What the kernel says about the processor time that a thread did not get: evidence, so that a starved computer is not mistaken for a
-//! silent drive, a dead controller or a slack line.
+//! Kernel statistics about CPU time that threads were denied. They distinguish an overloaded computer from a silent
+//! drive, a dead controller or a slack cable.
 //!
-//! A [`Thread`] tells how long a thread of this machine was runnable without running, a [`Pressure`] how long any thread of the machine
-//! was, and a [`Load`] how many there are. All of it can be read by every user.
+//! A [`Thread`] measures how long one thread was runnable without running, a [`Pressure`] how long any thread of the
+//! machine was, and a [`Load`] how many runnable threads there are. Every user can read these statistics.
 //!
 //! Invariants:
-//! * Files are opened once; a look reads them without allocating and without waiting.
-//! * A kernel that does not tell (no `/proc/pressure`, no `schedstat`) gives nothing, never a guess.
+//! * Files are opened once; polling reads them without allocating and without waiting.
+//! * A kernel without a statistic (no `/proc/pressure`, no `schedstat`) yields no value; nothing is guessed.
 #![forbid(unsafe_code)]
 
 pub mod busy;

@@ -1,6 +1,6 @@
-//! The chassis of a process: arguments, configuration, log, signals, real-time set-up, loop timing, heartbeat.
+//! The common parts of a process: arguments, configuration, log, signals, real-time scheduling, loop timing, heartbeat.
 //!
-//! A service is a library with a pure `step` over messages, and a `main.rs` that wires it to the bus. The whole of one:
+//! A service is a library with a pure `step` over messages, and a `main.rs` that connects it to the bus. Example:
 //!
 //! ```no_run
 //! use messages::{MotorState, NodeEstimate};
@@ -32,14 +32,16 @@
 //! ```
 //!
 //! Invariants:
-//! * Nothing here blocks the loop: the terminal is written by a thread of its own, the log and the heartbeat are published in the loop's slack.
-//! * SIGINT and SIGTERM only ask: the loop ends itself, and whoever sleeps in [`Chassis::wait`] wakes at once.
-//! * What the system does not permit is left out with one warning that names the cure.
-//! * A program says in one sentence why it failed, and exits with 2 (something given cannot be used) or 1 (it could not be done now).
+//! * Nothing here blocks the loop: a separate thread writes to the terminal, and the log and the heartbeat are
+//!   published in the loop's idle time.
+//! * SIGINT and SIGTERM request the end: they wake [`Chassis::wait`] at once, and the loop ends itself.
+//! * A real-time setting that the system does not permit is skipped, with one warning that contains the cure.
+//! * A program reports a failure in one sentence, and exits with 2 (bad input) or 1 (it could not be done now).
 
 #![forbid(unsafe_code)]
 
 mod args;
+mod bad_input;
 pub mod build;
 mod chassis;
 mod declared;
@@ -53,11 +55,12 @@ mod timing;
 mod tuning;
 
 pub use args::{Args, CommonArgs, VariantArgs};
+pub use bad_input::BadInput;
 pub use build::Program;
 pub use bus::clock::now_ns;
 pub use chassis::{
-    BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, ENDED, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code,
-    main, main_as,
+    CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, ENDED, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
+    main_as,
 };
 pub use declared::{Since, parts_of};
 pub use hash::{ProgramHash, hash_of};

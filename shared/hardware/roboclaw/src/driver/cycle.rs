@@ -5,7 +5,7 @@ use std::sync::Arc;
 use drives::{Error, Timed, UnitAnswer, UnitReport};
 use serial::Transport;
 
-use super::{Bus, Drive, Phase, sync::Setup};
+use super::{Bus, Drive, Phase, step::Setup};
 use crate::codec::{Motor, Read, Reply, Write};
 
 /// Slow questions, one per cycle. The duty comes most often: a motor whose encoder has failed runs away at high duty,

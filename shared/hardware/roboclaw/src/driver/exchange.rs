@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use serial::Transport;
 
-use super::{Bus, Phase, sync::Step};
+use super::{Bus, Phase, step::Step};
 use drives::{Error, said};
 
 use crate::codec::{ACK, Command, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};

@@ -19,6 +19,7 @@
 mod cycle;
 mod exchange;
 mod family;
+mod step;
 mod sync;
 
 use std::sync::Arc;
@@ -88,7 +89,7 @@ impl Drive {
 /// Settings of a unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnitConfig {
-    /// 0x80 to 0x87.
+    /// Address, 0x80 to 0x87.
     pub address: u8,
     /// The unit stops its motors when it receives nothing for so many tenths of a second, 1 to 255. The value must
     /// differ from the one that the unit starts with (usually 0): the difference shows a restart.
@@ -134,8 +135,8 @@ struct Unit {
     interlocked: bool,
     /// Late answers while it was brought back into use, less answers in time since; see [`Bus::patience_ns`].
     patience: u8,
-    /// Bytes received in place of its last missing answer.
-    instead: sync::Instead,
+    /// What came in place of its answer when it was last asked in vain.
+    instead: step::Instead,
 }
 
 /// Progress of bringing a unit into use.
@@ -143,8 +144,8 @@ struct Unit {
 enum Phase {
     /// An older answer of it may still arrive: a fence is due at `due_ns`, after `failed` ones.
     Suspect { failed: u32, due_ns: u64 },
-    /// In step; the next question of its setup.
-    Setup(sync::Setup),
+    /// In step; what it is to be asked before it is used.
+    Setup(step::Setup),
     /// In use.
     Ready,
     /// It does not keep its watchdog setting; tried again at `due_ns`.
@@ -158,7 +159,7 @@ pub struct Bus<T> {
     byte_ns: u64,
     margin_ns: u64,
     units: Vec<Unit>,
-    step: sync::Step,
+    step: step::Step,
     /// Start of the present run of unrequested bytes, ns.
     noisy_from_ns: Option<u64>,
     connection: u32,
@@ -209,14 +210,14 @@ impl<T: Transport> Bus<T> {
             doubtful: false,
             interlocked: true,
             patience: 0,
-            instead: sync::Instead::default(),
+            instead: step::Instead::default(),
         };
         Ok(Bus {
             transport,
             byte_ns: byte_time_ns(config.baud),
             margin_ns: config.margin_ns,
             units: config.units.iter().map(unit).collect(),
-            step: sync::Step::Draining { quiet_from_ns: 0 },
+            step: step::Step::Draining { quiet_from_ns: 0 },
             noisy_from_ns: None,
             connection: 0,
             last_unit: 0,
@@ -274,7 +275,7 @@ impl<T: Transport> Bus<T> {
 
     /// True where every unit is in use and the bus in step: nothing is left to do between cycles.
     pub fn is_settled(&self) -> bool {
-        self.step == sync::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
+        self.step == step::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
     }
 
     /// Reads the stop input. One that cannot be read is a stop.

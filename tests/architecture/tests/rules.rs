@@ -1,79 +1,21 @@
 //! The rules of the workspace that a compiler does not check: who may depend on whom, and what each crate promises.
 
+use architecture::Package;
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-/// One of our crates.
-struct Package {
-    folder: PathBuf,
-    /// `shared`, `services` or `tests`.
-    place: String,
-    dependencies: BTreeSet<String>,
-    dev_dependencies: BTreeSet<String>,
-}
+/// Crates of `shared/` and `tests/` that link the services' pure libraries, and the command. No other crate does, and
+/// no service links these.
+const LINKS_SERVICES: [&str; 8] =
+    ["lockstep", "replay", "commissioning", "nims-bench", "nims-paper", "nims", "nims-tests", "benchmarks"];
 
-fn root() -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
-}
-
-/// From the manifests themselves: the toolchain need not be installed for the user who runs the tests.
 fn packages() -> BTreeMap<String, Package> {
-    let mut found = BTreeMap::new();
-    let within = |folder: &Path| -> Vec<PathBuf> {
-        let entries = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path());
-        entries.filter(|path| path.is_dir()).collect()
-    };
-    let mut folders = vec![root().join("tests")];
-    folders.extend(within(&root().join("services")));
-    folders.extend(within(&root().join("shared")).iter().flat_map(|group| within(group)));
-    for folder in folders {
-        let manifest: toml::Table = std::fs::read_to_string(folder.join("Cargo.toml")).unwrap().parse().unwrap();
-        let names = |section: &str| -> BTreeSet<String> {
-            manifest
-                .get(section)
-                .and_then(toml::Value::as_table)
-                .into_iter()
-                .flat_map(|table| table.keys().cloned())
-                .collect()
-        };
-        assert!(
-            !manifest.contains_key("target"),
-            "{}: dependencies of one platform escape these rules",
-            folder.display()
-        );
-        let name = manifest["package"]["name"].as_str().unwrap().to_owned();
-        let place = folder
-            .strip_prefix(root())
-            .unwrap()
-            .components()
-            .next()
-            .unwrap()
-            .as_os_str()
-            .to_string_lossy()
-            .into_owned();
-        let mut dependencies = names("dependencies");
-        dependencies.extend(names("build-dependencies"));
-        found.insert(name, Package { folder, place, dependencies, dev_dependencies: names("dev-dependencies") });
-    }
-    found
+    architecture::packages().unwrap()
 }
 
 /// Rust files of a crate's `src`.
 fn sources(package: &Package) -> Vec<(PathBuf, String)> {
-    let mut files = Vec::new();
-    let mut folders = vec![package.folder.join("src")];
-    while let Some(folder) = folders.pop() {
-        for entry in std::fs::read_dir(folder).unwrap() {
-            let path = entry.unwrap().path();
-            if path.is_dir() {
-                folders.push(path);
-            } else if path.extension().is_some_and(|ending| ending == "rs") {
-                let text = std::fs::read_to_string(&path).unwrap();
-                files.push((path, text));
-            }
-        }
-    }
-    files
+    architecture::sources(&package.folder.join("src")).unwrap()
 }
 
 #[test]
@@ -89,6 +31,8 @@ fn dependencies_point_one_way() {
         ("survey", &[]),
         // for tests only
         ("sentences", &[]),
+        ("notes", &[]),
+        ("architecture", &[]),
         // a driver is made over the transport of `serial`
         ("serial", &["cable-robot", "evidence"]),
         // what every drive family has in common
@@ -133,7 +77,7 @@ fn dependencies_point_one_way() {
     for (name, package) in &packages {
         let ours = ours(package);
         match package.place.as_str() {
-            // These work with the very steps of the services, and with whatever they read.
+            // These run the services' own steps, and read all that these read.
             _ if LINKS_SERVICES.contains(&name.as_str()) => {}
             "shared" => {
                 let allowed = may
@@ -155,14 +99,27 @@ fn dependencies_point_one_way() {
                     );
                 }
             }
-            _ => {}
+            _ => assert!(ours.is_empty(), "{name} depends on {ours:?}"),
         }
     }
 }
 
-/// Crates that link the services' pure libraries, which nothing but the command and the tests may link in turn.
-const LINKS_SERVICES: [&str; 7] =
-    ["lockstep", "replay", "commissioning", "nims-bench", "nims-paper", "nims", "nims-tests"];
+#[test]
+fn libraries_link_no_service() {
+    let packages = packages();
+    let is_service = |name: &String| packages.get(name).is_some_and(|package| package.place == "services");
+    let linking = |package: &Package| {
+        package.dependencies.iter().chain(&package.dev_dependencies).find(|name| is_service(name)).cloned()
+    };
+    for (name, package) in &packages {
+        let may = LINKS_SERVICES.contains(&name.as_str());
+        let found = linking(package);
+        assert!(may || found.is_none(), "{name} depends on the service {}", found.unwrap_or_default());
+    }
+    for name in LINKS_SERVICES {
+        assert!(linking(&packages[name]).is_some(), "{name} links no service: take it off the list");
+    }
+}
 
 #[test]
 fn foreign_interfaces_are_named_in_one_place() {
@@ -178,8 +135,8 @@ fn foreign_interfaces_are_named_in_one_place() {
     }
 }
 
-/// A drive family is a crate of `shared/hardware` on top of `drives`. Only one file of motor-io, the virtual motor box and the names
-/// of configuration keys know which there are.
+/// A drive family is a crate of `shared/hardware` on top of `drives`. Only one file of motor-io, the virtual motor box
+/// and the names of configuration keys name a family.
 #[test]
 fn drive_families_are_named_in_one_place() {
     let packages = packages();
@@ -216,7 +173,7 @@ fn a_program_is_thin() {
         let main = std::fs::read_to_string(package.folder.join("src/main.rs")).unwrap();
         assert!(
             main.lines().count() < 100,
-            "services/{name}/src/main.rs has {} lines; what it does belongs into the library",
+            "services/{name}/src/main.rs has {} lines; move what it does to the library",
             main.lines().count()
         );
         assert!(package.folder.join("src/lib.rs").is_file(), "services/{name} has no library");
@@ -252,41 +209,9 @@ fn every_unsafe_block_says_why_it_is_sound() {
     }
 }
 
-/// The modules of its crate that a file names: `crate::one` and `crate::{one, other::Name}`.
-fn modules_named(text: &str) -> BTreeSet<String> {
-    let code: Vec<&str> = text.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
-    let mut named = BTreeSet::new();
-    for rest in code.join("\n").split("crate::").skip(1) {
-        let inside = rest.strip_prefix('{').map(|rest| rest.split("};").next().unwrap_or(rest));
-        let paths: Vec<&str> = inside.map_or_else(|| vec![rest], |inside| inside.split(',').collect());
-        let first =
-            |path: &str| path.trim().split(|c: char| !c.is_alphanumeric() && c != '_').next().map(str::to_owned);
-        named.extend(paths.into_iter().filter_map(first));
-    }
-    named
-}
-
-/// Each file can be read with those below it alone.
-#[test]
-fn no_two_files_of_the_estimator_name_each_other() {
-    let packages = packages();
-    let mut left: BTreeMap<String, BTreeSet<String>> = sources(&packages["estimator"])
-        .into_iter()
-        .map(|(path, text)| (path.file_stem().unwrap().to_string_lossy().into_owned(), modules_named(&text)))
-        .collect();
-    assert!(left["kalman"].contains("cable_estimator") && left["method"].contains("phi"), "{left:?}");
-    // A file that names none of those that are left stands in no ring.
-    while let Some(lowest) =
-        left.iter().find(|(_, named)| !named.iter().any(|name| left.contains_key(name))).map(|(file, _)| file.clone())
-    {
-        left.remove(&lowest);
-    }
-    assert!(left.is_empty(), "these files name each other in a ring: {left:?}");
-}
-
 #[test]
 fn every_crate_has_the_workspace_lints_and_a_purpose() {
-    for (name, package) in &packages() {
+    for (name, package) in packages().iter().filter(|(_, package)| !package.separate) {
         let manifest = std::fs::read_to_string(package.folder.join("Cargo.toml")).unwrap();
         assert!(manifest.contains("[lints]\nworkspace = true"), "{name} does not inherit the workspace's lints");
         let dependencies = manifest.split("[dependencies]").nth(1).unwrap_or("");
@@ -337,28 +262,5 @@ fn what_decides_takes_its_functions_from_libm() {
                 assert!(!code.contains(&call), "{} calls {call}..)", path.display());
             }
         }
-    }
-}
-
-#[test]
-fn every_example_configuration_loads() {
-    let configs = root().join("configs");
-    let files = |folder: &str| -> Vec<PathBuf> {
-        std::fs::read_dir(configs.join(folder)).unwrap().map(|entry| entry.unwrap().path()).collect()
-    };
-    for path in files("robots") {
-        config::RobotFile::load(&path).unwrap();
-    }
-    for path in files("systems") {
-        config::SystemFile::load(&path).unwrap();
-    }
-    for path in files("sensors") {
-        sensor::SensorFile::load(&path).unwrap();
-    }
-    for path in files("ground") {
-        config::GroundFile::load(&path).unwrap();
-    }
-    for path in files("missions") {
-        planner::mission::Mission::read(&path).unwrap();
     }
 }
