@@ -76,11 +76,6 @@ pub struct Report {
     pub apart: Option<f64>,
 }
 
-impl Report {
-    /// Nothing arrived.
-    pub const SILENT: Self = Self { reply: Reply::Silent, incarnation: 0, apart: None };
-}
-
 /// Times of the state machine, cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Times {

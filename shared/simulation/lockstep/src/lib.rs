@@ -16,8 +16,7 @@ use messages::{
     CABLES, ControlStatus, Energy, Header, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
     NodeEstimate, PlanMotion, PlanStatus, Request, UNITS,
 };
-use motor_io::setpoint::Setpoints;
-use motor_io::{Answer, Core, CoreConfig};
+use motor_io::{Answer, Core, CoreConfig, Setpoints};
 use planner::{Mission, Planner, PlannerConfig};
 use plant::{MotorInput as DriveInput, Plant, PlantConfig};
 use robot_state::Reason;
