@@ -1,15 +1,15 @@
-//! The virtual motor box: simulated winches, cables and node behind the drives' real serial protocol on
+//! The virtual motor control box: winches, cables and node behind drive units that use the real protocol on
 //! pseudo-terminals.
 //!
-//! [`Machine`] takes the place of the hardware: drive units that understand packet serial, and the physics that they
-//! move. [`Wire`] gives each serial port a name and the speed of a real wire; [`MotorBox`] runs them in real time. A
-//! program at a port cannot distinguish the box from hardware. Simulated sensors on the node have ports beside those of
-//! the drives.
+//! [`Machine`] stands for the hardware: drive units with their protocol, and the physics that they drive. [`Wire`]
+//! gives each serial port a name and the speed of a real wire, and [`MotorBox`] runs all of it in real time. A program
+//! cannot tell the box from hardware. Sensors on the node have ports beside the drives'.
 //!
 //! # Invariants
-//! * Nothing in the control loop reads what the box publishes: the truth is for evaluation.
+//! * Nothing in the control loop reads the truth that the box publishes: it is for evaluation.
 //! * [`Machine`] has no clock; time is an argument. The same bytes at the same times give the same answers.
-//! * The box advances by at most 20 ms at once. Its time stops while the box or motor-io waits for a processor.
+//! * The box advances by at most 20 ms at once: its time stops while the computer has no processor for the box or for
+//!   motor-io.
 #![forbid(unsafe_code)]
 
 mod device;

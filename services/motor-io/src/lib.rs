@@ -20,6 +20,7 @@
 
 pub mod answer;
 pub mod arbiter;
+mod backend;
 pub mod commanded_envelope;
 pub mod core;
 pub mod drives;

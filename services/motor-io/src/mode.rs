@@ -109,6 +109,7 @@ impl Steering {
 
     /// Records a command that is used, and the rate of the plan clock.
     pub fn record(&mut self, velocity_m_s: &[f64; CABLES], rate: f64, ttl_cycles: u32) {
+        debug_assert!(velocity_m_s.iter().all(|v| v.is_finite()), "a command is not finite: {velocity_m_s:?}");
         *self = Self { velocity_m_s: *velocity_m_s, rate, ttl_cycles, missing: 0, ..*self };
     }
 

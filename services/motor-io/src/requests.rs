@@ -9,7 +9,9 @@ use crate::plan_clock::SLOWEST;
 use crate::settings::{CoreConfig, JOG_LIMIT_M};
 use cable_robot::{Vector3, elastic, kinematics, tension};
 use messages::faults::{Faults, STOPS};
-use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, OperatorRequest, ROLES, SLOT_NAMES, SLOTS};
+use messages::{
+    CONTROLLERS, MotorAuthority, MotorInput, MotorState, OperatorRequest, Request, RequestBody, SLOT_NAMES,
+};
 use robot_state::sentences::{FaultList, ROLE_NAMES, WhyNot};
 
 /// A number as it was given; huge ones in powers of ten, so that they leave room for the rest of the sentence.
@@ -27,14 +29,10 @@ impl std::fmt::Display for Given {
 
 /// A request older than this was made in another situation, and whoever made it has been told that nobody answered, s.
 const STALE_S: f64 = 5.0;
-/// What is done however late it comes.
-const ALWAYS_ACCEPTED: [u8; 5] = [
-    OperatorRequest::VERB_ESTOP,
-    OperatorRequest::VERB_STOP,
-    OperatorRequest::VERB_HOLD,
-    OperatorRequest::VERB_PAUSE,
-    OperatorRequest::VERB_DISARM,
-];
+/// Whether a request can only bring the robot to rest: such a request is carried out at any age.
+fn brings_to_rest(request: &Request) -> bool {
+    matches!(request, Request::Estop | Request::Stop | Request::Hold | Request::Pause | Request::Disarm)
+}
 
 /// Refused: not now or as bad input, and why.
 type Refused = (u8, Sentence);
@@ -48,38 +46,49 @@ macro_rules! bad { ($($text:tt)*) => { Err((OperatorRequest::BAD_INPUT, sentence
 impl Core {
     /// Does what one request asks for, or says why not.
     /// `age_s`: how long ago it was made. What comes too late makes the robot rest, but never move.
-    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, verb: u8, args: &[f64; 8], age_s: f64) -> Answer {
-        let outcome = match verb {
-            _ if age_s > STALE_S && !ALWAYS_ACCEPTED.contains(&verb) => no!(
+    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, body: &RequestBody, age_s: f64) -> Answer {
+        let verb = body.verb;
+        let outcome = match Request::from_body(body) {
+            Ok(request) if age_s > STALE_S && !brings_to_rest(&request) => no!(
                 "Not done: the request came {age_s:.0} s after it was made, and the robot may be elsewhere by now; ask again."
             ),
-            OperatorRequest::VERB_ARM => self.arm(),
-            OperatorRequest::VERB_DISARM => self.disarm(),
-            OperatorRequest::VERB_HOLD | OperatorRequest::VERB_PAUSE => self.pause(input),
-            OperatorRequest::VERB_STOP => self.stop_request(),
-            OperatorRequest::VERB_ESTOP => self.emergency_stop(),
-            OperatorRequest::VERB_RESET => self.reset(),
-            OperatorRequest::VERB_ZERO_AT => self.zero_at(args),
-            OperatorRequest::VERB_ZERO_LENGTHS => self.zero_lengths(args),
-            OperatorRequest::VERB_CONFIRM_POSITION => self.confirm_position(),
-            OperatorRequest::VERB_JOG => self.start_jog(args),
-            OperatorRequest::VERB_RESUME => self.resume(input),
-            OperatorRequest::VERB_SPEED => self.set_speed(args[0]),
-            OperatorRequest::VERB_SWAP => self.swap(input, args),
-            OperatorRequest::VERB_ADMIT => self.admit(args),
-            OperatorRequest::VERB_GOTO | OperatorRequest::VERB_RUN => {
-                bad!("Motions are planned by the planner; send this request to it.")
-            }
-            OperatorRequest::VERB_FAULT => bad!("Faults are made by the virtual motor box; send this request to it."),
-            other => bad!(
-                "There is no request number {other}; this program and the one that asked are of different versions."
-            ),
+            Ok(request) => self.carry_out(input, &request),
+            Err(error) => bad!("Not done: {error}."),
         };
         let (accepted, sentence) = match outcome {
             Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
             Err(refused) => refused,
         };
         Answer { id, verb, accepted, sentence }
+    }
+
+    fn carry_out(&mut self, input: &MotorInput, request: &Request) -> Outcome {
+        match request {
+            Request::Arm => self.arm(),
+            Request::Disarm => self.disarm(),
+            Request::Hold | Request::Pause => self.pause(input),
+            Request::Stop => self.stop_request(),
+            Request::Estop => self.emergency_stop(),
+            Request::Reset => self.reset(),
+            Request::ZeroAt { position_m } => self.zero_at(Vector3::from(*position_m)),
+            Request::ZeroLengths { lengths_m } => self.zero_lengths(lengths_m),
+            Request::ConfirmPosition => self.confirm_position(),
+            Request::Jog { cable, distance_m } => self.start_jog(usize::from(*cable), *distance_m),
+            Request::Resume => self.resume(input),
+            Request::Speed { rate } => self.set_speed(*rate),
+            Request::Swap { role, slot } => self.swap(input, role.index(), slot.index()),
+            Request::Admit { role, slot } => self.admit(role.index(), slot.index()),
+            Request::Goto { .. } | Request::Run { .. } => {
+                bad!("Motions are planned by the planner; send this request to it.")
+            }
+            Request::Fault { .. } => bad!("Faults are made by the virtual motor box; send this request to it."),
+            Request::StartProcess { .. }
+            | Request::StopProcess { .. }
+            | Request::RestartProcess { .. }
+            | Request::Plug { .. }
+            | Request::Unplug { .. }
+            | Request::Set { .. } => bad!("Processes are managed by the supervisor; send this request to it."),
+        }
     }
 
     fn arm(&mut self) -> Outcome {
@@ -100,7 +109,7 @@ impl Core {
         self.safety.arm();
         match self.odometry.position() {
             MotorState::POSITION_KNOWN => yes!("Armed: the drives hold the lines."),
-            MotorState::POSITION_FROM_BEFORE_THE_CUT => {
+            MotorState::POSITION_RESTORED => {
                 yes!(
                     "Armed: the drives hold the lines; the position is the one kept from before motor-io was started, so look where the node is and confirm it or zero before a motion."
                 )
@@ -291,9 +300,8 @@ impl Core {
         self.safety.bump();
     }
 
-    fn zero_at(&mut self, args: &[f64; 8]) -> Outcome {
+    fn zero_at(&mut self, at: Vector3<f64>) -> Outcome {
         self.may_zero()?;
-        let at = Vector3::new(args[0], args[1], args[2]);
         if !at.iter().all(|v| v.is_finite() && v.abs() < 1e5) {
             let [x, y, z] = [Given(at.x), Given(at.y), Given(at.z)];
             return bad!("Not zeroed: [{x}, {y}, {z}] is no position; give x, y and z in metres.");
@@ -315,11 +323,17 @@ impl Core {
         yes!("The node is at [{}, {}, {}] now.", at.x, at.y, at.z)
     }
 
-    fn zero_lengths(&mut self, args: &[f64; 8]) -> Outcome {
+    fn zero_lengths(&mut self, lengths_m: &[f64]) -> Outcome {
         self.may_zero()?;
         let n = self.config.cable_count();
-        self.check_lengths(&args[..n])?;
-        self.zero(&args[..n]);
+        if lengths_m.len() != n {
+            return bad!(
+                "Not zeroed: {} lengths are given; this robot has {n} cables, give one per cable.",
+                lengths_m.len()
+            );
+        }
+        self.check_lengths(lengths_m)?;
+        self.zero(lengths_m);
         yes!("The lengths of the {n} cables are set.")
     }
 
@@ -352,11 +366,10 @@ impl Core {
         }
     }
 
-    fn start_jog(&mut self, args: &[f64; 8]) -> Outcome {
+    fn start_jog(&mut self, number: usize, metres: f64) -> Outcome {
         let n = self.config.cable_count();
-        let [number, metres] = [args[0], args[1]];
-        if !(1..=n).any(|cable| cable as f64 == number) {
-            return bad!("Not jogged: there is no cable {}; accepted: 1 to {n}.", Given(number));
+        if !(1..=n).contains(&number) {
+            return bad!("Not jogged: there is no cable {number}; accepted: 1 to {n}.");
         }
         if !metres.is_finite() || metres == 0.0 || metres.abs() > JOG_LIMIT_M {
             return bad!(
@@ -380,7 +393,7 @@ impl Core {
         if self.motion.id() != 0 {
             return no!("Not jogged: a motion is paused; stop to give it up first.");
         }
-        let cable = number as usize - 1;
+        let cable = number - 1;
         if self.odometry.position() != MotorState::POSITION_UNKNOWN {
             let [low, high] = self.config.robot.length_limits_m()[cable];
             let (now, then) = (self.odometry.length_m(cable), self.odometry.length_m(cable) + metres);
@@ -402,21 +415,7 @@ impl Core {
         }
     }
 
-    /// The role and the slot that a request means.
-    fn seat(args: &[f64; 8]) -> Result<(usize, usize), Refused> {
-        let index = |value: f64, end: usize| (0..end).find(|i| *i as f64 == value);
-        match (index(args[0], ROLES), index(args[1], SLOTS)) {
-            (Some(role), Some(slot)) => Ok((role, slot)),
-            _ => bad!(
-                "Not done: there is no slot {} of role {}; this program and the one that asked are of different versions.",
-                Given(args[1]),
-                Given(args[0])
-            ),
-        }
-    }
-
-    fn swap(&mut self, input: &MotorInput, args: &[f64; 8]) -> Outcome {
-        let (role, slot) = Self::seat(args)?;
+    fn swap(&mut self, input: &MotorInput, role: usize, slot: usize) -> Outcome {
         let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
         if let Some((off_m, within_s)) = self.swap_moves_off(role, slot)
             && off_m > self.config.divergence_m
@@ -460,8 +459,7 @@ impl Core {
         }
     }
 
-    fn admit(&mut self, args: &[f64; 8]) -> Outcome {
-        let (role, slot) = Self::seat(args)?;
+    fn admit(&mut self, role: usize, slot: usize) -> Outcome {
         let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
         match self.arbiter.admit(role, slot) {
             Ok(()) => yes!("The {who} in slot {name} is admitted again; it qualifies from the beginning."),

@@ -11,6 +11,6 @@ pub struct Inputs<'a> {
     pub authority: Option<&'a MotorAuthority>,
     /// Newest node/estimate: [`messages::blended_estimate`].
     pub estimate: Option<&'a NodeEstimate>,
-    /// Newest map of the name that [`Planner::wants_map`] gives.
+    /// Newest map of the name that [`Planner::wants_map`](crate::Planner::wants_map) gives.
     pub map: Option<&'a FieldMap>,
 }

@@ -328,7 +328,7 @@ fn every_gap_stands_in_the_file_where_samples_are_missing() {
         .iter()
         .map(|(_, gap)| (gap.missing, gap.last_seq, gap.next_seq, gap.last_ns, gap.next_ns, gap.cause))
         .collect();
-    let (not_heard, full) = (RecorderGap::CAUSE_NOT_HEARD, RecorderGap::CAUSE_DISK_FULL);
+    let (not_heard, full) = (RecorderGap::CAUSE_OVERFLOW, RecorderGap::CAUSE_DISK_FULL);
     assert_eq!(seen, [(3, 1, 5, SECOND, 2 * SECOND, not_heard), (6, 5, 12, 2 * SECOND, 6 * SECOND, full)]);
     assert_eq!(text_of(&gaps[0].1.channel), "truth/node");
     let report = info(folder.path()).unwrap();

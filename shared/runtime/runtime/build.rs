@@ -1,4 +1,5 @@
-//! Tells a release which commit it is of. What is built in development carries none: everything would be built anew with each commit.
+//! Passes the commit to release builds. Development builds contain none, because each commit would cause a full
+//! rebuild.
 
 #[path = "stamp.rs"]
 mod stamp;
@@ -8,9 +9,9 @@ use std::path::Path;
 fn main() {
     let release = std::env::var("PROFILE").is_ok_and(|profile| profile == "release");
     println!("cargo::rerun-if-env-changed=NIMS_COMMIT");
-    // a file that is not there: a release looks each time
+    // This file does not exist, so a release build runs this script every time.
     println!("cargo::rerun-if-changed={}", if release { "always" } else { "build.rs" });
-    // for who builds from an archive without git
+    // For builds from an archive without git.
     let given = std::env::var("NIMS_COMMIT").ok().filter(|given| !given.is_empty());
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
     let found = || release.then(|| stamp::of(Path::new(&folder))).flatten();

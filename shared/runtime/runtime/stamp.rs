@@ -1,9 +1,10 @@
-// Which commit a build is of. Used by the build script, and tested as a part of the library.
+// The commit of a build. Used by the build script, and tested as a part of the library.
 
 use std::path::Path;
 use std::process::Command;
 
-/// The commit of the checkout around a folder, `-dirty` behind it where tracked files differ from it; `None` without git, or outside a checkout.
+/// Returns the commit of the checkout that contains a folder, with `-dirty` appended if tracked files differ from it;
+/// `None` without git or outside a checkout.
 pub fn of(folder: &Path) -> Option<String> {
     let git = |arguments: &[&str]| -> Option<String> {
         let output = Command::new("git").arg("-C").arg(folder).args(arguments).output().ok()?;

@@ -1,4 +1,5 @@
-//! Reads the source tree for the tests of this crate: packages with their dependencies, and which file of a crate imports which.
+//! Reads the source tree for the tests of this crate: packages with their dependencies, and which file of a crate
+//! imports which.
 //!
 //! Depends on no other crate of the project, so the rules are checked seconds after a change.
 #![forbid(unsafe_code)]

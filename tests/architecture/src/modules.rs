@@ -1,8 +1,9 @@
 //! Which file of a crate imports which.
 //!
-//! A file imports another where its code, outside of tests, names an item that the other one defines: by `use`, or by a path in an
-//! expression or a type. Paths are followed through modules, `use` and re-exports to the file that defines the item, so importing
-//! through a parent's `pub use` counts as importing the child. A parent that only re-exports a child does not import it.
+//! A file imports another where its code, outside of tests, names an item that the other one defines: by `use`, or by a
+//! path in an expression or a type. Paths are followed through modules, `use` and re-exports to the file that defines
+//! the item, so importing through a parent's `pub use` counts as importing the child. A parent that only re-exports a
+//! child does not import it.
 
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 use std::collections::{BTreeMap, BTreeSet};
@@ -116,7 +117,8 @@ impl Modules {
     /// items are counted where they are named.
     /// `followed` holds what has been followed already: names can import each other in a circle.
     fn file_of(&self, at: &ModulePath, path: &[String], followed: &mut Followed) -> Option<PathBuf> {
-        // A name that is imported from below itself, as in `use a::b::a` of a foreign crate `a`, makes the path longer each time.
+        // A name that is imported from below itself, as in `use a::b::a` of a foreign crate `a`, makes the path longer
+        // each time.
         if path.len() > LONGEST_PATH || !followed.insert((at.clone(), path.to_vec())) {
             return None;
         }

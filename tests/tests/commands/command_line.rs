@@ -296,7 +296,8 @@ fn check_tells_whether_a_mission_can_be_flown() {
 fn a_dry_run_needs_no_robot() {
     let value = answer(&["run", "spiral", "--dry-run", "--config", SYSTEM, "--json"]);
     assert_eq!(value["feasible"], json!(true));
-    // Archimedean spiral to 0.6 m in 4 turns, rising 1.125 m: the flat length is about half the outermost circumference per turn.
+    // Archimedean spiral to 0.6 m in 4 turns, rising 1.125 m: the flat length is about half the outermost circumference
+    // per turn.
     let length = value["length_m"].as_f64().unwrap();
     assert!((7.4..8.0).contains(&length), "{length}");
     let value = answer(&["run", "spiral", "--dry-run", "--config", SYSTEM, "--from", "9.7,0.1,0.3", "--json"]);
@@ -474,7 +475,8 @@ mod planar {
         let folder = tempfile::tempdir().unwrap();
         let png = folder.path().join("plane.png");
         let found = aq("workspace", &["--step", "0.2", "--png", png.to_str().unwrap()]);
-        // Below the surface and above the bed all of 8 x 3.6 m could be reached; near the banks the lines hold it no more.
+        // Below the surface and above the bed all of 8 x 3.6 m could be reached; near the banks the lines hold it no
+        // more.
         let area = found["feasible_area_m2"].as_f64().unwrap();
         assert!(area > 15.0 && area < 8.0 * 3.6, "{found}");
         assert_eq!(found["safest_position_m"].as_array().unwrap().len(), 2);

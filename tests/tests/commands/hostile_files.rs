@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A command that has not answered by then waits for something that never comes, or takes in something without end. Those meant here
-/// answer within milliseconds; this is for a machine that stands still.
+/// A command that has not answered by then waits for something that never comes, or takes in something without end.
+/// Those meant here answer within milliseconds; this is for a machine that stands still.
 const GIVE_UP: Duration = Duration::from_secs(60);
 /// Bytes of the sparse table.
 const LARGE: u64 = 3 << 30;

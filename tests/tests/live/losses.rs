@@ -1,7 +1,8 @@
-//! What is not recorded is lost: it is said at once, missions are not begun, and `nims up` ends with 1. A process that hangs is replaced.
+//! What is not recorded is lost: it is said at once, missions are not begun, and `nims up` ends with 1. A process that
+//! hangs is replaced.
 
 use crate::robot::{Robot, THREE_LINES, copy_configs, program, root, steadily};
-use messages::{MotorAuthority, OperatorRequest};
+use messages::{MotorAuthority, Request};
 use rustix::process::Signal;
 use std::process::Command;
 
@@ -35,7 +36,7 @@ fn without_room_nothing_is_recorded_and_no_mission_begins() {
         // The way home is never barred, but it is said that it leaves no trace.
         let home = robot.nims(&["goto", "5.0,3.2,0.5"]);
         assert!(home.status.success() && String::from_utf8_lossy(&home.stderr).contains("nothing is being recorded"));
-        robot.ask("motor-io", OperatorRequest::VERB_STOP, &[]);
+        robot.ask("motor-io", Request::Stop);
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         robot.told(&["run", "--unrecorded", mission]);
         robot.until("it flies", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);

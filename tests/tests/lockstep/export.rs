@@ -1,5 +1,5 @@
-//! Exported tables (CSV, NumPy, Parquet) hold what the run files hold, checked with independent software, for a run of several
-//! files with types that this project does not define.
+//! Exported tables (CSV, NumPy, Parquet) hold what the run files hold, checked with independent software, for a run of
+//! several files with types that this project does not define.
 
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use nims_tests::python;

@@ -1,5 +1,5 @@
-//! From a flight over known ground to its map: nearer to the truth than the map says it may be off, whether the sensor logger ran in flight or
-//! not, and readable by software of others.
+//! From a flight over known ground to its map: nearer to the truth than the map says it may be off, whether the sensor
+//! logger ran in flight or not, and readable by software of others.
 
 use analysis::map::{Args, run as map};
 use command::Output;
@@ -44,7 +44,8 @@ fn moisture(x: f64, y: f64) -> f64 {
     20.0 + 5.0 * (1.2 * x).sin() + 3.0 * y
 }
 
-/// Flies a raster over the ground with a rangefinder that looks down and a probe, into a run file; with `sample/*` if `logged`.
+/// Flies a raster over the ground with a rangefinder that looks down and a probe, into a run file; with `sample/*` if
+/// `logged`.
 fn fly(path: &Path, logged: bool) {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
     let mut scenario = case.scenario(true).unwrap();

@@ -1,5 +1,5 @@
-//! What a calibration says of the encoders reaches the robot: one whose encoders count 1 % off, calibrated by its own lengths, flies true
-//! afterwards.
+//! What a calibration says of the encoders reaches the robot: one whose encoders count 1 % off, calibrated by its own
+//! lengths, flies true afterwards.
 
 use config::{RobotFile, SystemFile};
 use messages::PlanStatus;
@@ -39,8 +39,8 @@ fn files(folder: &Path, anchors: Option<&str>) -> SystemFile {
     SystemFile::load(&folder.join("system.toml")).unwrap()
 }
 
-/// Flies the mission with what the files make of a robot whose encoders give [`COUNTS_PER_M`]; the mean distance between where the
-/// estimate puts the node and where it is, in flight, m.
+/// Flies the mission with what the files make of a robot whose encoders give [`COUNTS_PER_M`]; the mean distance
+/// between where the estimate puts the node and where it is, in flight, m.
 fn flown_m(file: &SystemFile) -> f64 {
     let scenario = CASE.scenario(true).unwrap();
     let mission = scenario.mission.clone();
@@ -62,8 +62,8 @@ fn flown_m(file: &SystemFile) -> f64 {
     panic!("the mission does not end");
 }
 
-/// What a field team writes down: ranges between the true anchors, and what the robot itself says of its lines while somebody holds the node
-/// at points of the floor, zeroed where it began by anchors that are known to some centimetres.
+/// What a field team writes down: ranges between the true anchors, and what the robot itself says of its lines while
+/// somebody holds the node at points of the floor, zeroed where it began by anchors that are known to some centimetres.
 fn measurements() -> String {
     let anchors = RobotFile::load(&configs().join("robots/lab3.toml")).unwrap().robot.anchors_m.to_vec();
     let mut text = format!(

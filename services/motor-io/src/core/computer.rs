@@ -1,31 +1,32 @@
-//! Collects the evidence of a starved computer in every cycle, and answers whether something coincides with it.
+//! Collection of the evidence of a busy computer in every cycle, and the decisions that depend on it.
 
 use super::starved::Evidence;
 use super::{Core, LONGEST_GAP_S};
 use messages::faults::Faults;
 use messages::{MotorAuthority, MotorInput, SEATS, SLOTS};
 
-/// A cycle that begins later than this share of a period after it could have is late: patience for an answer never lasts so long. It could
-/// have begun at its tick, or at the end of the exchange before, if that lasted longer.
+/// Share of a period after which a cycle begins late. It can begin at its scheduled time, or at the end of a longer
+/// previous exchange. The wait for an answer is always shorter.
 const LATE_SHARE: f64 = 0.5;
 
-/// Share of a period that estimator and controller need for an answer; a thread that waited longer than this for a processor had no time.
+/// Share of a period that estimator and controller need for an answer. A thread that waited longer for a processor had
+/// no time.
 const CHAIN_SHARE: f64 = 0.3;
 
-/// Share of a period that an exchange with the drives may take: more leaves estimator and controller too little.
+/// Share of a period that an exchange with the drives may take; more leaves estimator and controller too little.
 const EXCHANGE_SHARE: f64 = 1.0 - CHAIN_SHARE;
 
-/// Evidence older than this does not explain that a command is still missing: who waits for a processor shows it in every cycle, and a
-/// process that has died beside a hiccup does not.
+/// Age beyond which evidence does not explain a missing command, cycles. A process that waits for a processor shows it
+/// in every cycle; one that died during a hiccup does not.
 const RECENT_CYCLES: u32 = 3;
 
-/// Of the last 64 periods so many have to show evidence for a fault to coincide with it: one late tick explains no fault.
+/// Periods with evidence, of the last 64, from which a fault coincides with it. One late begin explains no fault.
 const COINCIDES: u32 = 6;
 
-/// How long the robot says that it was the computer, after it goes on, s.
+/// Time for which the cause is shown after the robot continues, s.
 const SAID_S: f64 = 1.0;
 
-/// Faults that a starved computer can bring about by itself: what was not read in time, or not answered in time, looks like each of them.
+/// Faults that a busy computer alone can cause: a late reading or answer looks like each of them.
 const EXPLAINED: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_SLACK
     | MotorAuthority::FAULT_STALL
@@ -34,7 +35,7 @@ const EXPLAINED: u32 = MotorAuthority::FAULT_LOST_UNIT
     | MotorAuthority::FAULT_LENGTH_LIMIT;
 
 impl Core {
-    /// Takes in the evidence of a cycle. Has to run before `begin_ns` takes this cycle's time, which it compares with the last one's.
+    /// Records the evidence of a cycle. Runs before the new `begin_ns` replaces the previous one, which it needs.
     pub(super) fn note_evidence(&mut self, input: &MotorInput) {
         let period_s = self.config.period_s;
         let since_s = |then_ns: u64| input.begin_ns.saturating_sub(then_ns) as f64 * 1e-9;
@@ -46,7 +47,7 @@ impl Core {
         let own_wait = waited(input.run_delay_ns, starved.run_delay_ns);
         starved.left_out_s = input.box_left_out_ns.saturating_sub(starved.box_left_out_ns) as f64 * 1e-9;
         let left_out = starved.left_out_s > CHAIN_SHARE * period_s;
-        // A long exchange alone is no evidence: drives take their time, and this program waits for answers.
+        // A long exchange alone is no evidence: drives take their time, and motor-io waits for answers.
         let held_up = starved.now.late_tick || own_wait || left_out;
         starved.now = Evidence {
             late_tick,
@@ -60,7 +61,7 @@ impl Core {
         (starved.run_delay_ns, starved.chain_delay_ns) = (input.run_delay_ns, input.chain_delay_ns);
         starved.box_left_out_ns = input.box_left_out_ns;
 
-        // A whole period passed between the end of the exchange and the tick: this program slept through another one.
+        // A whole period passed between the end of the exchange and the scheduled begin: motor-io slept through one.
         let slept =
             self.timing.end_ns != 0 && input.tick_ns.saturating_sub(self.timing.end_ns) as f64 * 1e-9 > period_s;
         let own = starved.now.of_drives() || slept;
@@ -74,28 +75,28 @@ impl Core {
         starved.recent = starved.recent.checked_shl(passed).unwrap_or(0) | these.checked_shr(64 - passed).unwrap_or(0);
     }
 
-    /// Time that the virtual box left out between this cycle and the one before, s: nothing moved in it.
+    /// Time that the virtual motor box left out since the previous cycle, s: nothing moved in it.
     pub(super) fn left_out_s(&self) -> f64 {
         self.starved.left_out_s
     }
 
-    /// What this cycle shows.
+    /// Evidence of this cycle.
     pub(super) fn evidence(&self) -> Evidence {
         self.starved.now
     }
 
-    /// True where the replies of this cycle say nothing about the drives, because this program did not get to hear them in time.
+    /// True if the replies of this cycle show nothing about the drives, because motor-io could not read them in time.
     pub(super) fn starves(&self) -> bool {
         self.starved.own_age <= 1
     }
 
-    /// True where the estimates of this cycle may come from readings that were late.
+    /// True if the estimates of this cycle may come from late readings.
     pub(super) fn chain_starves(&self) -> bool {
         self.starved.within(0)
     }
 
-    /// Controllers and estimators that may have had no processor, or no time, to answer to the cycle before, each beside the one in charge of the
-    /// other role.
+    /// Controllers and estimators that may have had no processor or no time to answer to the previous cycle, each
+    /// beside the one in charge of the other role.
     pub(super) fn starved_seats(&self) -> [bool; SEATS] {
         let (controller, estimator) = self.arbiter.in_charge();
         std::array::from_fn(|seat| {
@@ -104,7 +105,8 @@ impl Core {
         })
     }
 
-    /// A command is missing for too long, for so many cycles: true if that is the computer's doing, and the robot slows down and waits for the next one.
+    /// Returns true if the computer explains why commands have been missing for so many cycles. The robot then slows
+    /// down and waits for the next command.
     pub(super) fn waits_for_the_computer(&mut self, missing: u32) -> bool {
         let recent = missing.min(RECENT_CYCLES);
         let waits = missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
@@ -115,7 +117,7 @@ impl Core {
         waits
     }
 
-    /// Commands are missing for good: whether the computer is the cause, instead of `cause`.
+    /// Returns the cause of a stop without commands: the computer, with evidence, or else `cause`.
     pub(super) fn or_the_computer(&mut self, cause: u32) -> u32 {
         if self.starved.within(RECENT_CYCLES) {
             return MotorAuthority::FAULT_COMPUTER;
@@ -124,7 +126,7 @@ impl Core {
         cause
     }
 
-    /// A command is there again.
+    /// Counts down the time for which the cause is shown, once commands arrive again.
     pub(super) fn note_command(&mut self) {
         if self.starved.said > 0 {
             self.starved.said -= 1;
@@ -134,7 +136,7 @@ impl Core {
         }
     }
 
-    /// Names the computer beside a fault that it can have brought about.
+    /// Adds the computer to a fault that it can have caused.
     pub(super) fn name_the_computer(&self, found: &mut Faults) {
         if found.bits & EXPLAINED != 0 && self.starved.recent.count_ones() >= COINCIDES {
             found.robot(MotorAuthority::FAULT_COMPUTER);

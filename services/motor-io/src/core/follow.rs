@@ -1,17 +1,17 @@
-//! What each mode wants: to hold, to follow, to stop on the path.
+//! Velocities that each mode asks for: holding, following, stopping on the path.
 
 use super::{Beat, Core};
 use crate::arbiter::Chosen;
 use crate::mode::{Braking, Following, Mode, Steering, Stop};
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState};
 
-/// So long without answers for which this program was too late, and the robot stops on its path, s.
+/// Time without answers because motor-io was late, after which the robot stops on its path, s.
 const LATE_S: f64 = 0.4;
-/// A planner that does not publish the motion any more is gone after so many cycles; fewer, and it may just be about to.
+/// Cycles after which a planner that no longer publishes the motion counts as gone. Within fewer, it may be about to.
 const ORPHANED_CYCLES: u32 = 5;
 
 impl Core {
-    /// The velocities the mode asks for.
+    /// Returns the velocities that the mode asks for.
     pub(super) fn wanted(&mut self, input: &MotorInput) -> [f64; CABLES] {
         match *self.safety.mode() {
             Mode::Holding => {
@@ -25,7 +25,7 @@ impl Core {
         }
     }
 
-    /// Begins a motion that is offered, if a controller follows it already.
+    /// Begins the offered motion if a controller already follows it.
     fn start(&mut self, input: &MotorInput) {
         let chosen = self.chosen_in_charge().filter(|chosen| chosen.segment == input.motion_segment);
         self.safety.clear_stops(MotorAuthority::FAULT_OFF_START);
@@ -41,12 +41,12 @@ impl Core {
         }
     }
 
-    /// The chosen command, if the pair in charge gave it: one that only stands in for a cycle is not followed from rest.
+    /// The chosen command if the pair in charge gave it. A motion does not begin with the command of a stand-in.
     pub(crate) fn chosen_in_charge(&self) -> Option<Chosen> {
         self.chosen.filter(|chosen| (chosen.controller, chosen.estimator) == self.arbiter.in_charge())
     }
 
-    /// Supervisor and planner, where they were there and are not any more; bits of faults.
+    /// Supervisor and planner, if they were running and no longer are; bits of `FAULT_*`.
     pub(crate) fn who_is_lost(&self) -> u32 {
         let cycles = self.config.cycles(self.config.beat_s);
         let bit = |beat: &Beat, bit: u32| if beat.lost(cycles) { bit } else { 0 };
@@ -54,8 +54,9 @@ impl Core {
             | bit(&self.planner, MotorAuthority::FAULT_PLANNER_LOST)
     }
 
-    /// From Holding to Following, for the first time or again; `chosen` answers for the motion.
+    /// Enters Following from Holding, at the start of a motion or on resume. `chosen` answers for the motion.
     pub(crate) fn follow(&mut self, chosen: &Chosen) {
+        debug_assert!(self.limits.last_speed() == 0.0, "a motion begins before the robot is at rest");
         self.safety.clear_stops(messages::faults::STOPS);
         self.safety.enter(Mode::Following(Following::from_rest(self.ttl_cycles(chosen))));
     }
@@ -66,12 +67,12 @@ impl Core {
             return self.stop_on_path(&state, MotorAuthority::FAULT_SUPERVISOR_LOST, input);
         }
         if self.watch.late() > self.config.cycles(LATE_S) {
-            // This program does not get to speak with the drives: it comes to rest while it still does now and then.
+            // motor-io is short of processor time: stop while some cycles still reach the drives.
             return self.stop_on_path(&state, MotorAuthority::FAULT_LONG_GAP, input);
         }
         let ended = self.motion.ended(self.clock.time_s());
         if lost != 0 || (self.motion.orphaned() > ORPHANED_CYCLES && !ended) {
-            // What is known of the motion is flown to its end; see `settle`.
+            // The known part of the motion is flown to its end; see `settle`.
             self.safety.note_stop(MotorAuthority::FAULT_PLANNER_LOST);
         }
         state.settled = if ended { state.settled.saturating_add(1) } else { 0 };
@@ -84,14 +85,14 @@ impl Core {
             self.clock.advance(run, self.config.ramp_s);
             self.use_command(&mut state.steering, input, &chosen)
         } else if self.unit_trouble {
-            // Without this cycle's readings no controller can answer. The drives go on, and so does the plan, slower.
+            // Without this cycle's readings no controller can answer. Drives and plan continue, slower.
             self.clock.advance(false, self.config.ramp_s);
             state.steering.last_slowed_to(self.clock.rate())
         } else if !state.steering.record_missing() {
             self.clock.advance(run, self.config.ramp_s);
             state.steering.last_slowed_to(self.clock.rate())
         } else if self.waits_for_the_computer(state.steering.missing()) {
-            // As far as the drives go on, so does the plan, until both stand.
+            // The drives continue and the plan with them, until both are at standstill.
             self.clock.advance(false, self.config.stop_s);
             state.steering.last_slowed_to(self.clock.rate())
         } else {
@@ -104,7 +105,7 @@ impl Core {
         wanted
     }
 
-    /// From Following to Stopping, in this cycle.
+    /// Enters Stopping within this cycle.
     fn stop_on_path(&mut self, state: &Following, cause: u32, input: &MotorInput) -> [f64; CABLES] {
         let stop = Stop::on_path(state.steering);
         self.begin_stop(stop, cause);
@@ -138,7 +139,7 @@ impl Core {
         wanted
     }
 
-    /// Uses a command at the present rate of the plan clock.
+    /// Uses a command at the present rate of the plan clock, and returns its velocities.
     fn use_command(&mut self, steering: &mut Steering, input: &MotorInput, chosen: &Chosen) -> [f64; CABLES] {
         self.motion.follow(if chosen.segment == 0 { self.motion.segment() } else { chosen.segment });
         steering.record(&chosen.velocity_m_s, self.clock.rate(), self.ttl_cycles(chosen));
@@ -147,7 +148,7 @@ impl Core {
         chosen.velocity_m_s
     }
 
-    /// How long a command stands in for the missing ones after it, cycles.
+    /// Number of cycles for which a command remains in use when later ones are missing.
     fn ttl_cycles(&self, chosen: &Chosen) -> u32 {
         self.config.ttl_cycles.min(chosen.ttl_cycles)
     }
@@ -155,7 +156,7 @@ impl Core {
     fn why_missing(&self, input: &MotorInput) -> u32 {
         let (controller, estimator) = self.arbiter.in_charge();
         if input.estimate_cycle[estimator].saturating_add(1) < input.header.cycle {
-            // The controller has nothing to answer to.
+            // The controller has no estimate to answer to.
             return MotorAuthority::FAULT_ESTIMATE_LOST;
         }
         if self.motion.orphaned() > 0 {
@@ -170,17 +171,18 @@ impl Core {
         }
     }
 
-    /// Comes to rest. `cause` 0: it was asked for, or the motion is at its end.
+    /// Enters Stopping. `cause` 0: on request, or at the end of the motion.
     pub(crate) fn begin_stop(&mut self, stop: Stop, cause: u32) {
         if cause == 0 {
-            // Whatever had slowed the robot down before is not why it rests now.
+            // An earlier reason for slowing down is not the reason for this stop.
             self.safety.clear_stops(MotorAuthority::FAULT_LONG_GAP | MotorAuthority::FAULT_COMPUTER);
         }
+        debug_assert!(self.safety.mode().on_motion(), "a stop without a motion, in {:?}", self.safety.mode());
         self.safety.note_stop(cause);
         self.safety.enter(Mode::Stopping(stop));
     }
 
-    /// The motion is given up; in an emergency its clock stands at once.
+    /// Gives up the motion; in an emergency its clock stops at once.
     pub(crate) fn abandon(&mut self) {
         self.motion.finish(self.clock.time_s());
         if *self.safety.mode() == Mode::EmergencyStop {

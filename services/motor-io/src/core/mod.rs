@@ -1,11 +1,12 @@
-//! The deciding part of motor-io: one cycle in two halves, without a clock, without I/O.
+//! The decisions of motor-io: one cycle in two halves, without a clock and without I/O.
 //!
-//! [`Core::decide`] is here; what each mode wants is in `follow`, how a motion comes to rest in `settle`, and the second half of
-//! the cycle in `observe`, what drives do at rest in `still`.
+//! [`Core::decide`] is here. `follow` computes the velocities of each mode, `settle` ends a stop, a jog or a motion,
+//! `observe` is the second half of the cycle, and `still` resets the drives' loops at rest.
 
 mod account;
 mod computer;
 mod follow;
+mod invariants;
 mod judge;
 mod observe;
 mod settle;
@@ -31,44 +32,45 @@ use crate::watch::Watch;
 use arrayvec::ArrayVec;
 use messages::{CABLES, Energy, MotorAuthority, MotorInput, MotorSlots, MotorState};
 
-/// Requests taken in one cycle; more wait for the next.
+/// Requests per cycle; further ones wait for the next cycle.
 pub const REQUESTS: usize = 4;
-/// Time after a gap in which the drives' watchdog stopped the motors, before the motion goes on by itself, s.
+/// Time from a gap in which the drives' watchdog stopped the motors until the motion continues, s.
 const AFTER_GAP_S: f64 = 1.0;
-/// A gap longer than this is no hiccup of a virtual machine: who knows what has happened meanwhile. Somebody has to resume, s.
+/// Longest gap after which a motion continues without a request, s. A hiccup of a virtual machine is shorter.
 const LONGEST_GAP_S: f64 = 1.0;
 
-/// What the drives are to do in this cycle.
+/// What the drives do in this cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DriveCommand {
     /// Velocity of each cable, dL/dt, m/s; all zero: the drives hold.
     pub speed_m_s: [f64; CABLES],
-    /// Cables that are let go: duty 0 instead of a speed.
+    /// Cables whose drive is off: duty 0 instead of a speed.
     pub released: [bool; CABLES],
 }
 
 impl DriveCommand {
-    /// True if nothing is to move.
+    /// Returns true if no cable moves.
     #[must_use]
     pub fn is_hold(&self) -> bool {
         self.speed_m_s == [0.0; CABLES]
     }
 }
 
-/// What the cycle came to.
+/// Results of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Observation {
-    /// For `motor/state`.
+    /// Sample of `motor/state`.
     pub state: MotorState,
-    /// For `motor/authority`.
+    /// Sample of `motor/authority`.
     pub authority: MotorAuthority,
-    /// For `motor/slots`.
+    /// Sample of `motor/slots`.
     pub slots: MotorSlots,
-    /// For `energy`.
+    /// Sample of `energy`.
     pub energy: Energy,
 }
 
-/// See the crate's text. Everything it does follows from its configuration and the sequence of [`MotorInput`]s.
+/// Safety machine, arbiter and everything else that decides; see the crate's documentation. All of it follows from the
+/// configuration and the sequence of [`MotorInput`]s.
 #[derive(Debug, Clone)]
 pub struct Core {
     pub(crate) config: CoreConfig,
@@ -134,7 +136,7 @@ impl Decision {
     }
 }
 
-/// A sign of life that has to change.
+/// Liveness counter of another process.
 #[derive(Debug, Clone, Copy, Default)]
 struct Beat {
     value: u64,
@@ -150,7 +152,7 @@ impl Beat {
         }
     }
 
-    /// Was there, and is not any more.
+    /// Returns true if the process was running and its counter has not changed for this long.
     fn lost(&self, cycles: u32) -> bool {
         self.value != 0 && self.unchanged > cycles
     }
@@ -186,11 +188,13 @@ impl Core {
         }
     }
 
-    /// First half of a cycle: from what arrived (never from the drives' replies, which come later) to what is sent.
+    /// Computes what the drives do from everything that arrived: the first half of a cycle. The drives'
+    /// replies come later.
     pub fn decide(&mut self, input: &MotorInput) -> DriveCommand {
+        let at_begin = self.before();
         self.answers.clear();
-        // The cycle in which a motion is taken up moves nothing yet: the next one is the first that can be steered.
-        // The cycle that ends it counts.
+        // No cable moves in the cycle in which a motion begins; the next one is the first that can be steered. The
+        // cycle in which the motion ends counts.
         self.decision = Decision::new(self.motion.id() != 0, self.sent.speed_m_s);
         self.keep_time(input);
         let moving = self.safety.mode().on_motion();
@@ -203,14 +207,12 @@ impl Core {
         let motion = &self.motion;
         self.chosen = self.arbiter.choose(input, &context, |segment| motion.has(segment) || (ended && segment == 0));
         for i in 0..REQUESTS {
-            if input.request_verb[i] != 0 {
-                let mut args = [0.0; 8];
-                args.copy_from_slice(&input.request_args[i * 8..][..8]);
+            if input.request[i].verb != 0 {
                 let age_s = match input.request_stamp_ns[i] {
                     0 => 0.0,
                     made_ns => input.begin_ns.saturating_sub(made_ns) as f64 * 1e-9,
                 };
-                let answer = self.request(input, input.request_id[i], input.request_verb[i], &args, age_s);
+                let answer = self.request(input, input.request_id[i], &input.request[i], age_s);
                 self.answers.push(answer);
             }
         }
@@ -225,7 +227,7 @@ impl Core {
             }
             _ => {
                 let mut limits = self.limits.clone();
-                // A fault ends at once, as fast as the cables' limits allow.
+                // With a fault the robot brakes as fast as the cables' limits allow.
                 let node = if *self.safety.mode() == Mode::Faulted { None } else { self.node_limit() };
                 let sent = limits.toward(&wanted, node.as_ref());
                 if self.judge(input, &wanted) && self.keep_lengths(&wanted) && self.keep_lengths(&sent.0) {
@@ -240,18 +242,19 @@ impl Core {
         };
         self.decision.scale = scale;
         self.settle(before, &speed_m_s);
-        let released = if self.loops_begin_anew(&speed_m_s) { [true; CABLES] } else { self.safety.released() };
+        let released = if self.resets_loops(&speed_m_s) { [true; CABLES] } else { self.safety.released() };
         self.sent = DriveCommand { speed_m_s, released };
+        self.check_decision(&at_begin, before);
         self.sent
     }
 
-    /// The answers to this cycle's requests.
+    /// Answers to this cycle's requests.
     #[must_use]
     pub fn answers(&self) -> &[Answer] {
         &self.answers
     }
 
-    /// What the mode and the arbiter asked for in this cycle, before the [`limits`](crate::limits); cable velocities, m/s.
+    /// Cable velocities before the limits, m/s.
     #[must_use]
     pub fn asked_m_s(&self) -> &[f64; CABLES] {
         &self.decision.wanted_m_s
@@ -263,7 +266,7 @@ impl Core {
         self.clock.time_s()
     }
 
-    /// Number of the motion that the robot follows or could go on with; 0: none.
+    /// Number of the motion that the robot follows or can resume; 0: none.
     #[must_use]
     pub fn motion(&self) -> u32 {
         self.motion.id()
@@ -275,7 +278,7 @@ impl Core {
         self.safety.mode().moves()
     }
 
-    /// True while the robot moves by a controller's commands, so that one that is a little late is worth waiting for.
+    /// True while a controller steers, so that a command that is a little late is worth waiting for.
     #[must_use]
     pub fn awaits_command(&self) -> bool {
         let following = matches!(self.safety.mode(), Mode::Following(_));
@@ -289,7 +292,7 @@ impl Core {
         self.arbiter.in_charge()
     }
 
-    /// What would have to be kept on disk: lengths and counts, if the lengths mean something.
+    /// Lengths and counts to store on disk, if the lengths are valid.
     #[must_use]
     pub fn position(&self) -> Option<([f64; CABLES], [i64; CABLES])> {
         (self.odometry.position() != MotorState::POSITION_UNKNOWN && !self.odometry.only_restored()).then(|| {
@@ -297,7 +300,7 @@ impl Core {
         })
     }
 
-    /// Late ticks, gaps, and what only the first cycle brings.
+    /// Handles late begins, gaps, and the input of the first cycle.
     fn keep_time(&mut self, input: &MotorInput) {
         if !self.timing.began {
             self.timing.began = true;
@@ -314,7 +317,7 @@ impl Core {
         (self.timing.gap_s, self.timing.begin_ns) = (gap_s, input.begin_ns);
         let left_out_s = self.left_out_s();
         if let Mode::Jogging(jog) = self.safety.mode_mut() {
-            // The drives went on for as long as no new velocity came, and `settle` counted a period of it.
+            // The drives kept the last velocity until a new one came; `settle` has counted one period of it.
             let passed_s = gap_s.min(self.config.watchdog_s) - left_out_s;
             jog.left_m -= self.sent.speed_m_s[jog.cable] * (passed_s - self.config.period_s);
         }
@@ -323,7 +326,8 @@ impl Core {
         }
     }
 
-    /// The drives' watchdog stopped the motors in a gap: the robot starts again, from rest. `long`: only on a request.
+    /// Restarts the motion from rest after a gap in which the drives' watchdog stopped the motors.
+    /// `long`: only on request.
     fn restart_from_rest(&mut self, long: bool) {
         self.limits.zero();
         self.clock.stand();

@@ -1,4 +1,4 @@
-//! The second half of a cycle: what the drives replied, and what the cycle came to.
+//! Second half of a cycle: the drives' replies, and the samples to publish.
 
 use super::{Core, Observation, account};
 use crate::mode::Mode;
@@ -7,12 +7,13 @@ use crate::watch::Situation;
 use messages::faults::Faults;
 use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState};
 
-/// A tick that came more than this many periods after the last one leaves a gap in the motion worth looking at.
+/// Periods between two begins beyond which the gap matters for the motion.
 const GAP_PERIODS: f64 = 1.5;
 
 impl Core {
-    /// Second half of a cycle: the drives' replies.
+    /// Processes the drives' replies: the second half of a cycle.
     pub fn observe(&mut self, input: &MotorInput) -> Observation {
+        let at_begin = self.before();
         let n = self.config.cable_count();
         self.timing.end_ns = input.end_ns;
         let mut found = Faults::default();
@@ -51,7 +52,7 @@ impl Core {
         };
         self.watch.cables(&self.config, input, &situation, &velocity, &fresh, &mut found);
         if found.release.contains(&true) {
-            // Nobody knows how far the line ran while its encoder said that it did not.
+            // How far the cable ran while its encoder showed no motion is unknown.
             self.odometry.doubt();
         }
         self.name_the_computer(&mut found);
@@ -70,10 +71,11 @@ impl Core {
         });
         energy.header = state.header;
         let authority = self.authority(input, &state.header);
+        self.check_state(&at_begin);
         Observation { state, slots: self.arbiter.slots(&authority), authority, energy }
     }
 
-    /// What this period of wall-clock time counts as.
+    /// Classifies this period of wall-clock time.
     fn close_period(&mut self, input: &MotorInput) {
         let cycle = account::Cycle {
             under_way: self.decision.under_way,
@@ -88,8 +90,8 @@ impl Core {
         self.account.close(input, &cycle);
     }
 
-    /// If this machine stood still, the drives went on by the last command: the plan follows them as far as the encoders show, or
-    /// else the controller would drive the node back.
+    /// Advances the plan clock by what the drives did during a gap, as far as the encoders show it. Otherwise the
+    /// controller would drive the node back.
     fn catch_up(&mut self, n: usize, before: &[f64; CABLES], fresh: &[bool; CABLES]) {
         let period_s = self.config.period_s;
         let gap_s = self.timing.gap_s;
@@ -102,7 +104,7 @@ impl Core {
             along += (self.odometry.length_m(i) - before) * v;
             square += v * v;
         }
-        // Below 5 mm/s there is nothing to catch up with.
+        // Below 5 mm/s the error is negligible.
         if square > 2.5e-5 {
             self.clock.catch_up((along / square - period_s).clamp(0.0, gap_s - period_s));
         }
@@ -136,7 +138,7 @@ impl Core {
         state.node_command_m_s = self.node.velocity_of(&self.sent.speed_m_s).map_or(unknown, Into::into);
         state.node_bound_m_s = self.node.position_m().map_or(f64::INFINITY, |_| self.config.node_speed_m_s());
         state.setpoint_distance_m = self.setpoint_distance_m(input).unwrap_or(f64::NAN);
-        // 0 stands for an encoder that was never read. Before the first one was, what the sample says is as old as the cycle.
+        // 0 marks an encoder that was never read. Before the first reading, the sample is as old as the cycle.
         let read = || state.sampled_ns[..n].iter().copied().filter(|sampled_ns| *sampled_ns != 0);
         let oldest = read().min().unwrap_or(input.end_ns);
         let newest = read().max().unwrap_or(input.end_ns);

@@ -1,4 +1,4 @@
-//! Jogging, the length limits, and how a stop, a jog or a motion comes to its end.
+//! Jogging, the length limits, and the end of a stop, a jog or a motion.
 
 use super::Core;
 use crate::mode::{Braking, Following, Jog, Mode, Stop};
@@ -7,11 +7,12 @@ use messages::{CABLES, MotorAuthority, MotorState};
 
 /// Longest wait for the last millimetres of a controlled stop, s.
 const REST_S: f64 = 1.0;
-/// How far a jog may come beyond a length limit before it is a fault: its end was checked, and readings have steps, m.
+/// Excess over a length limit that a jog may have before it is a fault, m. Its end was checked, and
+/// readings have steps.
 const JOG_MARGIN_M: f64 = 0.01;
-/// What is left of a jog that is done, m: far below a step of an encoder.
+/// Remaining length at which a jog is done, m: far below a step of an encoder.
 const JOGGED_M: f64 = 1e-6;
-/// Drives react after up to 0.16 s (delay and lag), and the readings are a cycle old, s.
+/// Delay from a command to its effect, s: drives react after up to 0.16 s, and readings are a cycle old.
 const REACTION_S: f64 = 0.2;
 
 impl Core {
@@ -24,7 +25,7 @@ impl Core {
         let Jog { cable, left_m, cancelled } = jog;
         let mut wanted = [0.0; CABLES];
         if !cancelled && left_m.abs() >= JOGGED_M {
-            // Slows down as it comes near, gently: a quarter of what the cable may do.
+            // Brakes with a quarter of the cable's acceleration limit.
             let near = (0.5 * self.config.cable_acceleration_m_s2 * left_m.abs()).sqrt();
             let speed = self.config.jog_speed_m_s.min(near).min(left_m.abs() / self.config.period_s);
             wanted[cable] = speed.copysign(left_m);
@@ -32,7 +33,7 @@ impl Core {
         wanted
     }
 
-    /// No cable runs beyond its length limits: where one would, the whole robot stops.
+    /// Returns false, with a fault, if a cable would run beyond its length limits.
     pub(super) fn keep_lengths(&mut self, speed_m_s: &[f64; CABLES]) -> bool {
         if !self.safety.mode().moves() || self.odometry.position() == MotorState::POSITION_UNKNOWN {
             return true;
@@ -56,8 +57,8 @@ impl Core {
         found.is_empty()
     }
 
-    /// After the velocities are fixed: has a stop, a jog or a motion come to its end? `before_m_s` is the largest one of the
-    /// cycle before.
+    /// Ends a stop, a jog or a motion, once the velocities are fixed. `before_m_s` is the largest velocity of
+    /// the previous cycle.
     pub(super) fn settle(&mut self, before_m_s: f64, sent_m_s: &[f64; CABLES]) {
         let speed_m_s = self.limits.last_speed();
         let mode = *self.safety.mode();
@@ -83,7 +84,7 @@ impl Core {
         self.safety.enter(if over { Mode::Holding } else { Mode::Jogging(jog) });
     }
 
-    /// A pause, or the end of the motion.
+    /// Ends the motion, or pauses it.
     fn settle_motion(&mut self, mut state: Following) {
         let at_end = state.settled >= self.config.cycles(self.config.settle_s);
         if self.clock.rate() == 0.0 && (state.pausing || at_end) {
@@ -108,7 +109,7 @@ impl Core {
             Braking::OnPath { waited, .. } if self.clock.rate() == 0.0 => {
                 *waited += 1;
                 if self.may_rest(*waited) {
-                    // What is left of the velocity, at most one step, goes in the next cycle.
+                    // The remaining velocity, at most one step, goes in the next cycle.
                     stop.braking = Braking::Open;
                 }
             }
@@ -117,13 +118,15 @@ impl Core {
         self.safety.enter(Mode::Stopping(stop));
     }
 
-    /// With the plan clock at standstill: true if what is left of the velocity goes in one step, or was awaited long enough.
+    /// Returns true at standstill of the plan clock if the remaining velocity is at most one step, or the
+    /// wait was too long.
     fn may_rest(&self, waited: u32) -> bool {
         self.limits.last_speed() <= self.limits.step() || waited > self.config.cycles(REST_S)
     }
 
-    /// At rest after Stopping.
+    /// Enters Holding after Stopping.
     fn rest(&mut self, dropped: bool) {
+        debug_assert!(self.limits.last_speed() == 0.0, "the robot holds before it is at rest");
         self.clock.stand();
         if dropped {
             self.motion.finish(self.clock.time_s());

@@ -1,39 +1,40 @@
-//! Whether the computer kept this program, or those that answer it, from running: by the evidence in `motor/input`, and by the clock.
+//! Evidence of a computer that kept motor-io, or the processes that answer it, from running.
 //!
-//! What coincides with that is not held against a drive, an estimator or a line: see `computer` and `follow`.
+//! The evidence is in `motor/input` and in the clock. What coincides with it is not held against a drive, an estimator
+//! or a cable: see `computer` and `follow`.
 
 use messages::{SEATS, SLOTS};
 
-/// What one cycle shows. A number that was 0 before was not known.
+/// Evidence of one cycle. A counter that was 0 before was unknown.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Evidence {
-    /// This program came too late for the tick.
+    /// motor-io began late.
     pub(super) late_tick: bool,
-    /// The exchange with the drives before ended so late, because the computer kept this program or the virtual box waiting, that estimator
-    /// and controller had no time for an answer.
+    /// The previous exchange with the drives ended too late for an answer, because the computer delayed motor-io or the
+    /// virtual motor box.
     pub(super) overrun: bool,
-    /// The same, because the drives took so long.
+    /// The previous exchange ended too late for an answer, because the drives were slow.
     pub(super) slow_drives: bool,
-    /// This program's thread waited for a processor.
+    /// motor-io's thread waited for a processor.
     pub(super) waited: bool,
-    /// The virtual box left out time for want of a processor.
+    /// The virtual motor box left out time because it had no processor.
     pub(super) left_out: bool,
     /// Threads of controllers a, b and estimators a, b waited for a processor.
     pub(super) chain: [bool; SEATS],
 }
 
 impl Evidence {
-    /// What the drives did not answer in this cycle may be for want of a processor.
+    /// True if a missing answer of the drives in this cycle can be due to the computer.
     pub fn of_drives(&self) -> bool {
         self.late_tick || self.waited || self.left_out
     }
 
-    /// The drives took so long in the cycle before that nothing could answer to it.
+    /// True if the drives were too slow in the previous cycle for anything to answer to it.
     pub fn slow_drives(&self) -> bool {
         self.slow_drives
     }
 
-    /// What these slots did not answer to the cycle before may be.
+    /// True if a missing answer of these slots to the previous cycle can be due to the computer.
     pub fn of_chain(&self, pair: (usize, usize)) -> bool {
         self.late_tick || self.overrun || self.waited_of(pair)
     }
@@ -43,22 +44,22 @@ impl Evidence {
     }
 }
 
-/// The evidence, cycle by cycle.
+/// Evidence over time.
 #[derive(Debug, Clone)]
 pub(super) struct Starved {
     pub(super) now: Evidence,
     pub(super) run_delay_ns: u64,
     pub(super) chain_delay_ns: [u64; SEATS],
     pub(super) box_left_out_ns: u64,
-    /// Time that the virtual box left out between this cycle and the one before, s: nothing moved in it.
+    /// Time that the virtual motor box left out since the previous cycle, s: nothing moved in it.
     pub(super) left_out_s: f64,
-    /// Cycles since the last evidence of this program; 0: in this one.
+    /// Cycles since the last evidence of motor-io itself; 0: in this one.
     pub(super) own_age: u32,
-    /// The same of this program or the pair in charge.
+    /// Cycles since the last evidence of motor-io or the pair in charge.
     pub(super) age: u32,
-    /// The last 64 periods, the newest in the lowest bit; 1: evidence of this program or the pair in charge.
+    /// The last 64 periods, the newest in the lowest bit; 1: evidence of motor-io or the pair in charge.
     pub(super) recent: u64,
-    /// Cycles for which a stop of this cause is still named.
+    /// Cycles for which the cause of a stop is still shown.
     pub(super) said: u32,
 }
 
@@ -79,7 +80,7 @@ impl Default for Starved {
 }
 
 impl Starved {
-    /// Evidence in this cycle, or in one of so many before it.
+    /// Returns true if there was evidence within this many cycles.
     pub(super) fn within(&self, cycles: u32) -> bool {
         self.age <= cycles
     }

@@ -13,9 +13,9 @@ pub fn monotonic_ns() -> u64 {
     now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
 }
 
-/// Sleep until the monotonic clock shows `until_ns`; returns at once where that is over.
+/// Sleeps until the monotonic clock shows `until_ns`; returns at once if that has passed.
 pub fn sleep_until(until_ns: u64) {
     let until = Timespec { tv_sec: (until_ns / NS_PER_S) as i64, tv_nsec: (until_ns % NS_PER_S) as i64 };
-    // Only a signal ends the sleep early; the time asked for is absolute, so it can simply be asked for again.
+    // Only a signal ends the sleep early; the time is absolute, so the sleep can be repeated.
     while let Err(rustix::io::Errno::INTR) = clock_nanosleep_absolute(ClockId::Monotonic, &until) {}
 }

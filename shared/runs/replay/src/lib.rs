@@ -309,7 +309,9 @@ impl Replay {
     /// Compares an answer of motor-io; answers of other processes on the channel are skipped.
     fn compare_answer(&mut self, time_ns: u64, request: &OperatorRequest) {
         let answer = self.motor_io.answer(request.id, time_ns);
-        let Some(answer) = answer.filter(|answer| request.answered == 1 && answer.verb == request.verb) else { return };
+        let Some(answer) = answer.filter(|answer| request.answered == 1 && answer.verb == request.body.verb) else {
+            return;
+        };
         let word = |accepted: bool| if accepted { "accepted" } else { "refused" };
         let was = format!("{}: {}", word(request.accepted == 1), text_of(&request.answer));
         let is = format!("{}: {}", word(answer.is_accepted()), answer.sentence);

@@ -46,6 +46,7 @@ impl RunClock {
                 let before = nanoseconds(ClockId::Monotonic);
                 let unix = nanoseconds(ClockId::Realtime);
                 let after = nanoseconds(ClockId::Monotonic);
+                debug_assert!(after >= before, "CLOCK_MONOTONIC went back from {before} to {after}");
                 (after - before, Self { t0_unix_ns: unix, t0_mono_ns: before + (after - before) / 2 })
             })
             .min_by_key(|(width, _)| *width)

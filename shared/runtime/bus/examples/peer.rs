@@ -1,7 +1,7 @@
-//! A process to try the bus with, and to be killed in tests: `peer DOMAIN PROCESS publish|answer|silent`.
+//! A test process for the bus, which tests also kill: `peer DOMAIN PROCESS publish|answer|silent`.
 //!
-//! `publish` sends `motor/state` every millisecond, counting up in `counts`; `answer` answers requests; `silent` takes them and never answers.
-//! Says `ready` on its standard output, then works for ever.
+//! `publish` sends `motor/state` every millisecond, with ascending `counts`; `answer` answers requests; `silent`
+//! receives them and never answers. Prints `ready` on standard output, then runs until it is killed.
 
 use bus::clock::Pacer;
 use bus::{Bus, BusError, Domain};

@@ -8,12 +8,12 @@ use crate::memory::{CONNECTION_BYTES, SHORT, need, room};
 use crate::places::{Party, Refused};
 use crate::{Bus, BusError};
 
-/// Another process may just be leaving, or finding out that it has no place: so often it is tried again, after so long.
+/// Number of further attempts to create a port: another process may be leaving, or giving back a place in excess.
 const ATTEMPTS: usize = 10;
 const PAUSE: Duration = Duration::from_millis(20);
 
 impl Bus {
-    /// Makes a port if this process's kind has a place left, among those whose names `taken` gives.
+    /// Creates a port if this process's kind has a place left; `taken` returns the names of the existing ports.
     pub(crate) fn take_place<R, E>(
         &self,
         limit: usize,
@@ -21,7 +21,7 @@ impl Bus {
         make: impl Fn() -> Result<R, E>,
     ) -> Result<R, Refused<E>> {
         let party = self.party;
-        // a place may be held by a process that has died since this one joined
+        // A process that has died since this one joined may hold a place.
         if !party.within(&taken(), limit, 1) {
             self.clean();
             if !party.within(&taken(), limit, 1) {
@@ -37,21 +37,26 @@ impl Bus {
             port = make();
         }
         let port = port.map_err(Refused::Error)?;
-        // several may have come at once
+        // Check again: several processes may have created a port at the same time.
         if party.within(&taken(), limit, 0) { Ok(port) } else { Err(Refused::NoPlace(party.ceiling(limit))) }
     }
 
-    /// Whether there is shared memory for so many bytes more, beyond the margin that is always kept: for who is about to make several things.
+    /// Checks that `bytes` of shared memory can be allocated in addition to the reserved margin, before several objects
+    /// are created.
     ///
     /// # Errors
-    /// [`BusError::NoMemory`] if not.
+    /// [`BusError::NoMemory`] if there is not enough memory.
     pub fn room_for(&self, bytes: usize, what: &str) -> Result<(), BusError> {
         self.need(bytes, what)
     }
 
-    /// Makes a port with all of its memory. iceoryx2 makes one also where a connection of it finds no room, and hears nothing on that connection
-    /// for good.
-    pub(crate) fn whole<R>(&self, what: &str, make: impl FnOnce() -> Result<R, BusError>) -> Result<R, BusError> {
+    /// Creates a port and checks that all its connections have memory. iceoryx2 also creates a port if a connection has
+    /// none, and that connection never delivers a sample.
+    pub(crate) fn make_complete<R>(
+        &self,
+        what: &str,
+        make: impl FnOnce() -> Result<R, BusError>,
+    ) -> Result<R, BusError> {
         let before = SHORT.get();
         let port = make()?;
         if SHORT.get() == before {
@@ -62,8 +67,8 @@ impl Bus {
         Err(BusError::NoMemory { what: what.to_owned(), needed, free: room().map_or(0, |(_, free)| free) })
     }
 
-    /// Refuses to make something for which there is no room, so that neither this nor anything that is just being made elsewhere gets stuck
-    /// half way. The margin that has to remain is larger for who only looks on.
+    /// Checks that `bytes` can be allocated, so that neither this object nor one that another process is creating
+    /// remains incomplete. The margin that must remain depends on the kind of participant.
     pub(crate) fn need(&self, bytes: usize, what: &str) -> Result<(), BusError> {
         need(bytes, self.party, what)
     }

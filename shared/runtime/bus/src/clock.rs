@@ -1,4 +1,4 @@
-//! Time: one clock for all processes, and a pacer for periodic work.
+//! The clock of all processes, and a pacer for periodic work.
 
 use rustix::thread::{ClockId, clock_nanosleep_absolute};
 use rustix::time::{Timespec, clock_gettime};
@@ -6,22 +6,22 @@ use rustix::time::{Timespec, clock_gettime};
 /// Nanoseconds per second.
 pub const SECOND_NS: u64 = 1_000_000_000;
 
-/// CLOCK_MONOTONIC, ns: the clock of every stamp.
+/// Returns the time of CLOCK_MONOTONIC, ns: the clock of every stamp.
 #[must_use]
 pub fn now_ns() -> u64 {
     let now = clock_gettime(ClockId::Monotonic);
     now.tv_sec as u64 * SECOND_NS + now.tv_nsec as u64
 }
 
-/// Wall clock, ns since 1970, for mapping stamps to calendar time; it may jump.
+/// Returns the wall clock, ns since 1970, for mapping stamps to calendar time; it may jump.
 #[must_use]
 pub fn unix_ns() -> u64 {
     let now = clock_gettime(ClockId::Realtime);
     now.tv_sec as u64 * SECOND_NS + now.tv_nsec as u64
 }
 
-/// An instant on both clocks. A run has one, and whatever turns its stamps into calendar time uses that: a step of the wall clock, or the
-/// moment between two readings, then sets no two of them apart.
+/// One instant on both clocks. All conversions of a run's stamps to calendar time use the same instant, so that neither
+/// a step of the wall clock nor the time between two readings of the clocks makes them inconsistent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct WallClock {
     /// Wall clock, ns since 1970.
@@ -31,48 +31,48 @@ pub struct WallClock {
 }
 
 impl WallClock {
-    /// Reads both.
+    /// Reads both clocks.
     #[must_use]
     pub fn now() -> Self {
         Self { unix_ns: unix_ns(), mono_ns: now_ns() }
     }
 
-    /// What is to be added to a stamp, ns.
+    /// Returns the offset to add to a stamp for its UNIX time, ns.
     #[must_use]
     pub fn offset_ns(&self) -> i64 {
         self.unix_ns.cast_signed().wrapping_sub(self.mono_ns.cast_signed())
     }
 }
 
-/// Sleeps until CLOCK_MONOTONIC shows `deadline_ns`, also through signals.
+/// Sleeps until CLOCK_MONOTONIC reaches `deadline_ns`; signals do not end the sleep.
 pub fn sleep_until(deadline_ns: u64) {
     let at = Timespec { tv_sec: (deadline_ns / SECOND_NS) as i64, tv_nsec: (deadline_ns % SECOND_NS) as i64 };
-    // interrupted by a signal: again, the deadline is absolute
+    // A signal interrupts the sleep; the deadline is absolute, so repeat.
     while clock_nanosleep_absolute(ClockId::Monotonic, &at).is_err() {}
 }
 
-/// One period has begun.
+/// The start of a period.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Tick {
-    /// When it was due, ns.
+    /// Time when it was due, ns.
     pub scheduled_ns: u64,
-    /// When the process woke, ns.
+    /// Time when the process woke up, ns.
     pub woke_ns: u64,
-    /// Periods left out since the last tick, because the machine stood still or the work took too long.
+    /// Periods skipped since the last tick, because the machine stalled or the work took too long.
     pub skipped: u64,
 }
 
 impl Tick {
-    /// How late the wake-up was, ns.
+    /// Returns the lateness of the wake-up, ns.
     #[must_use]
     pub fn lateness_ns(&self) -> u64 {
         self.woke_ns.saturating_sub(self.scheduled_ns)
     }
 }
 
-/// The grid of due times, without a clock: which due time is next.
+/// The grid of due times; computes the next due time without reading a clock.
 ///
-/// Two ticks never begin less than half a period apart, so a stall is followed by skipped periods and not by a burst.
+/// Two ticks start at least half a period apart, so a stall causes skipped periods and no burst.
 #[derive(Debug, Clone)]
 pub struct Schedule {
     period_ns: u64,
@@ -81,15 +81,16 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// A grid whose first due time is `start_ns` + one period; a period of 0 is taken as 1 ns.
+    /// Creates a grid whose first due time is `start_ns` plus one period; a period of 0 becomes 1 ns.
     #[must_use]
     pub fn new(start_ns: u64, period_ns: u64) -> Self {
         Self { period_ns: period_ns.max(1), last_ns: start_ns, last_woke_ns: start_ns }
     }
 
-    /// The next due time and how many periods are left out before it.
+    /// Returns the next due time and the number of periods skipped before it.
     ///
-    /// A due time that has passed counts as late, not as skipped, as long as it is the newest one and the last tick began half a period ago.
+    /// A due time that has passed is late, not skipped, if it is the newest one and the last tick started at least half
+    /// a period before it.
     #[must_use]
     pub fn next(&self, now_ns: u64) -> (u64, u64) {
         let newest_passed = now_ns.saturating_sub(self.last_ns) / self.period_ns;
@@ -100,32 +101,32 @@ impl Schedule {
         (self.last_ns + steps * self.period_ns, steps - 1)
     }
 
-    /// The tick that was due at `scheduled_ns` has begun.
+    /// Records the start of the tick that was due at `scheduled_ns`.
     pub fn begun(&mut self, scheduled_ns: u64, woke_ns: u64) {
         (self.last_ns, self.last_woke_ns) = (scheduled_ns, woke_ns);
     }
 
-    /// The period, ns.
+    /// Returns the period, ns.
     #[must_use]
     pub fn period_ns(&self) -> u64 {
         self.period_ns
     }
 }
 
-/// Periodic work by absolute time: no drift, no catch-up bursts.
+/// A pacer for periodic work at absolute times: no drift and no bursts after a stall.
 #[derive(Debug)]
 pub struct Pacer {
     schedule: Schedule,
 }
 
 impl Pacer {
-    /// Starts the grid now.
+    /// Creates a pacer whose grid starts now.
     #[must_use]
     pub fn new(period_ns: u64) -> Self {
         Self { schedule: Schedule::new(now_ns(), period_ns) }
     }
 
-    /// Sleeps until the next due time (not at all if it has passed).
+    /// Sleeps until the next due time; returns at once if it has passed.
     #[allow(clippy::should_implement_trait)] // endless, and it sleeps
     pub fn next(&mut self) -> Tick {
         let (scheduled_ns, skipped) = self.schedule.next(now_ns());
@@ -135,7 +136,7 @@ impl Pacer {
         Tick { scheduled_ns, woke_ns, skipped }
     }
 
-    /// When the next tick is due, ns, for those who wait for something else meanwhile.
+    /// Returns the time when the next tick is due, ns, for callers that wait for other events until then.
     #[must_use]
     pub fn due_ns(&self) -> u64 {
         self.schedule.next(now_ns()).0
@@ -157,19 +158,19 @@ mod tests {
     }
 
     #[test]
-    fn a_stall_is_skipped_and_the_grid_is_kept() {
+    fn periods_of_a_stall_are_skipped_and_the_grid_is_kept() {
         let mut schedule = Schedule::new(0, 10);
         schedule.begun(10, 10);
-        // asked again at 137: 130 is the newest that has passed, 20..=120 are left out
+        // At 137, the newest due time that has passed is 130; 20..=120 are skipped.
         let (due, skipped) = schedule.next(137);
         assert_eq!((due, skipped), (130, 11));
         schedule.begun(due, 137);
-        // 140 would follow 3 after the last: left out as well
+        // 140 would be only 3 after the last start, so it is skipped too.
         assert_eq!(schedule.next(138), (150, 1));
     }
 
     #[test]
-    fn ticks_never_crowd() {
+    fn ticks_are_at_least_half_a_period_apart() {
         let mut schedule = Schedule::new(0, 1000);
         let (mut now, mut last, mut random) = (0_u64, 0_u64, 12345_u64);
         for pass in 0..10_000 {

@@ -1,8 +1,9 @@
-//! The definition of a channel's type, as a text that travels with the channel.
+//! The schema text of a channel's type, stored with the channel.
 //!
-//! Whoever makes the channel states the text in its attributes: `schema.hash`, then `schema.0`, `schema.1`, ... in parts. iceoryx2 has room
-//! for 1792 bytes there. What is longer goes on in the attributes of events that exist for nothing else, `schema/HASH/1`, `schema/HASH/2`,
-//! ..., which every process that has the channel open keeps alive. So the text needs no sender, and any language can read it.
+//! The process that creates a channel stores the text in its attributes: `schema.hash`, and the parts `schema.0`,
+//! `schema.1`, ... iceoryx2 has room for 1792 bytes of text there. A longer text continues in the attributes of
+//! additional events, `schema/HASH/1`, `schema/HASH/2`, ..., which every process with the channel open keeps open too.
+//! So the text outlives its creator, and programs in any language can read it.
 
 use iceoryx2::node::Node;
 use iceoryx2::prelude::{AttributeSpecifier, MessagingPattern, SemanticString, Service, ServiceName, ipc};
@@ -17,79 +18,89 @@ use crate::{BusError, Domain};
 /// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).
 const ATTRIBUTE_BYTES: usize = 256;
 const ATTRIBUTES: usize = 8;
-/// Key of the hash of the text; its parts are numbered in each service.
+/// Attribute with the hash of the text.
 const HASH: &str = "schema.hash";
+/// Prefix of the attributes with the parts of the text, which are numbered from 0 in each service.
 const PART: &str = "schema.";
-/// Bytes beside the hash, and bytes of a continuation.
+/// Bytes of text in the channel itself, next to the hash.
 const FIRST_BYTES: usize = (ATTRIBUTES - 1) * ATTRIBUTE_BYTES;
-const SHEET_BYTES: usize = ATTRIBUTES * ATTRIBUTE_BYTES;
-/// Continuations at most: 32 kB, which a thousand fields do not fill.
-const SHEETS: usize = 15;
-/// Processes that may hold a continuation open; as for every event.
-const SHEET_NODES: usize = 64;
-/// A continuation half made by another process: as for channels.
-const PATIENCE_NS: u64 = 4 * SECOND_NS;
+/// Bytes of text in a continuation.
+const CONTINUATION_BYTES: usize = ATTRIBUTES * ATTRIBUTE_BYTES;
+/// Largest number of continuations: 32 kB of text, enough for more than a thousand fields.
+const CONTINUATIONS: usize = 15;
+/// Number of processes that may hold a continuation open; the same as for every event.
+const CONTINUATION_NODES: usize = 64;
+/// Time to wait while another process creates a continuation, ns; the same as for channels.
+const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
 
-/// A continuation that is held open.
+/// An open continuation of a schema text.
 pub(crate) type SchemaContinuation = event::PortFactory<ipc::Service>;
 
-/// What a channel of this type states.
+/// Returns the attributes of a channel of this type.
 pub(crate) fn attributes(type_name: &str, text: &str) -> Result<AttributeSpecifier, BusError> {
     let unfit = |why: String| BusError::Schema { type_name: type_name.to_owned(), why };
     if !text.is_ascii() {
         return Err(unfit("it has a character that is not ASCII".to_owned()));
     }
-    if text.len() > FIRST_BYTES + SHEETS * SHEET_BYTES {
-        let room = FIRST_BYTES + SHEETS * SHEET_BYTES;
-        return Err(unfit(format!("it has {} bytes, and there is room for {room}", text.len())));
+    if text.len() > FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES {
+        let room = FIRST_BYTES + CONTINUATIONS * CONTINUATION_BYTES;
+        return Err(unfit(format!("it has {} bytes; accepted: at most {room}", text.len())));
     }
     let specifier = define(AttributeSpecifier::new(), HASH, &hash(text));
-    specifier.and_then(|specifier| parts(specifier, first(text))).ok_or_else(|| unfit("a part is refused".to_owned()))
+    let refused = || unfit("iceoryx2 rejects a part of it".to_owned());
+    specifier.and_then(|specifier| parts(specifier, first(text))).ok_or_else(refused)
 }
 
-/// Makes, or joins, the continuations that this text needs. Before the channel itself is made: who finds the channel finds all of it.
-pub(crate) fn sheets(
+/// Creates or opens the continuations of this text. To be called before the channel is created, so that a process that
+/// finds the channel can read the whole text.
+pub(crate) fn continuations(
     node: &Node<ipc::Service>,
     domain: &Domain,
     text: &str,
 ) -> Result<Vec<SchemaContinuation>, BusError> {
     let rest = text.get(FIRST_BYTES..).unwrap_or_default();
     (1..)
-        .zip(chunks(rest, SHEET_BYTES))
-        .map(|(number, part)| sheet(node, domain, &sheet_name(text, number), part))
+        .zip(chunks(rest, CONTINUATION_BYTES))
+        .map(|(number, part)| continuation(node, domain, &continuation_name(text, number), part))
         .collect()
 }
 
-fn sheet(node: &Node<ipc::Service>, domain: &Domain, name: &str, part: &str) -> Result<SchemaContinuation, BusError> {
+fn continuation(
+    node: &Node<ipc::Service>,
+    domain: &Domain,
+    name: &str,
+    part: &str,
+) -> Result<SchemaContinuation, BusError> {
     let service = ServiceName::new(name).map_err(|error| BusError::failed(name, "be named", &error))?;
     let specifier = parts(AttributeSpecifier::new(), part);
-    let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"a part is refused"))?;
-    let builder = || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(SHEET_NODES);
-    let give_up = now_ns() + PATIENCE_NS;
+    let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"iceoryx2 rejects a part of it"))?;
+    let builder =
+        || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(CONTINUATION_NODES);
+    let give_up = now_ns() + OPEN_TIMEOUT_NS;
     loop {
         let error = match builder().open() {
-            Ok(sheet) => return Ok(sheet),
+            Ok(continuation) => return Ok(continuation),
             Err(EventOpenError::DoesNotExist) => match builder().create_with_attributes(&specifier) {
-                Ok(sheet) => return Ok(sheet),
+                Ok(continuation) => return Ok(continuation),
                 Err(EventCreateError::AlreadyExists | EventCreateError::IsBeingCreatedByAnotherInstance) => None,
                 Err(error) => Some(format!("{error:?}")),
             },
             Err(error) => Some(format!("{error:?}")),
         };
         if now_ns() > give_up {
-            return Err(BusError::failed(name, "be made", &error));
+            return Err(BusError::failed(name, "be created", &error));
         }
         domain.remove_half_made();
         sleep_until(now_ns() + 2_000_000);
     }
 }
 
-/// The text and its hash as a channel states them; the text only if it has that hash.
+/// Reads the schema text and its hash from a channel; the text only if it matches the hash.
 pub(crate) fn read(domain: &Domain, attributes: &AttributeSet) -> (Option<String>, Option<String>) {
     let hash_stated = value(attributes, HASH);
     let mut text = joined(attributes);
     let is_whole = |text: &str| hash_stated.as_ref().is_none_or(|stated| *stated == hash(text));
-    for number in 1..=SHEETS {
+    for number in 1..=CONTINUATIONS {
         if is_whole(&text) || text.len() < FIRST_BYTES {
             break;
         }
@@ -108,7 +119,7 @@ fn hash(text: &str) -> String {
     format!("{:08x}", hash_of(text))
 }
 
-fn sheet_name(text: &str, number: usize) -> String {
+fn continuation_name(text: &str, number: usize) -> String {
     format!("schema/{}/{number}", hash(text))
 }
 
@@ -116,7 +127,7 @@ fn first(text: &str) -> &str {
     text.get(..FIRST_BYTES).unwrap_or(text)
 }
 
-/// An ASCII text in pieces.
+/// Splits an ASCII text into pieces of at most `bytes` bytes.
 fn chunks(text: &str, bytes: usize) -> impl Iterator<Item = &str> {
     text.as_bytes().chunks(bytes).filter_map(|part| std::str::from_utf8(part).ok())
 }

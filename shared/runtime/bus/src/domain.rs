@@ -1,4 +1,4 @@
-//! The domain of one robot: its own names in shared memory.
+//! The domain of one robot: its part of the names in shared memory.
 
 use std::fs;
 use std::io::{self, Read, Seek, Write};
@@ -15,21 +15,24 @@ use rustix::process::geteuid;
 use crate::clock::WallClock;
 use crate::error::{BadName, BusError, Unfit};
 
-/// Where POSIX shared memory lies on Linux.
+/// Folder of POSIX shared memory on Linux.
 pub(crate) const SHARED_MEMORY: &str = "/dev/shm";
-/// A listener's socket must fit `sun_path` (108 bytes) behind root path and prefix; measured: 66 bytes for both are safe.
+/// Largest length of root path plus prefix, bytes: the path of a listener's socket, which starts with both, must fit
+/// `sun_path` (108 bytes). Measured.
 const ROOT_AND_PREFIX_BYTES: usize = 66;
-/// Leaves room for `/dev/shm/nims-<uid>-` with a uid of ten digits, and for the prefix of 13 bytes.
+/// Longest name of a domain, bytes: leaves room for `/dev/shm/nims-<uid>-` with a uid of ten digits, and for the prefix
+/// of 13 bytes.
 const NAME_BYTES: usize = 20;
-/// How long a peer waits inside iceoryx2 for something half made. Short, because a broken peer would stall a control loop for this long;
-/// opening a channel at start-up waits longer by trying again.
+/// How long iceoryx2 waits for an incomplete object. Short, because a broken peer stalls a control loop for this time;
+/// opening a channel at start-up retries for longer.
 const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
+/// Lock file of the domain's owner, with its process id.
 const CLAIM_FILE: &str = "owner";
 /// The socket of motor-io for emergency stops.
 pub(crate) const ESTOP_SOCKET: &str = "estop";
-/// Says that a folder that a person chose is a domain's: nothing is ever removed from one without it.
+/// Marks a folder given by the user as that of a domain; nothing is removed from a folder without it.
 const MARKER_FILE: &str = ".nims-domain";
-/// What the supervisor keeps here, a trailing `.new` is one that is being written; and the socket of motor-io.
+/// Files of the supervisor (a trailing `.new` marks one that is being written) and the socket of motor-io.
 const OWN_FILES: [&str; 7] = [
     "children.json",
     "children.json.new",
@@ -39,21 +42,21 @@ const OWN_FILES: [&str; 7] = [
     "clock.txt.new",
     ESTOP_SOCKET,
 ];
-/// How the name of a file ends that a virtual motor box keeps beside each of its ports (`LeftOut` of the crate `serial`): one that was killed
-/// leaves it.
+/// Ending of the file that a virtual motor box stores for each of its ports (`LeftOut` of the crate `serial`). It
+/// remains if the virtual motor box is killed.
 const PORT_CLOCKS: &str = ".time";
-/// Both clocks at one instant of the run: UNIX time and CLOCK_MONOTONIC, ns.
+/// File with one instant of the run on both clocks: UNIX time and CLOCK_MONOTONIC, ns.
 const CLOCK_FILE: &str = "clock.txt";
-/// What iceoryx2 keeps here, besides the files that begin with the domain's prefix.
+/// Folders of iceoryx2; its files start with the domain's prefix.
 const OWN_FOLDERS: [&str; 2] = ["nodes", "services"];
-/// Where the links to a virtual motor box's ports lead.
+/// Folder of the pseudo-terminals of a virtual motor box, to which its ports are links.
 const PSEUDO_TERMINALS: &str = "/dev/pts/";
 /// `f_type` of tmpfs and ramfs, statfs(2).
 pub(crate) const MEMORY_FILE_SYSTEMS: [u32; 2] = [0x0102_1994, 0x8584_58f6];
-/// Another process may remove or renew the file that is claimed in the same instant; more often than this it does not.
+/// Largest number of attempts to lock the claim file while other processes remove or replace it.
 const CLAIM_ATTEMPTS: usize = 10;
 
-/// One robot's part of shared memory: a folder on tmpfs, and a prefix of its own.
+/// One robot's part of shared memory: a folder on tmpfs, and a prefix of the names in /dev/shm.
 #[derive(Debug, Clone)]
 pub struct Domain {
     name: String,
@@ -65,17 +68,18 @@ pub struct Domain {
 /// A process in a domain.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct NodeInfo {
-    /// The process's name; empty if it cannot be read.
+    /// Process name; empty if it cannot be read.
     pub name: String,
-    /// Its process id; 0 if it cannot be read.
+    /// Process id; 0 if it cannot be read.
     pub pid: u32,
 }
 
 impl Domain {
-    /// The domain of that name and this user, in a folder of its own under /dev/shm; makes the folder.
+    /// Returns this user's domain of that name, and creates its folder under /dev/shm.
     ///
     /// # Errors
-    /// [`BusError::DomainName`] unless it is 1 to 20 letters, digits or `-`; [`BusError::DomainFolder`] if the folder is another user's.
+    /// [`BusError::DomainName`] unless it is 1 to 20 letters, digits or `-`; [`BusError::DomainFolder`] if the folder
+    /// belongs to another user.
     pub fn new(name: &str) -> Result<Self, BusError> {
         let bad = |why| BusError::DomainName { name: name.to_owned(), why };
         if name.is_empty() || name.len() > NAME_BYTES {
@@ -87,12 +91,12 @@ impl Domain {
         Self::make(name.to_owned(), Path::new(SHARED_MEMORY).join(format!("nims-{}-{name}", geteuid().as_raw())))
     }
 
-    /// The domain whose folder is `root`, an absolute path on tmpfs, e.g. a service manager's runtime folder: one that does not exist, is
-    /// empty, or was a domain before. Anything else is left alone.
+    /// Returns the domain with the folder `root`, an absolute path on tmpfs, e.g. a service manager's runtime folder.
+    /// The folder must not exist, be empty, or be a former domain; others are not modified.
     ///
     /// # Errors
-    /// [`BusError::DomainName`] if the path is too long, [`BusError::DomainFolder`] if the folder is another user's, open to others, on a
-    /// disk, used for something else, or cannot be made.
+    /// [`BusError::DomainName`] if the path is too long, [`BusError::DomainFolder`] if the folder belongs to another
+    /// user, is open to others, is on a disk, contains other files, or cannot be created.
     pub fn from_root(root: &Path) -> Result<Self, BusError> {
         let name = root.to_string_lossy().into_owned();
         if !root.is_absolute() {
@@ -101,26 +105,27 @@ impl Domain {
         Self::make(name, root.to_owned())
     }
 
-    /// [`Domain::from_root`] if the text begins with `/`, otherwise [`Domain::new`]: the inverse of [`Domain::name`].
+    /// Calls [`Domain::from_root`] if the text starts with `/`, otherwise [`Domain::new`]: the inverse of
+    /// [`Domain::name`].
     ///
     /// # Errors
-    /// As those.
+    /// As these functions.
     pub fn parse(text: &str) -> Result<Self, BusError> {
         if text.starts_with('/') { Self::from_root(Path::new(text)) } else { Self::new(text) }
     }
 
-    /// [`Domain::parse`], but nothing is made: `None` if there is no such folder.
+    /// As [`Domain::parse`], but creates no folder: returns `None` if there is none.
     ///
     /// # Errors
     /// As [`Domain::parse`].
     pub fn existing(text: &str) -> Result<Option<Self>, BusError> {
         let there =
             if text.starts_with('/') { Path::new(text).join(MARKER_FILE).is_file() } else { folder_of(text).is_dir() };
-        // a bad name is reported as such, not as one that does not exist
+        // Report an invalid name as an error, not as a domain that does not exist.
         if there || !text.starts_with('/') && !usable(text) { Self::parse(text).map(Some) } else { Ok(None) }
     }
 
-    /// This user's named domains that have a folder, by name; whether anything lives there [`Domain::alive`] says.
+    /// Returns this user's named domains with a folder, by name. [`Domain::alive`] returns whether processes run there.
     #[must_use]
     pub fn all() -> Vec<Self> {
         let beginning = format!("nims-{}-", geteuid().as_raw());
@@ -135,7 +140,7 @@ impl Domain {
         names.iter().filter_map(|name| Self::new(name).ok()).collect()
     }
 
-    /// A domain that no other test has, removed with everything in it when the guard is dropped.
+    /// Returns a new domain for a test, which is removed with all its objects when the guard is dropped.
     ///
     /// # Panics
     /// If /dev/shm cannot be written.
@@ -145,13 +150,13 @@ impl Domain {
         let name = format!("t{}-{}", std::process::id(), COUNT.fetch_add(1, Ordering::Relaxed));
         #[allow(clippy::panic)]
         let domain = Self::new(&name).unwrap_or_else(|error| panic!("{error}"));
-        domain.wipe(); // an earlier process may have had this id
+        domain.wipe(); // a former process may have had this process id
         let _ = domain.make_folder();
         TestDomain(domain)
     }
 
     fn make(name: String, root: PathBuf) -> Result<Self, BusError> {
-        // One prefix per folder. The hash has a fixed length, so no domain's prefix begins another's.
+        // One prefix per folder. The hash has a fixed length, so no prefix is the start of another.
         let prefix = format!("nims{:08x}_", messages::hash_of(&root.to_string_lossy()));
         let bytes = root.as_os_str().len() + prefix.len();
         if bytes > ROOT_AND_PREFIX_BYTES {
@@ -165,7 +170,7 @@ impl Domain {
             .global
             .set_root_path(&iceoryx2::prelude::Path::new(root.as_os_str().as_encoded_bytes()).map_err(unusable)?);
         config.global.creation_timeout = CREATION_TIMEOUT;
-        // Dead processes are removed when a process joins and when a place is missing, never inside the life of a running one.
+        // Dead processes are removed when a process joins and when no place is free, never in other operations.
         config.global.node.cleanup_dead_nodes_on_creation = true;
         config.global.node.cleanup_dead_nodes_on_destruction = false;
         config.global.service.cleanup_dead_nodes_on_open = false;
@@ -174,8 +179,8 @@ impl Domain {
         Ok(domain)
     }
 
-    /// Makes the folder, mode 0700, or checks that the one that is there is this user's alone and a domain's. Its mode is never changed: it
-    /// may be a folder that someone else made for something else.
+    /// Creates the folder with mode 0700, or checks that an existing one is a domain of this user and closed to others.
+    /// The mode of an existing folder is not changed, because the folder may have another purpose.
     fn make_folder(&self) -> Result<(), BusError> {
         let unusable = |why: Unfit| BusError::DomainFolder { path: self.root.clone(), why };
         if self.is_chosen() {
@@ -200,7 +205,7 @@ impl Domain {
         }
         if self.is_chosen() && !self.is_marked() {
             let empty = fs::read_dir(&self.root).map_err(|error| unusable(error.into()))?.flatten().next().is_none();
-            // another process may have marked it between the two looks
+            // Check the mark again: another process may have set it between the two checks.
             if !empty && !self.is_marked() {
                 return Err(unusable(Unfit::OtherFiles));
             }
@@ -211,7 +216,7 @@ impl Domain {
         self.mark()
     }
 
-    /// Whether a person gave the folder; otherwise its name says whose it is.
+    /// Returns whether the user gave the path of the folder; otherwise the name of the folder contains its user.
     fn is_chosen(&self) -> bool {
         self.name.starts_with('/')
     }
@@ -228,26 +233,26 @@ impl Domain {
             .map_err(|error| BusError::DomainFolder { path: self.root.clone(), why: error.into() })
     }
 
-    /// The text that [`Domain::parse`] turns into this domain again.
+    /// Returns the name, which [`Domain::parse`] accepts.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its folder.
+    /// Returns the folder.
     #[must_use]
     pub fn root(&self) -> &Path {
         &self.root
     }
 
-    /// What its names under /dev/shm begin with; a program in another language needs it together with [`Domain::root`].
+    /// Returns the prefix of its names under /dev/shm; a program in another language needs it and [`Domain::root`].
     #[must_use]
     pub fn prefix(&self) -> &str {
         &self.prefix
     }
 
-    /// The clock of the run, for every process that turns stamps into calendar time; `None` where nobody has set it. It goes with the memory
-    /// that it stands in, as does the meaning of CLOCK_MONOTONIC.
+    /// Returns the clock of the run, for processes that convert stamps to calendar time; `None` if it is not set. It is
+    /// stored in memory, so that it is lost at a reboot, when CLOCK_MONOTONIC restarts.
     #[must_use]
     pub fn wall_clock(&self) -> Option<WallClock> {
         let text = fs::read_to_string(self.root.join(CLOCK_FILE)).ok()?;
@@ -255,7 +260,7 @@ impl Domain {
         Some(WallClock { unix_ns: unix.parse().ok()?, mono_ns: mono.parse().ok()? })
     }
 
-    /// Sets it, at the beginning of a run, or takes it back at its end.
+    /// Sets the clock at the start of a run, or removes it at its end.
     ///
     /// # Errors
     /// [`BusError::DomainFolder`] if the folder cannot be written.
@@ -279,22 +284,22 @@ impl Domain {
         &self.config
     }
 
-    /// The processes that live in it.
+    /// Returns the running processes of the domain.
     #[must_use]
     pub fn alive(&self) -> Vec<NodeInfo> {
         self.nodes().0
     }
 
-    /// How many processes have died in it without being removed.
+    /// Returns the number of dead processes that are not removed yet.
     #[must_use]
     pub fn dead(&self) -> usize {
         self.nodes().1
     }
 
-    /// The living, and how many have died without being removed.
+    /// Returns the running processes, and the number of dead processes that are not removed yet.
     pub(crate) fn nodes(&self) -> (Vec<NodeInfo>, usize) {
         let (mut alive, mut dead) = (Vec::new(), 0);
-        // a failure to list is an empty list: there is no folder yet
+        // Listing fails if there is no folder yet; then the list is empty.
         let _ = Node::<ipc::Service>::list(&self.config, |state| {
             match state {
                 NodeState::Alive(node) => alive.push(info_of(&node)),
@@ -306,15 +311,15 @@ impl Domain {
         (alive, dead)
     }
 
-    /// Becomes the one who runs this domain, until the claim is dropped or the process ends, however it ends.
+    /// Makes this process the owner of the domain, until the claim is dropped or the process ends in any way.
     ///
     /// # Errors
-    /// [`BusError::Claimed`] if another process does.
+    /// [`BusError::Claimed`] if another process is the owner.
     pub fn claim(&self) -> Result<Claim, BusError> {
         let unusable = |error: io::Error| BusError::DomainFolder { path: self.root.clone(), why: error.into() };
         let path = self.root.join(CLAIM_FILE);
         for _ in 0..CLAIM_ATTEMPTS {
-            self.make_folder()?; // whoever ran the domain before may just be removing it
+            self.make_folder()?; // the former owner may be removing it
             let opened =
                 fs::OpenOptions::new().read(true).write(true).create(true).truncate(false).mode(0o600).open(&path);
             let mut file = match opened {
@@ -329,7 +334,7 @@ impl Domain {
             }
             let locked = file.metadata().map_err(unusable)?;
             if !fs::symlink_metadata(&path).is_ok_and(|there| there.ino() == locked.ino()) {
-                continue; // locked, but no longer the file of that name
+                continue; // the locked file has been removed or replaced
             }
             file.set_len(0).map_err(unusable)?;
             file.rewind().map_err(unusable)?;
@@ -339,8 +344,8 @@ impl Domain {
         Err(BusError::Claimed { name: self.name.clone(), pid: 0 })
     }
 
-    /// Gives the domain up in good order: if no process lives in it, its names in shared memory go, and its folder, unless a person chose
-    /// that. Returns whether nobody was left.
+    /// Gives up the domain: if no process runs in it, removes its objects in shared memory, and its folder unless the
+    /// user gave its path. Returns whether no process was left.
     pub fn retire(&self, claim: Claim) -> bool {
         if !self.alive().is_empty() {
             return false;
@@ -348,14 +353,15 @@ impl Domain {
         self.wipe();
         let _ = fs::remove_file(self.root.join(CLAIM_FILE));
         if !self.is_chosen() {
-            // fails if something is in it that is not ours; then it stays
+            // Fails if it contains other files; then it remains.
             let _ = fs::remove_dir(&self.root);
         }
-        drop(claim); // last: until here nobody else can begin
+        drop(claim); // last, so that no other process becomes the owner before
         true
     }
 
-    /// Removes every name of this domain, except the claim of whoever runs it and what it did not make. Only where no process lives in it.
+    /// Removes all objects of this domain, except the claim of its owner and files of other programs. Only for a domain
+    /// without running processes.
     pub(crate) fn wipe(&self) -> usize {
         let mut removed = 0;
         for entry in fs::read_dir(&self.root).into_iter().flatten().flatten() {
@@ -384,12 +390,12 @@ impl Domain {
     }
 }
 
-/// The characters that the name of a domain may have.
+/// Returns whether the name of a domain has only accepted characters.
 fn usable(name: &str) -> bool {
     name.bytes().all(|byte| byte.is_ascii_alphanumeric() || byte == b'-')
 }
 
-/// Where this user's domain of that name has its folder.
+/// Returns the folder of this user's domain of that name.
 fn folder_of(name: &str) -> PathBuf {
     Path::new(SHARED_MEMORY).join(format!("nims-{}-{name}", geteuid().as_raw()))
 }
@@ -401,13 +407,13 @@ pub(crate) fn info_of(node: &impl NodeView) -> NodeInfo {
     })
 }
 
-/// Whoever holds this runs the domain; see [`Domain::claim`].
+/// Ownership of a domain; see [`Domain::claim`].
 #[derive(Debug)]
 pub struct Claim {
     _file: fs::File,
 }
 
-/// A [`Domain`] that is removed with everything in it when this is dropped.
+/// A [`Domain`] that is removed with all its objects when this value is dropped.
 #[derive(Debug)]
 pub struct TestDomain(Domain);
 
@@ -420,7 +426,7 @@ impl std::ops::Deref for TestDomain {
 
 impl Drop for TestDomain {
     fn drop(&mut self) {
-        self.0.wipe(); // first what lies outside its folder
+        self.0.wipe(); // removes the objects outside its folder too
         let _ = fs::remove_dir_all(&self.0.root);
     }
 }

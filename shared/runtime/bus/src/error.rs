@@ -1,252 +1,254 @@
-//! What can go wrong, each as one sentence: what, where, what to do.
+//! Errors of the bus. Each message is one sentence: what is wrong, where, and what to do.
 
 use std::path::PathBuf;
 
-/// Why something on the bus did not work.
+/// An error of the bus.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum BusError {
-    /// The name of a domain cannot be used.
+    /// The name of a domain is not valid.
     #[error("the domain `{name}` cannot be used: {why}")]
     DomainName {
-        /// As it was given.
+        /// The given name.
         name: String,
-        /// What is wrong with it.
+        /// The problem.
         why: BadName,
     },
     /// The folder of a domain cannot be used.
     #[error("the folder {path} of the domain cannot be used: {why}")]
     DomainFolder {
-        /// The folder.
+        /// Path of the folder.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The problem.
         why: Unfit,
     },
     /// Another supervisor runs this domain.
     #[error(
-        "the domain `{name}` is already run by process {pid}: stop that one first, or choose another name with --domain"
+        "the domain `{name}` is already run by process {pid}: stop that process first, or choose another name with --domain"
     )]
     Claimed {
-        /// The domain.
+        /// Name of the domain.
         name: String,
-        /// Who holds it; 0 if it cannot be read.
+        /// Process id of its owner; 0 if unknown.
         pid: u32,
     },
-    /// The process could not become part of the domain.
+    /// The process could not join the domain.
     #[error("process `{process}` could not join the domain `{domain}`: {why}")]
     Join {
-        /// The process.
+        /// Name of the process.
         process: String,
-        /// The domain.
+        /// Name of the domain.
         domain: String,
-        /// One clause.
+        /// The reason, as a clause.
         why: String,
     },
-    /// A channel's name cannot be used.
-    #[error("`{name}` is not a channel name: lower-case words of a-z, 0-9, `_`, `-`, joined by `/`, 64 bytes at most")]
+    /// The name of a channel is not valid.
+    #[error(
+        "`{name}` is not a channel name; accepted: lower-case words of a-z, 0-9, `_`, `-`, joined by `/`, at most 64 bytes"
+    )]
     ChannelName {
-        /// As it was given.
+        /// The given name.
         name: String,
     },
-    /// Nobody has opened this channel.
+    /// The channel does not exist.
     #[error("there is no channel `{channel}` in the domain `{domain}`: no process has opened it")]
     NoChannel {
-        /// The channel.
+        /// Name of the channel.
         channel: String,
-        /// The domain.
+        /// Name of the domain.
         domain: String,
     },
-    /// Two builds disagree about a sample.
-    #[error("channel `{channel}` carries `{found}`, and this process speaks `{wanted}`: {}", way_out(channel, holders))]
+    /// The channel carries another type.
+    #[error("channel `{channel}` carries `{found}`, and this process uses `{wanted}`: {}", type_cure(channel, holders))]
     TypeMismatch {
-        /// The channel.
+        /// Name of the channel.
         channel: String,
-        /// Type name there.
+        /// Type name of the channel.
         found: String,
-        /// Type name here.
+        /// Type name of this process.
         wanted: String,
-        /// Who holds the channel.
+        /// Processes that have the channel open.
         holders: String,
     },
-    /// The channel was made with a smaller quality of service.
+    /// The channel was created with incompatible settings.
     #[error(
-        "channel `{channel}` was made with other settings than the channel table has ({why}): stop {} first",
-        known(holders)
+        "channel `{channel}` was created with other settings than those of the channel table ({why}): stop {} first",
+        holders_or_default(holders)
     )]
     QualityMismatch {
-        /// The channel.
+        /// Name of the channel.
         channel: String,
-        /// One clause.
+        /// The reason, as a clause.
         why: String,
-        /// Who holds the channel.
+        /// Processes that have the channel open.
         holders: String,
     },
-    /// All places are taken.
-    #[error("channel `{channel}` already has its {limit} {what}{}: stop one of them first", held(holders))]
+    /// All places of a kind are taken.
+    #[error("channel `{channel}` already has its {limit} {what}{}: stop one of them first", holders_clause(holders))]
     Full {
-        /// The channel.
+        /// Name of the channel.
         channel: String,
-        /// How many there may be.
+        /// Number of places.
         limit: usize,
-        /// What has all its places.
+        /// Kind of places.
         what: PlaceKind,
-        /// Who holds the channel; empty where that is not known.
+        /// Processes that have the channel open; empty if unknown.
         holders: String,
     },
-    /// Shared memory is full, or nearly.
+    /// There is not enough free shared memory.
     #[error(
-        "shared memory has {} left, and `{what}` needs {} with the margin that is kept: remove what fills /dev/shm, or make it larger (mount -o remount,size=..)",
+        "shared memory has {} left, and `{what}` needs {} including the reserved margin: free space in /dev/shm, or enlarge it (mount -o remount,size=..)",
         megabytes(*free), megabytes(*needed)
     )]
     NoMemory {
-        /// A channel or a process.
+        /// Name of the channel or process.
         what: String,
-        /// Bytes, with the margin.
+        /// Needed memory including the margin, bytes.
         needed: u64,
-        /// Bytes.
+        /// Free memory, bytes.
         free: u64,
     },
-    /// Too many things to wait for.
-    #[error("a process can wait for {limit} channels and descriptors at most")]
+    /// A waiter has too many channels and descriptors.
+    #[error("a process can wait for at most {limit} channels and descriptors")]
     TooManyToWaitFor {
-        /// How many.
+        /// Largest number.
         limit: usize,
     },
-    /// Schema text does not fit.
-    #[error("the schema text of `{type_name}` does not fit its channel: {why}")]
+    /// The schema text cannot be stored with the channel.
+    #[error("the schema text of `{type_name}` cannot be stored with its channel: {why}")]
     Schema {
-        /// The type.
+        /// Name of the type.
         type_name: String,
-        /// One clause.
+        /// The reason, as a clause.
         why: String,
     },
-    /// No process answers requests of that name.
-    #[error("no process answers as `{process}` in the domain `{domain}`: it is not running")]
+    /// The process has no server for requests.
+    #[error("no process `{process}` answers requests in the domain `{domain}`: it is not running")]
     NoServer {
-        /// Who was asked.
+        /// Name of the process.
         process: String,
-        /// The domain.
+        /// Name of the domain.
         domain: String,
     },
-    /// It was there, and did not answer.
+    /// The process did not answer.
     #[error("`{process}` did not answer within {seconds:.1} s: it {why}")]
     NoAnswer {
-        /// Who was asked.
+        /// Name of the process.
         process: String,
-        /// How long.
+        /// Timeout, s.
         seconds: f64,
-        /// One clause.
+        /// The reason, as a verb phrase.
         why: &'static str,
     },
-    /// Anything that is nobody's mistake.
+    /// An operation failed for another reason.
     #[error("channel `{channel}` failed to {what}: {why}")]
     Failed {
-        /// The channel.
+        /// Name of the channel.
         channel: String,
-        /// An infinitive.
+        /// The operation, as an infinitive.
         what: &'static str,
-        /// One clause.
+        /// The reason, as a clause.
         why: String,
     },
 }
 
-/// The name of the process itself where the holders of a channel are named.
+/// Name of the calling process in a list of the processes that have a channel open.
 pub const THIS_PROCESS: &str = "this process";
 
-/// What has places in a channel, or beside it.
+/// Kind of the places of a channel, of its event, or of its requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum PlaceKind {
-    /// Who publishes.
+    /// Publishers.
     #[error("publisher(s)")]
     Publishers,
-    /// Who subscribes.
+    /// Subscribers.
     #[error("subscribers")]
     Subscribers,
-    /// Who subscribes with the whole buffer.
-    #[error("subscribers that hear everything")]
+    /// Subscribers with the whole buffer.
+    #[error("subscribers with the whole buffer")]
     DeepSubscribers,
-    /// Who subscribes from the same party.
+    /// Subscribers of the same party.
     #[error("subscribers of this kind")]
     SubscribersOfParty,
-    /// Who opens it.
+    /// Processes that have the channel open.
     #[error("processes")]
     Processes,
-    /// Who wakes others.
-    #[error("processes that wake it")]
+    /// Notifiers of the event.
+    #[error("processes that notify it")]
     Wakers,
-    /// Who is woken.
+    /// Listeners of the event.
     #[error("processes that wait for it")]
     Waiters,
-    /// Who answers requests.
+    /// Server of the requests.
     #[error("answering process")]
     Server,
-    /// Who asks.
+    /// Clients of the requests.
     #[error("commands that wait for an answer")]
     Clients,
 }
 
-/// Why a name cannot be that of a domain.
+/// Reason why a name is not that of a domain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum BadName {
-    /// None, or too many characters.
+    /// The name is empty or too long.
     #[error("give it 1 to {most} characters")]
     Length {
-        /// As many as it may have.
+        /// Largest number of characters.
         most: usize,
     },
-    /// Other characters than those of names.
+    /// The name has other characters.
     #[error("use only letters, digits and `-`")]
     Characters,
-    /// A folder that depends on where the process stands.
+    /// The folder is a relative path.
     #[error("give the folder as an absolute path")]
     Relative,
-    /// A folder whose path leaves no room for what is in it.
+    /// The path of the folder is too long for the names of its files.
     #[error("its folder is {excess} bytes too long")]
     LongFolder {
-        /// Bytes.
+        /// Number of bytes in excess.
         excess: usize,
     },
-    /// A character that the shared memory cannot have in a path.
+    /// The path has a character that iceoryx2 does not accept.
     #[error("it has a character that a path cannot have")]
     NoPath,
 }
 
-/// Why the folder of a domain cannot be used.
+/// Reason why the folder of a domain cannot be used.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Unfit {
-    /// It stands on a disk.
+    /// The folder is on a disk.
     #[error("it is not in memory; give a folder on tmpfs, such as one in /dev/shm or /run")]
     NotInMemory,
-    /// The system does not make it; in its words.
-    #[error("it cannot be made ({0})")]
+    /// The folder cannot be created; message of the operating system.
+    #[error("it cannot be created ({0})")]
     NotMade(String),
-    /// Something else has its name.
+    /// The path is not a folder.
     #[error("it is not a folder; remove it")]
     NotAFolder,
-    /// It is another user's.
+    /// The folder belongs to another user.
     #[error("it belongs to user {owner}, and this is user {user}; run everything as one user")]
     OtherUser {
-        /// Whose it is.
+        /// User id of its owner.
         owner: u32,
-        /// Whose process this is.
+        /// User id of this process.
         user: u32,
     },
-    /// It is used for something else.
-    #[error("it holds files that are no robot's; give a folder that is empty or does not exist")]
+    /// The folder is used for something else.
+    #[error("it contains files that nims did not create; give a folder that is empty or does not exist")]
     OtherFiles,
-    /// Other users may enter it.
+    /// Other users may enter the folder.
     #[error("other users may enter it (mode {mode:o}); make it private with `chmod 700`")]
     Open {
-        /// Its permissions.
+        /// Permissions of the folder.
         mode: u32,
     },
-    /// No thread could be started that removes what the dead have left; in the system's words.
+    /// The thread that removes the objects of dead processes could not be started; message of the operating system.
     #[error("no cleaner could be started ({0})")]
     NoCleaner(String),
-    /// What the dead have left cannot be removed in time.
-    #[error("removing what killed processes left takes too long; end every process of the domain and start again")]
+    /// Removing the objects of dead processes takes too long.
+    #[error("removing the objects of killed processes takes too long; end every process of the domain and start again")]
     CleanerHangs,
-    /// The system refuses something else; in its words.
+    /// Another error; message of the operating system.
     #[error("{0}")]
     System(String),
 }
@@ -261,22 +263,23 @@ fn megabytes(bytes: u64) -> String {
     format!("{:.1} MB", bytes as f64 * 1e-6)
 }
 
-/// Who has to be stopped, also where nobody could be named.
-fn known(holders: &str) -> &str {
-    if holders.is_empty() { "the processes that hold it" } else { holders }
+/// Returns the processes that have the channel open, or a general term if they are unknown.
+fn holders_or_default(holders: &str) -> &str {
+    if holders.is_empty() { "the processes that have it open" } else { holders }
 }
 
-/// Who holds a channel, as the end of a clause; nothing where that is not known.
-fn held(holders: &str) -> String {
-    if holders.is_empty() { String::new() } else { format!("; it is held by {holders}") }
+/// Returns a clause with the processes that have the channel open; empty if they are unknown.
+fn holders_clause(holders: &str) -> String {
+    if holders.is_empty() { String::new() } else { format!("; open in {holders}") }
 }
 
-/// What helps where two types meet on one channel: a changed sensor gets a new name, everything else comes from one build.
-fn way_out(channel: &str, holders: &str) -> String {
-    let holders = known(holders);
+/// Returns what to do about two types on one channel: give a changed sensor a new name, and start all else from one
+/// build.
+fn type_cure(channel: &str, holders: &str) -> String {
+    let holders = holders_or_default(holders);
     match channel.strip_prefix("sensor/") {
         Some(name) => format!(
-            "a changed type needs a new name, because the old channel is still held (by {holders}): plug it in as e.g. `{name}-2`"
+            "a changed type needs a new name, because the old channel is still open (in {holders}): plug it in as e.g. `{name}-2`"
         ),
         None => format!(
             "they come from different builds; stop {holders} and start everything from one build, or give the new type a new channel name"
@@ -290,7 +293,7 @@ impl BusError {
         Self::Failed { channel: channel.to_owned(), what, why: format!("iceoryx2 says {error:?}") }
     }
 
-    /// True where the caller gave something unusable (a program then exits with 2).
+    /// Returns whether the caller's input is wrong (a program then exits with 2).
     #[must_use]
     pub fn is_bad_input(&self) -> bool {
         matches!(self, Self::DomainName { .. } | Self::ChannelName { .. } | Self::Claimed { .. })
@@ -302,16 +305,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_full_channel_names_its_holders_where_they_are_known() {
+    fn the_error_of_a_full_channel_names_its_holders_if_they_are_known() {
         let holders = "a (process 1)";
-        assert_eq!(held(""), "", "no clause about a name that is not known");
-        assert!(held(holders).contains(holders));
+        assert_eq!(holders_clause(""), "", "no clause if the holders are unknown");
+        assert!(holders_clause(holders).contains(holders));
         for holders in ["", holders] {
             let channel = "motor/state".to_owned();
             let full = BusError::Full { channel, limit: 2, what: PlaceKind::Subscribers, holders: holders.to_owned() };
             let sentence = full.to_string();
             assert!(
-                ["motor/state", &format!("2 {}", PlaceKind::Subscribers), &held(holders)]
+                ["motor/state", &format!("2 {}", PlaceKind::Subscribers), &holders_clause(holders)]
                     .iter()
                     .all(|part| sentence.contains(part)),
                 "{sentence}"

@@ -1,11 +1,12 @@
-//! An emergency stop that always gets through.
+//! Emergency stops without shared memory.
 //!
-//! A request takes a node, places on a service and an event, and shared memory; where one of these is used up, it cannot even be made. So an
-//! emergency stop has a way of its own that takes none of them: a datagram to a socket in the domain's folder, which motor-io reads at the
-//! beginning of each cycle without waiting. The folder is its user's alone, and so is the socket. The answer comes back as a datagram too.
+//! A request needs a node, places on a service and an event, and shared memory; if one of these is exhausted, it cannot
+//! be sent. So an emergency stop uses none of them: it is a datagram to a socket in the domain's folder, which motor-io
+//! reads at the start of each cycle without waiting. Only its user can access the folder and the socket. The answer is
+//! a datagram too.
 //!
-//! A datagram is its magic, a number that the answer repeats, and the request as it lies in memory. What stands in the request is for the
-//! record: one of another build, or none at all, stops the robot just the same.
+//! A datagram consists of a magic number, a number that the answer repeats, and the bytes of the request. The request
+//! is for the log only: a request of another build, or none, stops the robot too.
 
 use std::io;
 use std::os::linux::net::SocketAddrExt;
@@ -13,7 +14,7 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
 use arrayvec::ArrayVec;
-use messages::{OperatorRequest, put_sentence};
+use messages::{OperatorRequest, Request, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
 use crate::domain::ESTOP_SOCKET;
@@ -23,17 +24,18 @@ use crate::{BusError, Domain};
 const MAGIC: [u8; 16] = *b"nims emergency 1";
 const NUMBER: std::ops::Range<usize> = 16..24;
 const BODY: usize = 24;
-/// A datagram with a request; also long enough for an answer, which is `accepted` and a sentence.
+/// Size of a datagram with a request, bytes.
 const LONGEST: usize = BODY + size_of::<OperatorRequest>();
+/// Size of the longest answer, bytes: `accepted` and a sentence.
 const ANSWER: usize = BODY + 1 + 512;
-/// Stops that are answered in one cycle; one stop is enough for the robot, the others are answered with it or in the next cycle.
+/// Largest number of stops that are answered in one cycle; further ones are answered in the next cycle.
 pub const AT_ONCE: usize = 8;
-/// How often a sender looks for the answer, and tries again where the queue is full: a queue holds about ten.
-const LOOK_NS: u64 = 1_000_000;
-/// How often it sends again: motor-io may just be starting.
+/// Time between two polls for the answer, and between attempts while the receiver's queue of about ten is full, ns.
+const POLL_NS: u64 = 1_000_000;
+/// Time after which a stop is sent again, ns: motor-io may just be starting.
 const AGAIN_NS: u64 = 100_000_000;
 
-/// Where emergency stops arrive.
+/// The receiving socket of emergency stops.
 #[derive(Debug)]
 pub struct Receiver {
     socket: UnixDatagram,
@@ -42,17 +44,17 @@ pub struct Receiver {
 /// An emergency stop that has arrived.
 #[derive(Debug)]
 pub struct Stop {
-    /// As the sender filled it in, with [`OperatorRequest::VERB_ESTOP`] in any case.
+    /// The sender's request; its verb is always [`OperatorRequest::VERB_ESTOP`].
     pub request: OperatorRequest,
     number: [u8; 8],
     from: Option<SocketAddr>,
 }
 
 impl Receiver {
-    /// Takes the place of a predecessor that has gone: for the process that holds the drives, and only once it does.
+    /// Creates the socket and replaces that of a predecessor. Only the process that has opened the drives may call it.
     ///
     /// # Errors
-    /// [`BusError::DomainFolder`] if the socket cannot be made.
+    /// [`BusError::DomainFolder`] if the socket cannot be created.
     pub fn open(domain: &Domain) -> Result<Self, BusError> {
         let path = domain.root().join(ESTOP_SOCKET);
         let unusable = |error: io::Error| BusError::DomainFolder { path: path.clone(), why: error.into() };
@@ -65,11 +67,11 @@ impl Receiver {
         Ok(Self { socket })
     }
 
-    /// What has arrived, [`AT_ONCE`] at most; never waits, never allocates.
+    /// Receives up to [`AT_ONCE`] stops; never waits and never allocates.
     pub fn take(&mut self) -> ArrayVec<Stop, AT_ONCE> {
         let mut stops = ArrayVec::new();
         let mut bytes = [0_u8; LONGEST];
-        // what is no emergency stop is passed over, but not for ever
+        // Skip other datagrams, but only a bounded number of them.
         for _ in 0..2 * AT_ONCE {
             if stops.is_full() {
                 break;
@@ -86,7 +88,7 @@ impl Receiver {
                 Some(body) if body.len() == size_of::<OperatorRequest>() => bytemuck::pod_read_unaligned(body),
                 _ => OperatorRequest::default(),
             };
-            request.verb = OperatorRequest::VERB_ESTOP;
+            request.body = Request::Estop.body();
             if request.id == 0 {
                 request.id = u64::from_ne_bytes(number).max(1);
             }
@@ -95,7 +97,7 @@ impl Receiver {
         stops
     }
 
-    /// Answers with one sentence, as [`crate::Call::answer`] does. A sender that has gone is no error.
+    /// Answers with one sentence, as [`crate::Call::answer`] does. It is no error if the sender has ended.
     pub fn answer(&self, stop: &Stop, accepted: u8, sentence: &str) {
         let Some(to) = &stop.from else { return };
         let mut bytes = [0_u8; ANSWER];
@@ -108,18 +110,19 @@ impl Receiver {
     }
 }
 
-/// Whether a motor-io has listened in this domain; it may have been killed since.
+/// Returns whether a motor-io has created its socket in this domain; it may have been killed since.
 #[must_use]
 pub fn is_heard(domain: &Domain) -> bool {
     domain.root().join(ESTOP_SOCKET).exists()
 }
 
-/// Sends an emergency stop and waits for its answer: the request with `answered`, `accepted` and `answer` filled in. Goes on sending until
-/// then, and calls `uneasy` once if there is no answer after `patience`. Whatever happens, what was sent waits for a motor-io that stands still.
+/// Sends an emergency stop and waits for its answer: the request with `answered`, `accepted` and `answer` filled in.
+/// Repeats the stop until then, and calls `uneasy` once if there is no answer after `patience`. A stop remains in the
+/// queue of a suspended motor-io even if this process ends.
 ///
 /// # Errors
-/// [`BusError::NoServer`] if no process listens, [`BusError::NoAnswer`] after `timeout`, [`BusError::Failed`] if this process has no room for
-/// a socket.
+/// [`BusError::NoServer`] if no process has the socket open, [`BusError::NoAnswer`] after `timeout`,
+/// [`BusError::Failed`] if this process cannot create a socket.
 pub fn send(
     domain: &Domain,
     request: &OperatorRequest,
@@ -136,13 +139,13 @@ pub fn send(
     let mut sent = *request;
     sign_from_memory(&mut sent);
     let begun = sent.header.stamp_ns;
-    // an abstract name takes no room in any file system
+    // An abstract name needs no space in a file system.
     let own = SocketAddr::from_abstract_name(format!("nims-estop-{}-{:x}", sent.pid, sent.id)).map_err(failed)?;
     let socket = UnixDatagram::bind_addr(&own).map_err(failed)?;
     socket.set_nonblocking(true).map_err(failed)?;
     let mut datagram = Vec::with_capacity(LONGEST);
     datagram.extend_from_slice(&MAGIC);
-    // another user cannot guess it, and so cannot answer in motor-io's name
+    // Another user cannot guess this number, so it cannot forge an answer of motor-io.
     let number = secret().unwrap_or(sent.id.to_ne_bytes());
     datagram.extend_from_slice(&number);
     datagram.extend_from_slice(bytemuck::bytes_of(&sent));
@@ -157,7 +160,7 @@ pub fn send(
         if now >= again_ns {
             match socket.send_to(&datagram, &path) {
                 Ok(_) => (got_through, again_ns) = (true, now + AGAIN_NS),
-                // its queue is full: somebody else's stop is in it, but this one wants an answer
+                // The queue is full of other stops; try again, because this one needs an answer too.
                 Err(error) if error.kind() == io::ErrorKind::WouldBlock => {}
                 Err(_) if got_through => again_ns = now + AGAIN_NS,
                 Err(_) => return Err(absent()),
@@ -180,7 +183,7 @@ pub fn send(
         {
             say();
         }
-        sleep_until(now + LOOK_NS);
+        sleep_until(now + POLL_NS);
     }
 }
 

@@ -1,19 +1,17 @@
-//! Samples between processes over shared memory: typed ports, an untyped tap, waking, and requests.
+//! Samples between processes over shared memory: typed ports, an untyped tap, waiting, and requests.
 //!
 //! Invariants:
-//! * This is the only crate that uses iceoryx2; none of its types is in the interface.
-//! * Everything of one robot lives in one [`Domain`]; two domains on a machine share nothing.
-//! * A publisher never waits for a subscriber: where the buffer is full, the oldest sample is dropped, and the
-//!   subscriber counts the loss by sequence numbers.
-//! * Publish, then notify: a process that is woken finds the sample.
-//! * Ports stay in the thread that created them. After creation, receiving and waiting do not allocate; sending takes
-//!   and returns one counter of fixed size, inside iceoryx2.
-//! * Memory is allocated when a channel or connection is created: no page fault ends a process later because others
-//!   have filled /dev/shm ([`Memory`]).
-//! * Observers leave places to the processes that control ([`Party`]); an emergency stop needs no place at all
-//!   ([`estop`]).
-//! * The files of a domain are accessible to its user alone: no other user can read it or publish in it.
-//! * Connecting to a new peer happens inside the next `send` or `receive`; it costs about 0.1 ms there, once.
+//! * This is the only crate that depends on iceoryx2; the interface does not expose it.
+//! * All objects of one robot belong to one [`Domain`]; domains on a machine are isolated from each other.
+//! * A publisher never waits for a subscriber: if a buffer is full, the oldest sample is overwritten, and the
+//!   subscriber counts it as lost by its sequence number.
+//! * A publisher notifies after it has published, so a waiter that wakes up finds the sample.
+//! * Ports stay in the thread that created them. After creation, receiving and waiting do not allocate; sending
+//!   allocates and frees one counter of fixed size, inside iceoryx2.
+//! * A created object has all its memory: no later page fault ends a process because /dev/shm is full ([`Memory`]).
+//! * Observers leave places to control processes ([`Party`]); an emergency stop needs no place at all ([`estop`]).
+//! * Only the user who runs a domain can access its objects.
+//! * The next `send` or `receive` connects to a new peer, which costs about 0.1 ms once.
 //!
 //! ```
 //! use bus::{Bus, Domain};
@@ -66,5 +64,5 @@ pub use sweep::Swept;
 pub use tap::{ChannelInfo, ChannelWatch, Raw, Tap};
 pub use waiter::{Waiter, Wake};
 
-/// The event that says "there is a new channel": wait for it in place of polling [`Bus::channels`].
+/// The event that a new channel raises: wait for it instead of polling [`Bus::channels`].
 pub const CHANNELS_EVENT: &str = "system/channels";

@@ -1,9 +1,10 @@
-//! Losses, counted by the sequence number of each publisher.
+//! Counts lost samples by the sequence numbers of each publisher.
 
-/// Publishers told apart at once; beyond that the one longest unheard is forgotten. Twice the most that a channel may have.
+/// Number of publishers tracked at once; with more, the oldest entry is replaced. Twice the largest number of
+/// publishers of a channel.
 const PUBLISHERS: usize = 16;
 
-/// Counts samples that never arrived. A new publisher is not a gap, wherever its numbers begin.
+/// Counts samples that never arrived. The first sequence number of a new publisher is not a gap.
 #[derive(Debug, Default)]
 pub(crate) struct Losses {
     last: [(u128, u64); PUBLISHERS],
@@ -13,12 +14,12 @@ pub(crate) struct Losses {
 }
 
 impl Losses {
-    /// Takes note of sample `seq` (counted from 1) of `publisher`; returns how many are missing before it.
-    pub(crate) fn note(&mut self, publisher: u128, seq: u64) -> u64 {
+    /// Records sample `seq` (counted from 1) of `publisher`; returns the number of missing samples before it.
+    pub(crate) fn record(&mut self, publisher: u128, seq: u64) -> u64 {
         if let Some((_, last)) = self.last.iter_mut().find(|(id, last)| *id == publisher && *last != 0) {
             let missing = seq.saturating_sub(*last).saturating_sub(1);
             *last = seq.max(*last);
-            // a publisher of another build may number as it likes
+            // Saturate: a publisher outside this project may send any numbers.
             self.lost = self.lost.saturating_add(missing);
             self.gaps = self.gaps.saturating_add(u64::from(missing > 0));
             return missing;
@@ -37,22 +38,22 @@ mod tests {
     fn a_step_is_a_loss_and_a_new_publisher_is_not() {
         let mut losses = Losses::default();
         for seq in [5, 6, 7] {
-            assert_eq!(losses.note(1, seq), 0);
+            assert_eq!(losses.record(1, seq), 0);
         }
-        assert_eq!(losses.note(1, 11), 3);
-        assert_eq!(losses.note(2, 900), 0, "another publisher begins where it likes");
-        assert_eq!(losses.note(1, 12), 0);
-        assert_eq!(losses.note(1, 4), 0, "an older number is no loss");
-        assert_eq!(losses.note(1, 13), 0);
+        assert_eq!(losses.record(1, 11), 3);
+        assert_eq!(losses.record(2, 900), 0, "another publisher starts at any number");
+        assert_eq!(losses.record(1, 12), 0);
+        assert_eq!(losses.record(1, 4), 0, "an older number is no loss");
+        assert_eq!(losses.record(1, 13), 0);
         assert_eq!((losses.lost, losses.gaps), (3, 1));
     }
 
     #[test]
-    fn numbers_without_sense_do_not_overflow_the_count() {
+    fn arbitrary_numbers_do_not_overflow_the_count() {
         let mut losses = Losses::default();
         for publisher in 1..4 {
-            losses.note(publisher, 1);
-            losses.note(publisher, u64::MAX);
+            losses.record(publisher, 1);
+            losses.record(publisher, u64::MAX);
         }
         assert_eq!((losses.lost, losses.gaps), (u64::MAX, 3));
     }
@@ -62,7 +63,7 @@ mod tests {
         let mut losses = Losses::default();
         for publisher in 1..100 {
             for seq in 1..4 {
-                losses.note(publisher, seq);
+                losses.record(publisher, seq);
             }
         }
         assert_eq!(losses.lost, 0);

@@ -1,15 +1,15 @@
-//! Memory that cannot be taken away.
+//! Reservation of shared memory.
 //!
-//! Shared memory has no owner: whatever a user of the machine puts into /dev/shm is missing there for all others. iceoryx2 makes its files
-//! sparse, so that a page is taken when it is first touched; where none is left then, the kernel ends the process with SIGBUS. There is no
-//! hook in iceoryx2 for this, and a file that is reserved after it was made has been open to the race for that long. So this module stands
-//! where every file gets its size: it takes the place of the C library's `ftruncate` in the programs that link this crate, and reserves all
-//! pages of a file in memory in the same call, before anything can map it. A file without room is removed again, and iceoryx2 reports an error.
+//! All users of the machine share /dev/shm. iceoryx2 creates sparse files, whose pages are allocated on first access;
+//! if no page is free then, the kernel ends the process with SIGBUS. iceoryx2 has no hook to prevent this, and
+//! reserving a file after its creation leaves a race. So this module replaces the C library's `ftruncate` in the
+//! programs that link this crate: it reserves all pages of a file in memory in the same call that sets its size, before
+//! the file can be mapped. If there is not enough memory, the file is removed, and iceoryx2 reports an error.
 //!
-//! What remains:
-//! * Programs that do not link this crate make sparse files, for as long as they take to reserve them: `nims_bus.py` does so at once, a
-//!   foreign program perhaps never. The peers of such a file touch it too.
-//! * Under another C library than glibc nothing is reserved.
+//! Limitations:
+//! * Programs that do not link this crate create sparse files. `nims_bus.py` reserves them at once; other programs may
+//!   never do so, and a page fault then also ends their peers.
+//! * With another C library than glibc nothing is reserved.
 
 use std::cell::Cell;
 use std::ffi::{c_int, c_long};
@@ -25,9 +25,9 @@ use crate::domain::{MEMORY_FILE_SYSTEMS, SHARED_MEMORY};
 use crate::places::Party;
 use crate::{BusError, Domain};
 
-/// A signal interrupts a reservation; more often than this in one call it does not.
+/// Largest number of interruptions of one reservation by signals.
 const INTERRUPTIONS: usize = 1000;
-/// Bytes that one connection takes, rounded up.
+/// Upper bound of the memory of one connection, bytes.
 pub(crate) const CONNECTION_BYTES: usize = 24 << 10;
 
 thread_local! {
@@ -35,26 +35,26 @@ thread_local! {
     pub(crate) static SHORT: Cell<u64> = const { Cell::new(0) };
 }
 
-/// Shared memory of the machine, and what of it belongs to a domain.
+/// Shared memory of the machine, and its use by a domain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Memory {
-    /// Size of /dev/shm, bytes; 0: it has no limit.
+    /// Size of /dev/shm, bytes; 0 if it has no limit.
     pub total: u64,
-    /// What is left of it.
+    /// Free memory of it, bytes.
     pub free: u64,
-    /// What the channels of the domain have taken.
+    /// Memory used by the channels of the domain, bytes.
     pub used: u64,
-    /// What they could still take, because something has made files without reserving them.
+    /// Memory that their files may still allocate, because a program has created them without reserving it, bytes.
     pub unreserved: u64,
 }
 
-/// How often, and how long apart, a domain that seems to lie elsewhere is looked at again.
-const ELSEWHERE_LOOKS: u32 = 10;
-/// See [`ELSEWHERE_LOOKS`].
+/// Number of checks that confirm that a domain uses another /dev/shm.
+const ELSEWHERE_CHECKS: u32 = 10;
+/// Time between two of these checks.
 const ELSEWHERE_EVERY: std::time::Duration = std::time::Duration::from_millis(100);
 
 impl Domain {
-    /// How much shared memory there is, and how much of it this domain has.
+    /// Returns the size of shared memory and its use by this domain.
     #[must_use]
     pub fn memory(&self) -> Memory {
         let (total, free) = room().unwrap_or_default();
@@ -70,11 +70,11 @@ impl Domain {
 }
 
 impl Domain {
-    /// Whether processes live here whose memory is not in this /dev/shm: they were started with one of their own.
+    /// Returns whether the processes of this domain use another /dev/shm, because they were started with their own.
     pub(crate) fn lies_elsewhere(&self) -> bool {
-        // A robot that is just starting, or ending, looks like that for a moment.
+        // A robot that is starting or ending briefly has no memory either.
         let lasts = || {
-            (0..ELSEWHERE_LOOKS).all(|_| {
+            (0..ELSEWHERE_CHECKS).all(|_| {
                 std::thread::sleep(ELSEWHERE_EVERY);
                 self.has_no_memory_here()
             })
@@ -104,11 +104,12 @@ pub(crate) fn room() -> Option<(u64, u64)> {
     Some((found.f_blocks.saturating_mul(found.f_frsize), found.f_bavail.saturating_mul(found.f_frsize)))
 }
 
-/// The C library's `ftruncate`, but a file in memory that it makes longer has all its pages afterwards.
+/// Replaces the C library's `ftruncate`, and allocates all pages of a file in memory.
 ///
-/// Stands in for every caller in the program. That is right for them too: a file in memory is there to be mapped.
+/// All callers in the program use it. This suits the others too: files in memory are made to be mapped.
 #[cfg(all(target_os = "linux", target_env = "gnu"))]
-// SAFETY: the symbol has the signature and the meaning of POSIX, and only refuses, with an errno of `ftruncate`, what would be fatal later.
+// SAFETY: the symbol has the signature and the semantics of POSIX; it only fails, with an errno of `ftruncate`, where a
+// later page fault would be fatal.
 #[allow(unsafe_code)]
 #[unsafe(no_mangle)]
 extern "C" fn ftruncate(descriptor: c_int, length: c_long) -> c_int {
@@ -116,7 +117,7 @@ extern "C" fn ftruncate(descriptor: c_int, length: c_long) -> c_int {
         return fail(Errno::BADF);
     }
     let Ok(length) = u64::try_from(length) else { return fail(Errno::INVAL) };
-    // SAFETY: the caller keeps the descriptor open for the time of its call, which the borrow does not outlive.
+    // SAFETY: the caller keeps the descriptor open during its call; the borrow does not outlive the call.
     #[allow(unsafe_code)]
     let file = unsafe { BorrowedFd::borrow_raw(descriptor) };
     match rustix::fs::ftruncate(file, length).and_then(|()| reserve(file, length)) {
@@ -130,7 +131,7 @@ fn fail(error: Errno) -> c_int {
     unsafe extern "C" {
         fn __errno_location() -> *mut c_int;
     }
-    // SAFETY: glibc gives a valid place of this thread.
+    // SAFETY: glibc returns a valid address of this thread's errno.
     #[allow(unsafe_code)]
     unsafe {
         *__errno_location() = error.raw_os_error();
@@ -138,7 +139,7 @@ fn fail(error: Errno) -> c_int {
     -1
 }
 
-/// Takes all pages of a file in memory, or removes it.
+/// Allocates all pages of a file in memory; removes the file if that fails.
 fn reserve(file: BorrowedFd<'_>, length: u64) -> Result<(), Errno> {
     let in_memory = fstatfs(file).is_ok_and(|found| MEMORY_FILE_SYSTEMS.contains(&(found.f_type as u32)));
     if length == 0 || !in_memory {
@@ -152,12 +153,12 @@ fn reserve(file: BorrowedFd<'_>, length: u64) -> Result<(), Errno> {
         }
     }
     match result {
-        // a file system of memory that cannot reserve, such as ramfs, has no limit either
+        // A memory file system without reservation, such as ramfs, has no size limit.
         Ok(()) | Err(Errno::OPNOTSUPP | Errno::NOSYS) => Ok(()),
         Err(error) => {
             SHORT.set(SHORT.get() + 1);
             let _ = rustix::fs::ftruncate(file, 0);
-            // What is left half made would be waited for by each peer that comes across it.
+            // Remove the file: every peer would wait for the completion of an incomplete one.
             let name = fs::read_link(format!("/proc/self/fd/{}", file.as_raw_fd()));
             if let Ok(name) = name.as_deref()
                 && name.parent() == Some(Path::new(SHARED_MEMORY))

@@ -1,4 +1,4 @@
-//! A process's place on the bus, and how it opens channels.
+//! The connection of a process to the bus, through which it opens channels.
 
 use std::cell::{OnceCell, RefCell};
 use std::collections::HashMap;
@@ -23,27 +23,30 @@ use crate::clock::{SECOND_NS, now_ns, sleep_until};
 use crate::definition::{self, SchemaContinuation};
 use crate::domain::info_of;
 use crate::error::{PlaceKind, THIS_PROCESS};
-use crate::places::{Party, Refused, listed};
+use crate::places::{Party, Refused, collect_listed};
 use crate::shm_sample::ShmSample;
 use crate::{BusError, CHANNELS_EVENT, Domain};
 
-/// A channel half made by another process: longer than a virtual machine's longest stall, and than what makes it count as abandoned.
-const OPENING_PATIENCE_NS: u64 = 4 * SECOND_NS;
-/// Joining while somebody else sweeps fails for as long as that takes: milliseconds.
-const JOINING_PATIENCE_NS: u64 = SECOND_NS;
-const JOINING_PAUSE: Duration = Duration::from_millis(20);
-/// Every process on `system/channels`; and one notifier more than publishers elsewhere, so that a successor can be there already.
+/// Time to wait while another process creates a channel, ns: longer than the stalls of a virtual machine, and than the
+/// age from which an incomplete object is abandoned.
+const OPEN_TIMEOUT_NS: u64 = 4 * SECOND_NS;
+/// Time for which joining is retried, ns: it fails for some milliseconds while another process sweeps.
+const JOIN_TIMEOUT_NS: u64 = SECOND_NS;
+/// Time between two attempts to join.
+const JOIN_PAUSE: Duration = Duration::from_millis(20);
+/// Largest number of notifiers and of listeners of an event: all processes use `system/channels`, and a channel may
+/// have one notifier more than publishers, that of a successor.
 const EVENT_PORTS: usize = 64;
-/// Samples a publisher loans at once: it copies into one, sends it, and has none.
+/// Samples that a publisher loans at once: it fills one and sends it.
 pub(crate) const LOANS: usize = 1;
-/// Samples a subscriber borrows at once: it copies out of one.
+/// Samples that a subscriber borrows at once: it copies one and returns it.
 pub(crate) const BORROWS: usize = 1;
-/// 40 channels at 5 descriptors each, and room for files and ports.
+/// Limit of open descriptors: 40 channels with 5 descriptors each, plus files and serial ports.
 const DESCRIPTORS: u64 = 4096;
 
 pub(crate) type PubSub<P> = publish_subscribe::PortFactory<ipc::Service, P, ()>;
 
-/// A process's place on the bus of its robot; makes ports.
+/// The connection of a process to the bus of its robot; creates ports.
 #[derive(Debug)]
 pub struct Bus {
     pub(crate) node: Node<ipc::Service>,
@@ -52,27 +55,29 @@ pub struct Bus {
     pub(crate) party: Party,
     pub(crate) port_name: PortName,
     announcer: OnceCell<Notifier<ipc::Service>>,
-    /// What long definitions need beside their channels, by type name, held open as long as this process is there.
-    sheets: RefCell<HashMap<&'static str, Vec<SchemaContinuation>>>,
+    /// Continuations of long schema texts by type name, open as long as this value exists.
+    continuations: RefCell<HashMap<&'static str, Vec<SchemaContinuation>>>,
 }
 
 impl Bus {
-    /// Joins a domain under a process name as one of the robot's processes, and removes what processes that were killed have left there.
+    /// Joins a domain under a process name as one of the robot's processes, and removes the objects of killed
+    /// processes.
     ///
     /// # Errors
-    /// [`BusError::Join`] if the name is longer than 63 bytes or the folder is unusable, [`BusError::NoMemory`] if the system has no room.
+    /// [`BusError::Join`] if the name is longer than 63 bytes or the folder cannot be used, [`BusError::NoMemory`] if
+    /// there is not enough shared memory.
     pub fn join(domain: &Domain, process: &str) -> Result<Self, BusError> {
         Self::join_as(domain, process, Party::Member)
     }
 
-    /// [`Bus::join`] as one that leaves places to others.
+    /// As [`Bus::join`], as a participant of this kind, which leaves places to more important kinds.
     ///
     /// # Errors
     /// As [`Bus::join`].
     pub fn join_as(domain: &Domain, process: &str, party: Party) -> Result<Self, BusError> {
         let failed =
             |why: String| BusError::Join { process: process.to_owned(), domain: domain.name().to_owned(), why };
-        set_log_level(LogLevel::Fatal); // what matters comes back as an error
+        set_log_level(LogLevel::Fatal); // iceoryx2 also returns its problems as errors
         raise_descriptor_limit();
         let port_name = party
             .port_name(process)
@@ -80,14 +85,13 @@ impl Bus {
         crate::memory::need(0, party, process)?;
         if domain.lies_elsewhere() {
             return Err(failed(
-                "its shared memory is in another /dev/shm: that of its service, which `nims-at NAME ..` enters"
-                    .to_owned(),
+                "its shared memory is in the /dev/shm of its service; use `nims-at NAME ..`".to_owned(),
             ));
         }
         let node_name = NodeName::new(process).map_err(|error| failed(error.to_string()))?;
-        let give_up = now_ns() + JOINING_PATIENCE_NS;
+        let give_up = now_ns() + JOIN_TIMEOUT_NS;
         let node = loop {
-            domain.before_cleaning(); // making a node cleans up after the dead
+            domain.before_cleaning(); // creating a node cleans up after dead processes
             let node = NodeBuilder::new()
                 .name(&node_name)
                 .config(domain.config())
@@ -95,42 +99,50 @@ impl Bus {
                 .create::<ipc::Service>();
             match node {
                 Ok(node) => break node,
-                // Whoever starts the robot in this very moment removes what lies there from before, folders too.
-                Err(_) if now_ns() < give_up => std::thread::sleep(JOINING_PAUSE),
+                // A supervisor that is just starting may be removing the objects of a former run, including folders.
+                Err(_) if now_ns() < give_up => std::thread::sleep(JOIN_PAUSE),
                 Err(error) => {
-                    // Memory that has run out meanwhile is the cause.
+                    // Report exhausted memory as the cause, if it is.
                     crate::memory::need(0, party, process)?;
                     let place = domain.root().display();
                     return Err(failed(format!("shared memory cannot be set up in {place} ({error:?})")));
                 }
             }
         };
-        domain.shut();
-        let (announcer, sheets) = (OnceCell::new(), RefCell::default());
-        Ok(Self { node, domain: domain.clone(), process: process.to_owned(), party, port_name, announcer, sheets })
+        domain.restrict_access();
+        let (announcer, continuations) = (OnceCell::new(), RefCell::default());
+        Ok(Self {
+            node,
+            domain: domain.clone(),
+            process: process.to_owned(),
+            party,
+            port_name,
+            announcer,
+            continuations,
+        })
     }
 
-    /// The domain joined.
+    /// Returns the domain.
     #[must_use]
     pub fn domain(&self) -> &Domain {
         &self.domain
     }
 
-    /// The name it was joined under.
+    /// Returns the process name under which the domain was joined.
     #[must_use]
     pub fn process(&self) -> &str {
         &self.process
     }
 
-    /// Opens or makes the channel with the table's quality of service; the schema text becomes part of it.
+    /// Opens or creates a channel with the quality of service of the channel table, and stores the schema text with it.
     pub(crate) fn open_typed<T: Payload>(&self, channel: &str) -> Result<PubSub<ShmSample<T>>, BusError> {
         let name = service_name(channel)?;
         self.need(0, channel)?;
         let quality = quality_for(channel, size_of::<T>());
         let attributes = definition::attributes(T::type_name(), T::schema())?;
-        if !self.sheets.borrow().contains_key(T::type_name()) {
-            let sheets = definition::sheets(&self.node, &self.domain, T::schema())?;
-            self.sheets.borrow_mut().insert(T::type_name(), sheets);
+        if !self.continuations.borrow().contains_key(T::type_name()) {
+            let continuations = definition::continuations(&self.node, &self.domain, T::schema())?;
+            self.continuations.borrow_mut().insert(T::type_name(), continuations);
         }
         let builder = || {
             self.node
@@ -139,15 +151,16 @@ impl Bus {
                 .enable_safe_overflow(true)
                 .subscriber_max_borrowed_samples(BORROWS)
         };
-        let give_up = now_ns() + OPENING_PATIENCE_NS;
+        let give_up = now_ns() + OPEN_TIMEOUT_NS;
         let mut cleaned = false;
         loop {
-            // open first: a peer from another language, or a tunnel, may have made it without the schema text; the type's name decides
+            // Open first: a peer in another language, or a tunnel, may have created the channel without the schema
+            // text. Only the type name is compared.
             let error = match builder().open() {
                 Ok(service) => return Ok(service),
                 Err(error) => error,
             };
-            let passing = match error {
+            let temporary = match error {
                 PublishSubscribeOpenError::DoesNotExist => match builder()
                     .subscriber_max_buffer_size(quality.buffer)
                     .history_size(quality.history)
@@ -177,7 +190,7 @@ impl Bus {
                 | PublishSubscribeOpenError::ServiceInCorruptedState => true,
                 _ => false,
             };
-            if !passing || now_ns() > give_up {
+            if !temporary || now_ns() > give_up {
                 return Err(self.explain(channel, error, T::type_name(), &quality));
             }
             self.domain.remove_half_made();
@@ -188,20 +201,20 @@ impl Bus {
     fn explain(&self, channel: &str, error: PublishSubscribeOpenError, wanted: &str, quality: &Quality) -> BusError {
         use PublishSubscribeOpenError as E;
         let channel_name = channel.to_owned();
-        let holders = self.held_by(channel, MessagingPattern::PublishSubscribe);
+        let holders = self.holders_of(channel, MessagingPattern::PublishSubscribe);
         match error {
             E::IncompatibleTypes => {
-                let found = self.carried_by(channel);
+                let found = self.type_of(channel);
                 BusError::TypeMismatch { channel: channel_name, found, wanted: wanted.to_owned(), holders }
             }
             E::ExceedsMaxNumberOfNodes => {
                 BusError::Full { channel: channel_name, limit: quality.nodes, what: PlaceKind::Processes, holders }
             }
             E::DoesNotSupportRequestedMinSubscriberBorrowedSamples | E::IncompatibleOverflowBehavior => {
-                quality_mismatch(channel_name, "it was not made by this project's bus", holders)
+                quality_mismatch(channel_name, "it was not created by this project's bus", holders)
             }
             E::VersionMismatch => {
-                quality_mismatch(channel_name, "it was made with another version of iceoryx2", holders)
+                quality_mismatch(channel_name, "it was created with another version of iceoryx2", holders)
             }
             other => BusError::failed(channel, "be opened", &other),
         }
@@ -212,16 +225,16 @@ impl Bus {
         ipc::Service::details(&name, self.domain.config(), pattern).ok().flatten()
     }
 
-    /// The type name that the channel carries.
-    fn carried_by(&self, channel: &str) -> String {
+    /// Returns the type name of a channel.
+    fn type_of(&self, channel: &str) -> String {
         self.details(channel, MessagingPattern::PublishSubscribe).map_or_else(
             || "nothing".to_owned(),
             |details| details.static_details.publish_subscribe().message_type_details().payload.type_name().to_string(),
         )
     }
 
-    /// Who holds the channel, or the event or the requests of that name, in words; empty where that is not known.
-    fn held_by(&self, channel: &str, pattern: MessagingPattern) -> String {
+    /// Returns the processes that have a channel, event or requests of that name open, in words; empty if unknown.
+    fn holders_of(&self, channel: &str, pattern: MessagingPattern) -> String {
         let details = self.details(channel, pattern);
         let Some(dynamic) = details.and_then(|details| details.dynamic_details) else { return String::new() };
         let mut holders: Vec<String> = Vec::new();
@@ -239,11 +252,11 @@ impl Bus {
         if holders.is_empty() { "a process that has died".to_owned() } else { holders.join(", ") }
     }
 
-    /// Opens or makes the event beside a channel.
+    /// Opens or creates the event of a channel.
     pub(crate) fn open_event(&self, channel: &str) -> Result<event::PortFactory<ipc::Service>, BusError> {
         let name = service_name(channel)?;
         self.need(0, channel)?;
-        let give_up = now_ns() + OPENING_PATIENCE_NS;
+        let give_up = now_ns() + OPEN_TIMEOUT_NS;
         loop {
             let made = self
                 .node
@@ -269,7 +282,7 @@ impl Bus {
         let service = self.open_event(channel)?;
         let make = || service.notifier_builder().name(&self.port_name).default_event_id(EventId::new(0)).create();
         let taken = || {
-            listed(|note| {
+            collect_listed(|note| {
                 service.dynamic_config().list_notifiers(|port| {
                     note(port.notifier_name);
                     CallbackProgression::Continue
@@ -286,7 +299,7 @@ impl Bus {
         let service = self.open_event(channel)?;
         let make = || service.listener_builder().name(&self.port_name).create();
         let taken = || {
-            listed(|note| {
+            collect_listed(|note| {
                 service.dynamic_config().list_listeners(|port| {
                     note(port.listener_name);
                     CallbackProgression::Continue
@@ -299,18 +312,18 @@ impl Bus {
         })
     }
 
-    /// That a channel, or the event or the requests of that name, has all the ports of this kind that it may have.
+    /// Returns the error for a channel, event or requests without a free place of this kind.
     pub(crate) fn full(&self, channel: &str, pattern: MessagingPattern, limit: usize, what: PlaceKind) -> BusError {
-        BusError::Full { channel: channel.to_owned(), limit, what, holders: self.held_by(channel, pattern) }
+        BusError::Full { channel: channel.to_owned(), limit, what, holders: self.holders_of(channel, pattern) }
     }
 
-    /// A place may be held by a process that has died since this one joined.
+    /// Calls `make` after a clean-up, because a process that has died since this one joined may hold a place.
     pub(crate) fn after_cleaning<R>(&self, make: impl Fn() -> R) -> R {
         self.clean();
         make()
     }
 
-    /// Tells whoever waits for [`CHANNELS_EVENT`] that there is something new. Nobody may be there: that is no error.
+    /// Raises [`CHANNELS_EVENT`]. It is no error if no process waits for it.
     pub(crate) fn announce(&self) {
         if self.announcer.get().is_none()
             && let Ok(notifier) = self.notifier(CHANNELS_EVENT)
@@ -322,7 +335,7 @@ impl Bus {
         }
     }
 
-    /// Removes what processes that were killed have left, e.g. their places in channels. About a millisecond per dead process.
+    /// Removes the objects of killed processes, e.g. their places in channels. Takes about a millisecond per process.
     pub fn clean(&self) {
         self.domain.before_cleaning();
         self.node.try_cleanup_dead_nodes();
@@ -347,7 +360,7 @@ pub(crate) fn service_name(channel: &str) -> Result<ServiceName, BusError> {
     ServiceName::new(channel).map_err(|_| bad())
 }
 
-/// Each port takes about five descriptors; many systems begin with a limit of 1024.
+/// Raises the limit of open descriptors: each port needs about five, and the default limit of many systems is 1024.
 fn raise_descriptor_limit() {
     let limit = getrlimit(Resource::Nofile);
     let wanted = limit.maximum.map_or(DESCRIPTORS, |most| most.min(DESCRIPTORS));

@@ -1,24 +1,24 @@
-//! Places kept free: who only looks on never takes the last place of who controls.
+//! Reserved places: an observer never takes the last place of a control process.
 //!
-//! A channel has a fixed number of places, and a process that hangs keeps its own. So each kind of participant leaves some to the kinds after
-//! it. The kind stands in the name of a port, where every other process reads it.
+//! A channel has a fixed number of places, and a process that hangs keeps its place. So each kind of participant leaves
+//! some places to more important kinds. The name of a port contains the kind, so that other processes can read it.
 
 use iceoryx2::prelude::{PortName, SemanticStringError};
 
-/// Who takes a place.
+/// Kind of participant, in ascending order of importance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum Party {
-    /// Looks on: `nims channel echo`, `nims top`, the viewer.
+    /// An observer: `nims channel echo`, `nims top`, the viewer.
     Guest,
-    /// An operator's command, for as long as it takes: `nims status`, `nims swap`.
+    /// A command of an operator: `nims status`, `nims swap`.
     Command,
-    /// A process of the robot, and what stops it.
+    /// A process of the robot, or a command that stops the robot.
     #[default]
     Member,
 }
 
 impl Party {
-    /// Of so many places, how many this kind and those before it may have together.
+    /// Returns how many of `limit` places this kind and the less important kinds may have together.
     #[must_use]
     pub const fn ceiling(self, limit: usize) -> usize {
         match self {
@@ -28,7 +28,7 @@ impl Party {
         }
     }
 
-    /// Shared memory that has to be left after it has taken what it needs, bytes.
+    /// Shared memory that must remain free after an allocation by this kind, bytes.
     pub(crate) const fn margin(self) -> u64 {
         match self {
             Self::Guest => 4 << 20,
@@ -44,7 +44,7 @@ impl Party {
         }
     }
 
-    /// What stands before the name of its ports.
+    /// Prefix of the names of its ports.
     const fn mark(self) -> Option<char> {
         match self {
             Self::Guest => Some('?'),
@@ -53,7 +53,7 @@ impl Party {
         }
     }
 
-    fn of(name: &PortName) -> Self {
+    fn from_port_name(name: &PortName) -> Self {
         [Self::Guest, Self::Command]
             .into_iter()
             .find(|party| party.mark().is_some_and(|mark| name.as_str().starts_with(mark)))
@@ -62,21 +62,21 @@ impl Party {
 
     /// Whether so many ports of these names are within what this kind may have; a member is only bound by the limit itself.
     pub(crate) fn within(self, names: &[PortName], limit: usize, coming: usize) -> bool {
-        let taken = names.iter().filter(|name| Self::of(name) <= self).count();
+        let taken = names.iter().filter(|name| Self::from_port_name(name) <= self).count();
         self == Self::Member || taken + coming <= self.ceiling(limit)
     }
 }
 
-/// Why there is no port.
+/// Reason why a port was not created.
 pub(crate) enum Refused<E> {
-    /// This kind has its places already: so many.
+    /// All places of this kind are taken; their number.
     NoPlace(usize),
-    /// iceoryx2 refused.
+    /// An error of iceoryx2.
     Error(E),
 }
 
-/// What a listing of ports gives.
-pub(crate) fn listed<T>(list: impl FnOnce(&mut dyn FnMut(T))) -> Vec<T> {
+/// Collects the items that `list` passes to its callback.
+pub(crate) fn collect_listed<T>(list: impl FnOnce(&mut dyn FnMut(T))) -> Vec<T> {
     let mut ports = Vec::new();
     list(&mut |port| ports.push(port));
     ports
@@ -92,7 +92,7 @@ mod tests {
     }
 
     #[test]
-    fn each_kind_leaves_places_to_the_next() {
+    fn each_kind_leaves_places_to_more_important_kinds() {
         for limit in 1..100 {
             let [guests, commands, all] = [Party::Guest, Party::Command, Party::Member].map(|one| one.ceiling(limit));
             assert!(guests <= commands && commands <= all && all == limit);
@@ -100,7 +100,7 @@ mod tests {
         }
     }
 
-    /// Five processes of a robot hear what `nims set` says on `system/config/nims`, and one that is started again hears it beside them.
+    /// Five processes of a robot subscribe to `system/config/nims`, and during a restart a sixth one does.
     #[test]
     fn the_robot_has_six_places_on_every_channel() {
         for row in CHANNELS {
@@ -110,11 +110,11 @@ mod tests {
     }
 
     #[test]
-    fn a_kind_counts_itself_and_those_before_it() {
+    fn a_kind_counts_itself_and_less_important_kinds() {
         let taken: Vec<PortName> =
             [Party::Guest, Party::Guest, Party::Guest, Party::Command, Party::Member].map(port).to_vec();
         assert!(!Party::Guest.within(&taken, 8, 1) && Party::Guest.within(&taken, 8, 0));
         assert!(Party::Command.within(&taken, 8, 1) && !Party::Command.within(&taken, 8, 2));
-        assert!(Party::Member.within(&taken, 5, 1), "iceoryx2 itself says that it is full");
+        assert!(Party::Member.within(&taken, 5, 1), "iceoryx2 itself enforces the limit");
     }
 }

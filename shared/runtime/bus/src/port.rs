@@ -1,4 +1,4 @@
-//! Typed ports.
+//! Typed publishers and subscribers.
 
 use iceoryx2::port::ReceiveError;
 use iceoryx2::port::notifier::Notifier;
@@ -18,7 +18,7 @@ use crate::error::PlaceKind;
 use crate::losses::Losses;
 use crate::memory::CONNECTION_BYTES;
 use crate::node::{BORROWS, Bus, LOANS, PubSub};
-use crate::places::{Refused, listed};
+use crate::places::{Refused, collect_listed};
 use crate::shm_sample::ShmSample;
 
 /// Sends samples of one type on one channel.
@@ -41,16 +41,17 @@ pub struct Subscriber<T: Payload> {
 }
 
 impl Bus {
-    /// A publisher; makes the channel if nobody has.
+    /// Creates a publisher, and the channel if it does not exist.
     ///
     /// # Errors
-    /// [`BusError::Full`] if the channel has its publishers already, [`BusError::TypeMismatch`] if it carries another type, and others.
+    /// [`BusError::Full`] if all publishers of the channel are taken, [`BusError::TypeMismatch`] if it carries another
+    /// type, and others.
     pub fn publisher<T: Payload>(&self, channel: &str) -> Result<Publisher<T>, BusError> {
         let quality = quality_for(channel, size_of::<T>());
         let bytes = quality.samples(BORROWS, LOANS).saturating_mul(size_of::<T>());
         self.need(bytes.saturating_add(CONNECTION_BYTES * quality.subscribers), channel)?;
         let service: PubSub<ShmSample<T>> = self.open_typed(channel)?;
-        // what another build, or a tunnel, has made it with
+        // Another build or a tunnel may have created the channel with other settings.
         let made = service.static_config();
         let quality = Quality {
             buffer: made.subscriber_max_buffer_size(),
@@ -73,22 +74,24 @@ impl Bus {
             }
             other => BusError::failed(channel, "be published on", &other),
         };
-        let port = self.whole(channel, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
+        let port = self.make_complete(channel, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
         let publisher = Publisher { port, notifier: self.notifier(channel)?, channel: channel.to_owned(), seq: 0 };
         self.announce();
         Ok(publisher)
     }
 
-    /// A subscriber that can lag behind by [`Quality::SHALLOW`] samples, with the history that a late one gets; makes the channel if nobody
-    /// has, so it may come first.
+    /// Creates a subscriber with a buffer of [`Quality::SHALLOW`] samples that receives the history for late
+    /// subscribers. Creates the channel if it does not exist, so a subscriber can be created before the publisher.
     ///
     /// # Errors
-    /// [`BusError::Full`] if the channel has its subscribers already, [`BusError::TypeMismatch`] if it carries another type, and others.
+    /// [`BusError::Full`] if all subscribers of the channel are taken, [`BusError::TypeMismatch`] if it carries another
+    /// type, and others.
     pub fn subscriber<T: Payload>(&self, channel: &str) -> Result<Subscriber<T>, BusError> {
         self.subscriber_with(channel, Quality::SHALLOW)
     }
 
-    /// The same with the channel's whole buffer: for who has to hear every sample, of which a channel has [`Quality::DEEP_PLACES`].
+    /// Creates a subscriber with the channel's whole buffer, for processes that need every sample. A channel has
+    /// [`Quality::DEEP_PLACES`] of these.
     ///
     /// # Errors
     /// As [`Bus::subscriber`].
@@ -106,7 +109,8 @@ impl Bus {
         Ok(Subscriber { port, channel: channel.to_owned(), losses: Losses::default(), received: 0, broken: 0 })
     }
 
-    /// Makes a subscriber where there is a place for it: one of its kind, and, with a buffer of more than [`Quality::SHALLOW`], a deep one.
+    /// Creates a subscriber if there is a place for its kind and, with a buffer of more than [`Quality::SHALLOW`], a
+    /// deep place.
     pub(crate) fn attach<P: IceoryxSend + Debug + ?Sized, H: ZeroCopySend + Debug>(
         &self,
         service: &PortFactory<ipc::Service, P, H>,
@@ -117,7 +121,7 @@ impl Bus {
         let make =
             || service.subscriber_builder().buffer_size(buffer).history_request(history).name(&self.port_name).create();
         let taken = || {
-            listed(|note| {
+            collect_listed(|note| {
                 service.dynamic_config().list_subscribers(|port| {
                     note((port.subscriber_name, port.buffer_size));
                     CallbackProgression::Continue
@@ -142,20 +146,21 @@ impl Bus {
             }
             Refused::Error(other) => BusError::failed(channel, "be subscribed to", &other),
         };
-        self.whole(channel, || self.take_place(limit, names, make).map_err(refused))
+        self.make_complete(channel, || self.take_place(limit, names, make).map_err(refused))
     }
 }
 
 impl<T: Payload> Publisher<T> {
-    /// Numbers the sample, publishes it and wakes who waits for it; returns how many subscribers it went to.
+    /// Numbers the sample, publishes it and wakes the waiters; returns the number of subscribers.
     ///
     /// # Errors
-    /// [`BusError::Failed`] if shared memory has no room, which the channel's settings exclude.
+    /// [`BusError::Failed`] if no sample is free, which the channel's settings exclude.
     pub fn send(&mut self, sample: &mut T) -> Result<usize, BusError> {
         self.seq += 1;
         sample.number(self.seq, crate::clock::now_ns());
         let recipients = self.publish(*sample)?;
-        // A failure here means that the time between two notifications was long, or that a listener has just died; the sample is out.
+        // A failure means that the time since the last notification was long or that a listener has just died; the
+        // sample is published anyway.
         let _ = self.notifier.notify();
         Ok(recipients)
     }
@@ -165,21 +170,21 @@ impl<T: Payload> Publisher<T> {
         loan.write_payload(ShmSample(sample)).send().map_err(|error| BusError::failed(&self.channel, "send", &error))
     }
 
-    /// Connects to subscribers that came since the last [`Publisher::send`], and gives them the history.
+    /// Connects to subscribers created since the last [`Publisher::send`], and sends them the history.
     ///
-    /// For publishers that rarely send: without this a late subscriber gets the history with the next sample.
+    /// For publishers that rarely send: otherwise a late subscriber receives the history with the next sample.
     pub fn update_connections(&mut self) {
-        // a subscriber that cannot be connected to has just died
+        // A connection fails only if its subscriber has just died.
         let _ = self.port.update_connections();
     }
 
-    /// Sequence number of the last sample sent; 0: none yet.
+    /// Returns the sequence number of the last sample sent; 0 if none was sent.
     #[must_use]
     pub fn seq(&self) -> u64 {
         self.seq
     }
 
-    /// The channel's name.
+    /// Returns the name of the channel.
     #[must_use]
     pub fn channel(&self) -> &str {
         &self.channel
@@ -187,16 +192,17 @@ impl<T: Payload> Publisher<T> {
 }
 
 impl<T: Payload> Subscriber<T> {
-    /// The oldest sample not yet received, if there is one.
+    /// Returns the oldest sample not yet received, if there is one.
     ///
-    /// Samples of a publisher that has gone come before those of its successor: decide by epoch, incarnation and cycle, never by arrival.
+    /// Samples of an ended publisher may arrive after its successor has started: order them by epoch, incarnation and
+    /// cycle, not by arrival.
     ///
     /// # Errors
     /// [`BusError::Failed`] only if shared memory is damaged.
     pub fn receive(&mut self) -> Result<Option<T>, BusError> {
         let sample = match self.port.receive() {
             Err(ReceiveError::ConnectionFailure(_)) => {
-                // one publisher could not be connected to, most likely because it was killed just now; the others can be heard
+                // The connection to one publisher failed, probably because it was just killed; the others still work.
                 self.broken += 1;
                 self.port.receive()
             }
@@ -205,13 +211,14 @@ impl<T: Payload> Subscriber<T> {
         .map_err(|error| BusError::failed(&self.channel, "receive", &error))?;
         Ok(sample.map(|sample| {
             let ShmSample(value) = *sample.payload();
-            self.losses.note(sample.header().publisher_id().value(), value.seq());
+            self.losses.record(sample.header().publisher_id().value(), value.seq());
             self.received += 1;
             value
         }))
     }
 
-    /// The newest sample, if any came since the last call; the older ones are taken and dropped (they do not count as lost).
+    /// Returns the newest sample, if any arrived since the last call. Older samples are dropped and do not count as
+    /// lost.
     ///
     /// # Errors
     /// As [`Subscriber::receive`].
@@ -223,31 +230,31 @@ impl<T: Payload> Subscriber<T> {
         Ok(newest)
     }
 
-    /// Samples that were published and never arrived here.
+    /// Returns the number of samples that were published and never arrived here.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.losses.lost
     }
 
-    /// How often some were missing.
+    /// Returns the number of gaps in the sequence numbers.
     #[must_use]
     pub fn gaps(&self) -> u64 {
         self.losses.gaps
     }
 
-    /// Samples received.
+    /// Returns the number of samples received.
     #[must_use]
     pub fn received(&self) -> u64 {
         self.received
     }
 
-    /// How often a publisher could not be connected to.
+    /// Returns the number of failed connections to publishers.
     #[must_use]
     pub fn broken(&self) -> u64 {
         self.broken
     }
 
-    /// The channel's name.
+    /// Returns the name of the channel.
     #[must_use]
     pub fn channel(&self) -> &str {
         &self.channel

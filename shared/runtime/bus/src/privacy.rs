@@ -1,7 +1,7 @@
-//! Nobody but the user who runs a robot reads its memory or speaks in it.
+//! Restricts the objects of a domain to the user who runs it.
 //!
-//! The folder of a domain can only be entered by its owner, and so can everything in it. What lies outside of it is looked at here: shared
-//! memory is flat, and the ports of a virtual motor box are terminals of the machine.
+//! Only its owner can enter the folder of a domain. This module also covers the objects outside of that folder: shared
+//! memory has no folders, and the ports of a virtual motor box are terminals of the machine.
 
 use std::fs;
 use std::os::unix::fs::{MetadataExt, PermissionsExt};
@@ -13,16 +13,16 @@ use rustix::process::{geteuid, umask};
 use crate::Domain;
 use crate::domain::SHARED_MEMORY;
 
-/// Bits of a mode that let others in: group and everybody.
+/// Permission bits of the group and of other users.
 const OTHERS: u32 = 0o077;
 
-/// From here on, files and folders that this process makes, and those of the processes that it starts, are its user's alone.
+/// Sets the umask so that only this user can access files and folders that this process and its children create.
 pub fn make_private() {
     umask(Mode::from_raw_mode(OTHERS));
 }
 
 impl Domain {
-    /// Everything of this domain that another user could read, write or enter: nothing, if all is well.
+    /// Returns the objects of this domain that another user could read, write or enter; normally none.
     #[must_use]
     pub fn open_to_others(&self) -> Vec<PathBuf> {
         let mut open = Vec::new();
@@ -35,7 +35,8 @@ impl Domain {
         open
     }
 
-    /// Folders of this user's domains that others may enter; such a domain cannot be used, see [`Domain::new`].
+    /// Returns the folders of this user's domains that others may enter; such a domain cannot be used, see
+    /// [`Domain::new`].
     #[must_use]
     pub fn open_folders() -> Vec<PathBuf> {
         let beginning = format!("nims-{}-", geteuid().as_raw());
@@ -43,12 +44,12 @@ impl Domain {
         entries(Path::new(SHARED_MEMORY)).filter(|path| ours(path) && path.is_dir() && is_open(path)).collect()
     }
 
-    /// One object of iceoryx2, a count of processes, is made for all users of a machine; a domain has one user.
-    pub(crate) fn shut(&self) {
+    /// Removes the permissions of other users. iceoryx2 creates one object, a count of processes, for all users.
+    pub(crate) fn restrict_access(&self) {
         for path in self.in_shared_memory() {
             let Ok(found) = fs::symlink_metadata(&path) else { continue };
             if found.mode() & OTHERS != 0 && found.uid() == geteuid().as_raw() {
-                // Somebody else of this domain may just have done it, or have removed it.
+                // Fails if another process of this domain has just removed the object, which is no error.
                 let _ = fs::set_permissions(&path, fs::Permissions::from_mode(found.mode() & 0o700));
             }
         }
@@ -66,7 +67,7 @@ fn entries(folder: &Path) -> impl Iterator<Item = PathBuf> + use<> {
     fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path())
 }
 
-/// Whether others may do anything with it; what is not there is not open.
+/// Returns whether other users have any permission; false if the path does not exist.
 fn is_open(path: &Path) -> bool {
     fs::symlink_metadata(path).is_ok_and(|found| found.mode() & OTHERS != 0)
 }

@@ -12,7 +12,7 @@ use messages::{OperatorRequest, put_sentence};
 use crate::clock::{now_ns, sleep_until};
 use crate::error::PlaceKind;
 use crate::node::Bus;
-use crate::places::{Refused, listed};
+use crate::places::{Refused, collect_listed};
 use crate::requester::sign;
 use crate::shm_sample::ShmSample;
 use crate::{BusError, Publisher};
@@ -20,25 +20,27 @@ use crate::{BusError, Publisher};
 type Request = ShmSample<OperatorRequest>;
 type Factory = request_response::PortFactory<ipc::Service, Request, (), Request, ()>;
 
-/// Commands of operators at once, each a process of its own; some of the places are kept for those that stop the robot.
+/// Largest number of clients at once, each in its own process; some of the places are reserved for commands that stop
+/// the robot.
 const CLIENTS: usize = 24;
-/// Requests of one client that a process has not answered, and responses to each.
+/// Largest number of unanswered requests of one client.
 const PENDING: usize = 2;
+/// Number of responses to each request.
 const RESPONSES: usize = 1;
-/// What a process that answers takes: an answer for each request that may be under way, and its connections.
+/// Memory of a server, bytes: an answer for each pending request, and its connections.
 const MEMORY_BYTES: usize = 512 << 10;
-/// How often a client looks for the answer: far shorter than a person notices.
-const LOOK_NS: u64 = 2_000_000;
-/// Where every request and its answer are published.
+/// Time between two polls for the answer, ns: far shorter than a person notices.
+const POLL_NS: u64 = 2_000_000;
+/// Channel on which every request and its answer are published.
 const REQUESTS: &str = "operator/request";
 
-/// The channel name to wait for with [`Bus::waiter`]: woken by every request to that process.
+/// Returns the name of the event, for [`Bus::waiter`], that every request to the process raises.
 #[must_use]
 pub fn request_event(process: &str) -> String {
     format!("system/request/{process}")
 }
 
-/// Answers requests; polled, never blocking. Publishes each request and its answer on `operator/request`.
+/// Receives requests without blocking. Publishes each request and its answer on `operator/request`.
 #[derive(Debug)]
 pub struct Server {
     port: iceoryx2::port::server::Server<ipc::Service, Request, (), Request, ()>,
@@ -46,18 +48,18 @@ pub struct Server {
     event: String,
 }
 
-/// A request that waits for its answer.
+/// A received request that must be answered.
 #[derive(Debug)]
 pub struct Call<'a> {
-    /// What is asked.
+    /// The request.
     pub request: OperatorRequest,
-    /// Why the request is not on `operator/request`, where it could not be published: no reason not to carry it out.
+    /// Why the request could not be published on `operator/request`. It is executed anyway.
     pub unlogged: Option<BusError>,
     active: ActiveRequest<ipc::Service, Request, (), Request, ()>,
     log: &'a mut Publisher<OperatorRequest>,
 }
 
-/// Asks one process.
+/// Sends requests to one process.
 #[derive(Debug)]
 pub struct Client {
     port: iceoryx2::port::client::Client<ipc::Service, Request, (), Request, ()>,
@@ -88,7 +90,7 @@ impl Bus {
                 .max_loaned_requests(1)
                 .enable_safe_overflow_for_requests(true)
                 .enable_safe_overflow_for_responses(true)
-                // a stop that was asked for while the process stood still is not forgotten with the one who asked
+                // A stop request to a suspended process remains if its sender ends.
                 .enable_fire_and_forget_requests(true)
                 .open_or_create();
             match made {
@@ -106,16 +108,17 @@ impl Bus {
                 Err(error) if now_ns() > give_up => return Err(BusError::failed(&channel, "be opened", &error)),
                 Err(_) => {
                     self.domain().remove_half_made();
-                    sleep_until(now_ns() + LOOK_NS);
+                    sleep_until(now_ns() + POLL_NS);
                 }
             }
         }
     }
 
-    /// Answers requests to `process`, normally this process's own name. Wait for [`request_event`] to be woken.
+    /// Creates the server for requests to `process`, normally this process's own name. A request raises
+    /// [`request_event`].
     ///
     /// # Errors
-    /// [`BusError::Full`] if a process of that name answers already.
+    /// [`BusError::Full`] if the process already has a server.
     pub fn server(&self, process: &str) -> Result<Server, BusError> {
         let event = request_event(process);
         let service = self.open_requests(process)?;
@@ -135,14 +138,14 @@ impl Bus {
             },
             other => BusError::failed(&event, "be answered", &other),
         };
-        let port = self.whole(&event, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
+        let port = self.make_complete(&event, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
         Ok(Server { port, log: self.publisher(REQUESTS)?, event })
     }
 
-    /// Asks `process`.
+    /// Creates a client for requests to `process`.
     ///
     /// # Errors
-    /// Those of opening a channel; that nobody answers shows in [`Client::ask`].
+    /// Those of opening a channel; a missing server is an error of [`Client::ask`].
     pub fn client(&self, process: &str) -> Result<Client, BusError> {
         let event = request_event(process);
         let service = self.open_requests(process)?;
@@ -154,7 +157,7 @@ impl Bus {
                 .create()
         };
         let taken = || {
-            listed(|note| {
+            collect_listed(|note| {
                 service.dynamic_config().list_clients(|port| {
                     note(port.client_name);
                     CallbackProgression::Continue
@@ -165,7 +168,7 @@ impl Bus {
             Refused::NoPlace(limit) => self.full(&event, MessagingPattern::RequestResponse, limit, PlaceKind::Clients),
             Refused::Error(error) => BusError::failed(&event, "be asked", &error),
         };
-        let port = self.whole(&event, || self.take_place(CLIENTS, taken, make).map_err(refused))?;
+        let port = self.make_complete(&event, || self.take_place(CLIENTS, taken, make).map_err(refused))?;
         let notifier = self.notifier(&event)?;
         Ok(Client {
             port,
@@ -179,12 +182,12 @@ impl Bus {
 }
 
 impl Server {
-    /// The next request, if one has come. A call that is dropped unanswered lets its client wait in vain.
+    /// Returns the next request, if there is one. If a call is dropped unanswered, its client waits until its timeout.
     ///
     /// # Errors
     /// [`BusError::Failed`] only if shared memory is damaged.
     pub fn try_next(&mut self) -> Result<Option<Call<'_>>, BusError> {
-        // a first failure means that one client has just died
+        // A first failure means that one client has just died.
         let active = self
             .port
             .receive()
@@ -197,7 +200,7 @@ impl Server {
         Ok(Some(Call { request, unlogged, active, log: &mut self.log }))
     }
 
-    /// Publishes a request that has come another way, and its answer.
+    /// Publishes a request that was received on another path, and its answer.
     ///
     /// # Errors
     /// [`BusError::Failed`] if they could not be published.
@@ -210,7 +213,7 @@ impl Server {
         self.log.send(&mut published).map(|_| ())
     }
 
-    /// The event that a request raises: give it to [`Bus::waiter`].
+    /// Returns the name of the event that a request raises, for [`Bus::waiter`].
     #[must_use]
     pub fn event(&self) -> &str {
         &self.event
@@ -218,17 +221,17 @@ impl Server {
 }
 
 impl Call<'_> {
-    /// False once the client has gone, or has given up waiting.
+    /// Returns whether the client still waits; false if it has ended or timed out.
     #[must_use]
     pub fn is_awaited(&self) -> bool {
         self.active.is_connected()
     }
 
     /// Answers with one sentence; `accepted` is [`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`] or
-    /// [`OperatorRequest::BAD_INPUT`]. A client that has gone meanwhile is no error.
+    /// [`OperatorRequest::BAD_INPUT`]. It is no error if the client has ended.
     ///
     /// # Errors
-    /// [`BusError::Failed`] if the request or its answer could not be published; the client has the answer all the same.
+    /// [`BusError::Failed`] if the request or its answer could not be published; the client receives the answer anyway.
     pub fn answer(self, accepted: u8, sentence: &str) -> Result<(), BusError> {
         let mut answer = self.request;
         answer.answered = 1;
@@ -247,12 +250,13 @@ impl Client {
     /// Fills in `header`, `pid`, `uid` and, where they are empty, `id` and `requester`.
     ///
     /// # Errors
-    /// [`BusError::NoServer`] at once if nobody answers under that name, [`BusError::NoAnswer`] after `timeout` or as soon as the process dies.
+    /// [`BusError::NoServer`] at once if the process has no server, [`BusError::NoAnswer`] after `timeout` or when the
+    /// process ends.
     pub fn ask(&mut self, request: &OperatorRequest, timeout: Duration) -> Result<OperatorRequest, BusError> {
         self.ask_aloud(request, timeout, timeout, || ())
     }
 
-    /// [`Client::ask`], but calls `uneasy` once if there is no answer after `patience`, and goes on waiting.
+    /// As [`Client::ask`], but calls `uneasy` once if there is no answer after `patience`, and continues to wait.
     ///
     /// # Errors
     /// As [`Client::ask`].
@@ -299,14 +303,14 @@ impl Client {
                 say();
             }
             if self.service.dynamic_config().number_of_servers() == 0 {
-                return Err(late("has ended meanwhile"));
+                return Err(late("has ended"));
             }
-            sleep_until(now_ns() + LOOK_NS);
+            sleep_until(now_ns() + POLL_NS);
         }
     }
 
-    /// Ends this client without taking its unanswered requests back: a process that has stood still meanwhile still finds them, until the
-    /// next sweep. For a program that is about to end.
+    /// Ends this client without withdrawing its unanswered requests: a suspended process still receives them when it
+    /// continues, until the next sweep. Only for a program that is about to end.
     pub fn leave_behind(self) {
         std::mem::forget(self);
     }

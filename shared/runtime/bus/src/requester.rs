@@ -1,4 +1,4 @@
-//! Who asks: what a request says of the process that sends it.
+//! Adds the sender of a request: its process and user.
 
 use std::sync::OnceLock;
 
@@ -7,13 +7,13 @@ use rustix::process::geteuid;
 
 use crate::clock::now_ns;
 
-/// Where the names of a machine's own users stand; those of a directory service are shown by their number.
+/// File with the names of local users; users of a directory service are shown by their number.
 const USERS: &str = "/etc/passwd";
 
-/// The name of this process's user, once somebody has looked it up.
+/// Name of the user of this process, after the first look-up.
 static NAME: OnceLock<String> = OnceLock::new();
 
-/// Completes a request that is sent now: time, process, user with name, and a number where it has none. A name that is there stays.
+/// Fills in the fields of a request that is sent now: time, process, user, and, if they are empty, user name and id.
 pub(crate) fn sign(request: &mut OperatorRequest) {
     if request.requester[0] == 0 {
         put_text(&mut request.requester, NAME.get_or_init(|| user_name(geteuid().as_raw())));
@@ -21,7 +21,7 @@ pub(crate) fn sign(request: &mut OperatorRequest) {
     sign_from_memory(request);
 }
 
-/// [`sign`] without reading a file, which can hang: a user whose name is not known yet is named by its number.
+/// As [`sign`], but reads no file, because that can block: before the first look-up the user is named by its number.
 pub(crate) fn sign_from_memory(request: &mut OperatorRequest) {
     let now = now_ns();
     (request.header.stamp_ns, request.header.oldest_input_ns) = (now, now);
@@ -58,13 +58,13 @@ mod tests {
     use messages::text_of;
 
     #[test]
-    fn users_are_named_as_the_machine_names_them() {
+    fn user_names_are_read_from_passwd() {
         let users = "root:x:0:0:root:/root:/bin/bash\nbroken\nada:x:1000:1000::/home/ada:/bin/sh\n";
         assert_eq!((name_in(users, 1000), name_in(users, 0), name_in(users, 7)), (Some("ada"), Some("root"), None));
     }
 
     #[test]
-    fn a_request_says_who_asks_and_keeps_the_name_it_has() {
+    fn a_request_names_its_sender_and_keeps_an_existing_name() {
         let mut request = OperatorRequest::default();
         sign(&mut request);
         assert_eq!((request.pid, request.uid), (std::process::id(), geteuid().as_raw()));

@@ -1,11 +1,11 @@
-//! A sample as it lies in shared memory.
+//! The representation of a sample in shared memory.
 
 use std::fmt;
 
 use iceoryx2::prelude::ZeroCopySend;
 use messages::ros::Payload;
 
-/// Gives a message the name that peers compare.
+/// A message with the type name that iceoryx2 compares between peers.
 #[repr(transparent)]
 #[derive(Clone, Copy)]
 pub(crate) struct ShmSample<T: Payload>(pub(crate) T);
@@ -16,8 +16,8 @@ impl<T: Payload> fmt::Debug for ShmSample<T> {
     }
 }
 
-// SAFETY: a `Payload` is `Pod`: no pointers, no padding, every bit pattern valid, at any address. The name ends in a hash of the layout, so
-// that two definitions with the same name have the same memory layout.
+// SAFETY: a `Payload` is `Pod`: no pointers, no padding, and every bit pattern is valid at any address. The name ends
+// in a hash of the layout, so two definitions with the same name have the same memory layout.
 #[allow(unsafe_code)]
 unsafe impl<T: Payload> ZeroCopySend for ShmSample<T> {
     unsafe fn type_name() -> &'static str {

@@ -1,4 +1,4 @@
-//! Cleaning up after processes that were killed.
+//! Removes the objects of processes that were killed.
 
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -13,31 +13,33 @@ use crate::domain::SHARED_MEMORY;
 use crate::error::Unfit;
 use crate::{BusError, Domain};
 
-/// Something is half made for a millisecond, and for as long as the machine stands still meanwhile; what is older was left by a killed process.
+/// Age from which an incomplete object is abandoned. Creating one takes a millisecond, plus the stalls of the machine.
 const HALF_MADE: Duration = Duration::from_secs(1);
-/// Removing one dead process takes a millisecond; a cleaner that needs this long hangs.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// Time after which a cleaner hangs; removing one dead process takes a millisecond.
+const CLEANER_TIMEOUT: Duration = Duration::from_secs(5);
 
-/// What [`Domain::sweep`] did.
+/// Result of [`Domain::sweep`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Swept {
-    /// Processes that live in the domain.
+    /// Number of running processes in the domain.
     pub alive: usize,
-    /// Dead processes whose traces were removed.
+    /// Number of dead processes whose objects were removed.
     pub removed: u64,
-    /// Dead processes whose traces could not be removed.
+    /// Number of dead processes whose objects could not be removed.
     pub failed: u64,
-    /// Files removed: everything if nobody lives, otherwise half-made channels.
+    /// Number of files removed: all files if no process runs, otherwise incomplete objects.
     pub files: usize,
 }
 
 impl Domain {
-    /// Cleans up after killed processes: wipes the domain if no process lives in it, otherwise removes what the dead have left.
+    /// Cleans up after killed processes: wipes the domain if no process runs in it, otherwise removes the objects of
+    /// dead processes.
     ///
-    /// For whoever runs the domain ([`Domain::claim`]), before it starts the first process and after one has died.
+    /// The owner of the domain ([`Domain::claim`]) calls it before it starts the first process and after one has died.
     ///
     /// # Errors
-    /// [`BusError::DomainFolder`] if the cleaner itself hangs: then nothing helps but to end every process of the domain and to start again.
+    /// [`BusError::DomainFolder`] if the cleaner hangs. Then every process of the domain must be ended and started
+    /// again.
     pub fn sweep(&self) -> Result<Swept, BusError> {
         let (alive, dead) = self.nodes();
         if alive.is_empty() {
@@ -47,7 +49,8 @@ impl Domain {
         let mut swept = Swept { alive: alive.len(), files, ..Swept::default() };
         if dead > 0 {
             self.before_cleaning();
-            // In a thread of its own: a cleaner can hang on what a process killed in its first millisecond has left.
+            // Runs in a thread, because the cleaner can hang on the objects of a process killed in its first
+            // millisecond.
             let (config, (done, result)) = (self.config().clone(), std::sync::mpsc::sync_channel(1));
             let cleaner = std::thread::Builder::new().name("sweep".to_owned()).spawn(move || {
                 let mut config = config;
@@ -60,7 +63,7 @@ impl Domain {
             });
             let hangs = |why| BusError::DomainFolder { path: self.root().to_owned(), why };
             cleaner.map_err(|error| hangs(Unfit::NoCleaner(error.to_string())))?;
-            match result.recv_timeout(PATIENCE) {
+            match result.recv_timeout(CLEANER_TIMEOUT) {
                 Ok(Some(state)) => (swept.removed, swept.failed) = (state.cleanups, state.failed_cleanups),
                 Ok(None) => swept.failed = dead as u64,
                 Err(_) => return Err(hangs(Unfit::CleanerHangs)),
@@ -69,16 +72,16 @@ impl Domain {
         Ok(swept)
     }
 
-    /// Removes what a process that was killed while it made something has left half made: nobody could ever open it, and iceoryx2 itself
-    /// never removes it.
+    /// Removes incomplete objects of processes that were killed while they created them. No process can open these, and
+    /// iceoryx2 never removes them.
     pub(crate) fn remove_half_made(&self) -> usize {
         let (old, _) = self.half_made();
         old.iter().filter(|path| fs::remove_file(path).is_ok()).count()
     }
 
-    /// To be called before iceoryx2 cleans up. Root can open what is half made in shared memory, and then waits for ever for the rest of it:
-    /// so root waits here until it is finished or is certainly abandoned; not where nobody has died, and not for what the living begin
-    /// meanwhile: at a start there is always something in the making.
+    /// Prepares a clean-up by iceoryx2. As root, iceoryx2 can open incomplete objects in shared memory and then waits
+    /// for their completion for ever. So root waits here until the present ones are complete or abandoned. It does not
+    /// wait if no process has died, nor for objects created meanwhile: during a start there are always some.
     pub(crate) fn before_cleaning(&self) {
         self.remove_half_made();
         if !geteuid().is_root() || self.dead() == 0 {
@@ -94,11 +97,11 @@ impl Domain {
         }
     }
 
-    /// What is half made: the abandoned, and what may still be in the making.
+    /// Returns the incomplete objects: the abandoned ones, and those that a process may still be creating.
     fn half_made(&self) -> (Vec<PathBuf>, Vec<PathBuf>) {
         let entries = |folder: &Path| fs::read_dir(folder).into_iter().flatten().flatten();
         let (mut old, mut young) = (Vec::new(), Vec::new());
-        let mut note = |entry: &fs::DirEntry, unfinished: u32| {
+        let mut record = |entry: &fs::DirEntry, unfinished: u32| {
             let Ok(found) = entry.metadata() else { return };
             if found.is_file() && found.mode() & 0o777 == unfinished {
                 let age = found.modified().ok().and_then(|at| SystemTime::now().duration_since(at).ok());
@@ -106,20 +109,20 @@ impl Domain {
                 if abandoned { &mut old } else { &mut young }.push(entry.path());
             }
         };
-        // shared memory is write-only until its content is complete
+        // An object in shared memory is write-only until its content is complete.
         for entry in entries(Path::new(SHARED_MEMORY)) {
             if entry.file_name().as_encoded_bytes().starts_with(self.prefix().as_bytes()) {
-                note(&entry, 0o200);
+                record(&entry, 0o200);
             }
         }
-        // channels, and the notes of a process about its ports, are read-only once they are complete
+        // The files of channels, and a process's tags for its ports, are read-only once they are complete.
         for entry in entries(&self.root().join("services")) {
-            note(&entry, 0o600);
+            record(&entry, 0o600);
         }
         for node in entries(&self.root().join("nodes")) {
             for entry in entries(&node.path()) {
                 if entry.file_name().as_encoded_bytes().ends_with(b"_tag") {
-                    note(&entry, 0o600);
+                    record(&entry, 0o600);
                 }
             }
         }

@@ -1,4 +1,4 @@
-//! Channels of any type: finding them, and listening without knowing the type.
+//! Lists channels, and subscribes to channels of any type as bytes.
 
 use std::collections::HashSet;
 use std::fs;
@@ -16,46 +16,46 @@ use messages::{Header, Quality};
 use crate::domain::info_of;
 use crate::losses::Losses;
 use crate::node::service_name;
-use crate::places::listed;
+use crate::places::collect_listed;
 use crate::{Bus, BusError, Domain, NodeInfo, definition};
 
-/// A channel as it stands in shared memory.
+/// Properties of a channel in shared memory.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ChannelInfo {
-    /// e.g. `motor/state`.
+    /// Name, e.g. `motor/state`.
     pub name: String,
-    /// e.g. `nims_msgs/MotorState/1a2b3c4d`.
+    /// Type name, e.g. `nims_msgs/MotorState/1a2b3c4d`.
     pub type_name: String,
-    /// The schema text that travels with it; `None` if its maker gave none, or not all of it.
+    /// The schema text stored with the channel; `None` if it is missing or incomplete.
     pub schema: Option<String>,
-    /// The hash of the schema text, as its maker gave it.
+    /// The stored hash of the schema text.
     pub schema_hash: Option<String>,
-    /// Bytes of a sample.
+    /// Size of a sample, bytes.
     pub size: usize,
-    /// Samples a deep subscriber can lag behind.
+    /// Buffer of a deep subscriber, samples.
     pub buffer: usize,
-    /// Samples a late subscriber gets.
+    /// Number of samples stored for late subscribers.
     pub history: usize,
-    /// The processes that hold it open, as publisher or as subscriber.
+    /// The processes that have it open, as publisher or subscriber.
     pub holders: Vec<NodeInfo>,
 }
 
 /// One sample, as bytes.
 #[derive(Debug, Clone, Copy)]
 pub struct Raw<'a> {
-    /// The whole sample, header included; a little-endian CDR body.
+    /// The whole sample including the header; a little-endian CDR body.
     pub bytes: &'a [u8],
-    /// Its header, where the type has this header ([`Tap::has_header`]); otherwise zeros.
+    /// The header, if the type has one ([`Tap::has_header`]); otherwise zeros.
     pub header: Header,
-    /// Tells publishers apart, also those of one process.
+    /// Id of the publisher, unique even within a process.
     pub publisher: u128,
-    /// Samples of this publisher that are missing before this one; 0 where the type has no header, and so no numbers to tell by.
+    /// Number of missing samples of this publisher before this one; 0 if the type has no header with sequence numbers.
     pub missing: u64,
 }
 
 type RawPort = iceoryx2::port::subscriber::Subscriber<ipc::Service, [CustomPayloadMarker], CustomHeaderMarker>;
 
-/// Listens to a channel of any type.
+/// A subscriber for a channel of any type.
 #[derive(Debug)]
 pub struct Tap {
     port: RawPort,
@@ -66,7 +66,7 @@ pub struct Tap {
 }
 
 impl Bus {
-    /// Every channel of the domain, by name. Costs about 0.2 ms per channel: not for a control loop.
+    /// Lists the channels of the domain by name. Takes about 0.2 ms per channel, so do not use it in a control loop.
     ///
     /// # Errors
     /// [`BusError::Failed`] if the folder cannot be read.
@@ -81,7 +81,7 @@ impl Bus {
         Ok(channels)
     }
 
-    /// One channel, if somebody has opened it.
+    /// Returns the properties of a channel, if it exists.
     ///
     /// # Errors
     /// [`BusError::ChannelName`], or [`BusError::Failed`] if it cannot be read.
@@ -92,7 +92,8 @@ impl Bus {
         Ok(details.and_then(|details| describe(self.domain(), &details)))
     }
 
-    /// How many publishers and subscribers a channel has, the dead that nobody has removed yet included.
+    /// Returns the number of publishers and subscribers of a channel, including those of dead processes not yet
+    /// removed.
     ///
     /// # Errors
     /// As [`Bus::tap`].
@@ -102,13 +103,13 @@ impl Bus {
         Ok((dynamic.number_of_publishers(), dynamic.number_of_subscribers()))
     }
 
-    /// Who publishes on a channel: the number that its samples carry ([`Raw::publisher`]) and the process id.
+    /// Returns the publishers of a channel: the id in their samples ([`Raw::publisher`]) and the process id.
     ///
     /// # Errors
     /// As [`Bus::tap`].
     pub fn publishers(&self, name: &str) -> Result<Vec<(u128, u32)>, BusError> {
         let (service, _) = self.open_raw(name)?;
-        Ok(listed(|note| {
+        Ok(collect_listed(|note| {
             service.dynamic_config().list_publishers(|port| {
                 if let Ok(pid) = port.node_id.pid::<ipc::Service>() {
                     note((port.publisher_id.value(), pid.value().unsigned_abs()));
@@ -118,17 +119,17 @@ impl Bus {
         }))
     }
 
-    /// Listens to a channel that exists, whatever it carries, with a buffer of [`Quality::SHALLOW`] samples, and as much of its history as any
-    /// late subscriber gets.
+    /// Subscribes to an existing channel of any type, with a buffer of [`Quality::SHALLOW`] samples and the history for
+    /// late subscribers.
     ///
     /// # Errors
-    /// [`BusError::NoChannel`] if nobody has opened it, [`BusError::Full`] if it has its subscribers already, and others.
+    /// [`BusError::NoChannel`] if it does not exist, [`BusError::Full`] if all its subscribers are taken, and others.
     pub fn tap(&self, name: &str) -> Result<Tap, BusError> {
         self.tap_with(name, Quality::SHALLOW, messages::quality_of(name).late)
     }
 
-    /// The same with the channel's whole buffer and all that it has kept: for whoever must not miss anything, nor what was said before it
-    /// came. A channel has [`Quality::DEEP_PLACES`] of these.
+    /// As [`Bus::tap`], with the channel's whole buffer and whole history, for processes that need every sample, also
+    /// those published before they subscribed. A channel has [`Quality::DEEP_PLACES`] of these.
     ///
     /// # Errors
     /// As [`Bus::tap`].
@@ -169,7 +170,8 @@ impl Bus {
             .ok_or_else(absent)?;
         let info = describe(self.domain(), &details).ok_or_else(absent)?;
         let types = details.static_details.publish_subscribe().message_type_details();
-        // SAFETY: the type details are those that the channel itself states, and `Tap` reads samples as bytes only, as many as it says.
+        // SAFETY: the type details are those of the channel itself, and `Tap` only reads the bytes of a sample, by its
+        // length.
         #[allow(unsafe_code)]
         let opened = unsafe {
             self.node
@@ -185,77 +187,80 @@ impl Bus {
 }
 
 impl Tap {
-    /// Gives the oldest sample not yet received to `take`; `None` if there is none.
+    /// Calls `read` with the oldest sample not yet received and returns its result; `None` if there is no sample.
     ///
     /// # Errors
     /// [`BusError::Failed`] only if shared memory is damaged.
-    pub fn receive<R>(&mut self, take: impl FnOnce(Raw<'_>) -> R) -> Result<Option<R>, BusError> {
+    pub fn receive<R>(&mut self, read: impl FnOnce(Raw<'_>) -> R) -> Result<Option<R>, BusError> {
         let sample = match self.port.receive() {
-            // as in `Subscriber::receive`
+            // Retry as in `Subscriber::receive`.
             Err(ReceiveError::ConnectionFailure(_)) => self.port.receive(),
             other => other,
         }
         .map_err(|error| BusError::failed(&self.info.name, "receive", &error))?;
         let Some(sample) = sample else { return Ok(None) };
         let payload = sample.payload();
-        // SAFETY: `CustomPayloadMarker` is one byte wide (`repr(C)` over a u8), the slice counts bytes, and a channel carries plain data only.
+        // SAFETY: `CustomPayloadMarker` is one byte wide (`repr(C)` over a u8), so the length of the slice is in bytes,
+        // and a channel carries plain data only.
         #[allow(unsafe_code)]
         let bytes: &[u8] = unsafe { std::slice::from_raw_parts(payload.as_ptr().cast(), payload.len()) };
         let header = bytes.get(..size_of::<Header>()).filter(|_| self.has_header);
         let header = header.map_or_else(Header::default, bytemuck::pod_read_unaligned);
         let publisher = sample.header().publisher_id().value();
-        let missing = if self.has_header { self.losses.note(publisher, header.seq) } else { 0 };
+        let missing = if self.has_header { self.losses.record(publisher, header.seq) } else { 0 };
         self.received += 1;
-        Ok(Some(take(Raw { bytes, header, publisher, missing })))
+        Ok(Some(read(Raw { bytes, header, publisher, missing })))
     }
 
-    /// What is known of the channel.
+    /// Returns the properties of the channel.
     #[must_use]
     pub fn info(&self) -> &ChannelInfo {
         &self.info
     }
 
-    /// Whether the channel's definition says that samples begin with [`Header`]: only then it is known which are missing.
+    /// Returns whether the samples start with [`Header`], by the schema of the channel; only then can losses be
+    /// counted.
     #[must_use]
     pub fn has_header(&self) -> bool {
         self.has_header
     }
 
-    /// Samples that were published and never arrived here, as far as they are numbered.
+    /// Returns the number of samples that were published and never arrived here, if they are numbered.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.losses.lost
     }
 
-    /// How often some were missing.
+    /// Returns the number of gaps in the sequence numbers.
     #[must_use]
     pub fn gaps(&self) -> u64 {
         self.losses.gaps
     }
 
-    /// Samples received.
+    /// Returns the number of samples received.
     #[must_use]
     pub fn received(&self) -> u64 {
         self.received
     }
 }
 
-/// Finds new channels cheaply: reads a folder, and looks closer only when a file in it is new.
+/// Finds new channels at low cost: lists a folder, and reads the channels only if a file in it is new.
 #[derive(Debug, Default)]
 pub struct ChannelWatch {
-    /// Service files by name and inode: a channel that was removed and made again has another inode.
+    /// Service files by name and inode: a channel that was removed and created again has another inode.
     files: HashSet<(std::ffi::OsString, u64)>,
     known: HashSet<(String, String)>,
 }
 
 impl ChannelWatch {
-    /// Nothing known yet.
+    /// Creates a watch that knows no channel.
     #[must_use]
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Channels that have appeared since the last call (all of them at first); one that was made again, perhaps with another type, appears again.
+    /// Returns the channels created since the last call; all of them at the first call. A channel that was created
+    /// again with another type is returned again.
     ///
     /// # Errors
     /// As [`Bus::channels`].
@@ -271,7 +276,7 @@ impl ChannelWatch {
                     .filter(|found| found.mode() & 0o200 == 0)
                     .map(|found| (entry.file_name(), found.ino()))
             })
-            .collect(); // half-made ones are writable: they count when they are finished
+            .collect(); // Incomplete files are writable and are skipped until they are complete.
         if files == self.files {
             return Ok(Vec::new());
         }

@@ -1,4 +1,4 @@
-//! Sleeping until a sample comes, a descriptor is ready, or a time is reached.
+//! Waits until a sample arrives, a descriptor is ready, or a deadline is reached.
 
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
@@ -12,7 +12,7 @@ use rustix::time::Timespec;
 use crate::clock::{SECOND_NS, now_ns};
 use crate::{Bus, BusError};
 
-/// Channels and descriptors of one waiter together.
+/// Largest number of channels plus descriptors of one waiter.
 const LIMIT: usize = 32;
 
 /// Waits for any of several channels and descriptors.
@@ -22,7 +22,7 @@ pub struct Waiter {
     descriptors: ArrayVec<OwnedFd, LIMIT>,
 }
 
-/// What ended the wait; nothing set means that the time was reached or a signal came.
+/// Result of a wait. Nothing is set if the deadline was reached or a signal arrived.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Wake {
     channels: u32,
@@ -30,19 +30,19 @@ pub struct Wake {
 }
 
 impl Wake {
-    /// True if the channel at that place of the list given to [`Bus::waiter`] has something new.
+    /// Returns whether the channel with this index in the list given to [`Bus::waiter`] has a new sample.
     #[must_use]
     pub fn channel(&self, index: usize) -> bool {
         index < LIMIT && self.channels & (1 << index) != 0
     }
 
-    /// True if the descriptor with that number (from [`Waiter::attach`]) can be read or has hung up.
+    /// Returns whether the descriptor with this index (from [`Waiter::attach`]) can be read or has hung up.
     #[must_use]
     pub fn descriptor(&self, index: usize) -> bool {
         index < LIMIT && self.descriptors & (1 << index) != 0
     }
 
-    /// True if something came: false means that the deadline was reached, or a signal ended the wait.
+    /// Returns whether a channel or descriptor ended the wait; false if the deadline was reached or a signal arrived.
     #[must_use]
     pub fn woken(&self) -> bool {
         self.channels | self.descriptors != 0
@@ -50,8 +50,8 @@ impl Wake {
 }
 
 impl Bus {
-    /// Waits for these channels (or for [`crate::CHANNELS_EVENT`]). A wake-up says only that something was published since the last one:
-    /// drain the subscribers then.
+    /// Creates a waiter for these channels or for [`crate::CHANNELS_EVENT`]. A wake-up means that at least one sample
+    /// was published since the last one, so receive from the subscribers until they are empty.
     ///
     /// # Errors
     /// [`BusError::TooManyToWaitFor`] above 32 channels, and those of opening a channel.
@@ -75,8 +75,8 @@ impl Waiter {
         Ok(self.listeners.len() - 1)
     }
 
-    /// Adds anything that becomes readable, e.g. a serial port or a signal's pipe; returns its index for [`Wake::descriptor`]. Reading it is the
-    /// caller's: as long as there is something to read, no wait sleeps.
+    /// Adds a descriptor, e.g. of a serial port or a signal's pipe; returns its index for [`Wake::descriptor`]. The
+    /// caller must read from it: a wait returns at once as long as it is readable.
     ///
     /// # Errors
     /// [`BusError::TooManyToWaitFor`].
@@ -94,7 +94,8 @@ impl Waiter {
         }
     }
 
-    /// Sleeps until something comes or CLOCK_MONOTONIC shows `deadline_ns`; `None` waits for ever. A signal ends the wait too.
+    /// Waits until a channel or descriptor is ready or CLOCK_MONOTONIC reaches `deadline_ns`; `None` means no deadline.
+    /// A signal ends the wait too.
     ///
     /// Checks once even if the deadline has passed.
     ///
@@ -141,7 +142,8 @@ impl Waiter {
 }
 
 fn descriptor_of(listener: &Listener<ipc::Service>) -> BorrowedFd<'_> {
-    // SAFETY: the listener owns its socket and keeps it open for its whole life, which the returned borrow does not outlive.
+    // SAFETY: the listener owns its socket and keeps it open as long as it exists; the returned borrow does not outlive
+    // it.
     #[allow(unsafe_code)]
     unsafe {
         BorrowedFd::borrow_raw(listener.file_descriptor().native_handle())

@@ -1,8 +1,8 @@
-//! The folder of a domain: what is made, what is removed, and what is left alone.
+//! The folder of a domain: which files are created, removed, and left unchanged.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use bus::{Bus, BusError, Domain, Unfit};
-use messages::OperatorRequest;
+use messages::{OperatorRequest, Request};
 use std::fs;
 use std::os::unix::fs::{PermissionsExt, symlink};
 use std::path::Path;
@@ -20,20 +20,20 @@ fn refused(root: &Path) -> Unfit {
 }
 
 #[test]
-fn a_folder_with_someone_elses_files_is_refused_and_not_touched() {
+fn a_folder_with_other_files_is_rejected_and_not_modified() {
     let place = in_memory();
     fs::create_dir(place.path().join("photos")).unwrap();
     fs::write(place.path().join("photos/one"), "1").unwrap();
     fs::set_permissions(place.path(), fs::Permissions::from_mode(0o755)).unwrap();
     assert_eq!(refused(place.path()), Unfit::OtherFiles);
-    assert!(Domain::existing(place.path().to_str().unwrap()).unwrap().is_none(), "and no robot is there");
+    assert!(Domain::existing(place.path().to_str().unwrap()).unwrap().is_none(), "it is no domain");
     assert_eq!(fs::read_dir(place.path()).unwrap().count(), 1);
     assert_eq!(fs::metadata(place.path()).unwrap().permissions().mode() & 0o777, 0o755);
     assert!(place.path().join("photos/one").is_file());
 }
 
 #[test]
-fn a_folder_that_others_may_enter_is_refused_and_keeps_its_mode() {
+fn a_folder_that_others_may_enter_is_rejected_and_keeps_its_mode() {
     let place = in_memory();
     fs::set_permissions(place.path(), fs::Permissions::from_mode(0o755)).unwrap();
     assert_eq!(refused(place.path()), Unfit::Open { mode: 0o755 });
@@ -42,17 +42,17 @@ fn a_folder_that_others_may_enter_is_refused_and_keeps_its_mode() {
 }
 
 #[test]
-fn a_folder_on_a_disk_is_refused() {
+fn a_folder_on_a_disk_is_rejected() {
     let on_disk = Path::new("/").join(format!("nims-{}", std::process::id()));
     if rustix::fs::statfs("/").unwrap().f_type == 0x0102_1994 {
-        return; // this machine has no disk
+        return notes::left_out("a domain's folder on a disk is refused", "the root of this machine is in memory");
     }
     assert_eq!(refused(&on_disk), Unfit::NotInMemory);
     assert!(!on_disk.exists());
 }
 
 #[test]
-fn a_sweep_removes_only_what_a_domain_makes() {
+fn a_sweep_removes_only_files_of_the_domain() {
     let place = in_memory();
     let domain = Domain::from_root(&place.path().join("robot")).unwrap();
     drop(Bus::join(&domain, "test").unwrap());
@@ -64,7 +64,7 @@ fn a_sweep_removes_only_what_a_domain_makes() {
     for own in ["children.json", "running.json", "drives1.time"] {
         fs::write(root.join(own), "").unwrap();
     }
-    // it is known by its mark from now on, whatever else is in it
+    // The folder is marked, so it is accepted although it contains other files.
     let domain = Domain::parse(domain.name()).unwrap();
     assert!(domain.sweep().unwrap().files >= 4);
     let mut left: Vec<String> =
@@ -74,7 +74,7 @@ fn a_sweep_removes_only_what_a_domain_makes() {
 }
 
 #[test]
-fn a_domain_that_is_given_up_leaves_nothing_and_can_be_claimed_anew() {
+fn a_domain_that_is_given_up_leaves_no_files_and_can_be_claimed_again() {
     let domain = Domain::new(&format!("f{}", std::process::id())).unwrap();
     let claim = domain.claim().unwrap();
     let bus = Bus::join(&domain, "test").unwrap();
@@ -84,34 +84,34 @@ fn a_domain_that_is_given_up_leaves_nothing_and_can_be_claimed_anew() {
     assert!(!domain.root().exists());
     let ours = |entry: &fs::DirEntry| entry.file_name().to_string_lossy().starts_with(domain.prefix());
     assert_eq!(fs::read_dir("/dev/shm").unwrap().flatten().filter(ours).count(), 0);
-    // the same value, whose folder is gone
+    // The same value, whose folder was removed.
     let claim = domain.claim().unwrap();
     assert!(matches!(domain.claim(), Err(BusError::Claimed { .. })));
     let bus = Bus::join(&domain, "observer").unwrap();
-    assert!(!domain.retire(claim), "someone lives there");
+    assert!(!domain.retire(claim), "a process runs in it");
     assert!(domain.root().exists());
     drop(bus);
     assert!(domain.retire(domain.claim().unwrap()));
 }
 
 #[test]
-fn a_stop_asked_of_a_process_that_stands_still_is_found_when_it_goes_on() {
+fn a_suspended_process_receives_a_stop_request_when_it_continues() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "motor-io").unwrap();
     let mut server = bus.server("motor-io").unwrap();
     let commands = Bus::join(&domain, "nims-command").unwrap();
-    let request = OperatorRequest { verb: OperatorRequest::VERB_ESTOP, ..Default::default() };
-    // one client that gave up while the process stood still, and ended with its program
+    let request = Request::Estop.encode().unwrap();
+    // A client whose program timed out and ended while the server was suspended.
     let mut client = commands.client("motor-io").unwrap();
-    let mut said = 0;
+    let mut calls = 0;
     let before = bus::clock::now_ns();
-    let error = client.ask_aloud(&request, Duration::from_millis(60), Duration::from_millis(20), || said += 1);
+    let error = client.ask_aloud(&request, Duration::from_millis(60), Duration::from_millis(20), || calls += 1);
     assert!(matches!(error, Err(BusError::NoAnswer { .. })), "{error:?}");
-    assert_eq!(said, 1, "said once, before it gave up");
+    assert_eq!(calls, 1, "called once, before the timeout");
     client.leave_behind();
     let call = server.try_next().unwrap().expect("the request is still there");
-    assert_eq!(call.request.verb, OperatorRequest::VERB_ESTOP);
-    assert!(call.request.header.stamp_ns >= before, "it says when it was asked");
+    assert_eq!(call.request.body, Request::Estop.body());
+    assert!(call.request.header.stamp_ns >= before, "the stamp is the time of the request");
     assert!(call.unlogged.is_none());
     call.answer(messages::OperatorRequest::ACCEPTED, "stopped").unwrap();
     assert!(server.try_next().unwrap().is_none());

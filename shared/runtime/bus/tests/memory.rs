@@ -1,4 +1,4 @@
-//! Shared memory that runs short, and places that run out.
+//! Exhausted shared memory, and exhausted places of channels.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
@@ -9,22 +9,22 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bus::{Bus, BusError, Client, Domain, Party, Subscriber, THIS_PROCESS, Tap};
-use messages::{LogEvent, MotorState, OperatorRequest, Quality, quality_of};
+use messages::{LogEvent, MotorState, Quality, Request, quality_of};
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
 const STATE: &str = "motor/state";
-/// Set in a process that has a /dev/shm of its own.
+/// Environment variable that is set in a process with its own /dev/shm.
 const OWN: &str = "NIMS_TEST_OWN_SHARED_MEMORY";
 
 #[test]
-fn whatever_is_made_has_its_memory_at_once() {
+fn created_objects_have_all_their_memory() {
     let domain = Domain::for_test();
     let [motor, recorder, other] = ["motor-io", "recorder", "other"].map(|name| Bus::join(&domain, name).unwrap());
     let mut publisher = motor.publisher::<MotorState>(STATE).unwrap();
     let _server = motor.server("motor-io").unwrap();
     let _log = motor.publisher::<LogEvent>("system/log/motor-io").unwrap();
     assert_eq!(domain.memory().unreserved, 0);
-    // Connections are made by who comes later, and by the next sample.
+    // Later peers, and the next sample, create connections.
     let mut all = recorder.tap_with_history(STATE).unwrap();
     let mut some = other.subscriber::<MotorState>(STATE).unwrap();
     let (_client, _waiter) = (other.client("motor-io").unwrap(), other.waiter(&[STATE]).unwrap());
@@ -38,7 +38,7 @@ fn whatever_is_made_has_its_memory_at_once() {
 }
 
 #[test]
-fn a_publisher_has_a_sample_to_lend_whatever_its_subscribers_do() {
+fn a_publisher_always_has_a_free_sample() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "motor-io").unwrap();
     let mut publisher = bus.publisher::<MotorState>(STATE).unwrap();
@@ -66,7 +66,7 @@ fn a_publisher_has_a_sample_to_lend_whatever_its_subscribers_do() {
             _ => {}
         }
     }
-    // The newest are there for each, as many as it has room for.
+    // Each subscriber receives the newest samples, as many as its buffer holds.
     let newest = publisher.seq();
     for tap in &mut deep {
         let mut last = None;
@@ -78,7 +78,7 @@ fn a_publisher_has_a_sample_to_lend_whatever_its_subscribers_do() {
 }
 
 #[test]
-fn who_looks_on_and_who_commands_leave_places_to_the_robot() {
+fn observers_and_commands_leave_places_to_the_robot() {
     let domain = Domain::for_test();
     let limit = quality_of(STATE).subscribers;
     let bus = |party| Bus::join_as(&domain, "x", party).unwrap();
@@ -87,23 +87,23 @@ fn who_looks_on_and_who_commands_leave_places_to_the_robot() {
     let looking: Vec<Tap> = (0..limit).map_while(|_| guests.tap(STATE).ok()).collect();
     assert_eq!(looking.len(), Party::Guest.ceiling(limit));
     assert!(matches!(guests.subscriber::<MotorState>(STATE), Err(BusError::Full { .. })));
-    // Nine of them, of all that there are, once left none to `nims status`.
+    // Without the reserved places, nine observers left none to `nims status`.
     let commands = bus(Party::Command);
     let commanding: Vec<_> = (0..limit).map_while(|_| commands.subscriber::<MotorState>(STATE).ok()).collect();
     assert_eq!(commanding.len() + looking.len(), Party::Command.ceiling(limit));
     let members = bus(Party::Member);
     let controlling: Vec<_> = (0..limit).map_while(|_| members.subscriber::<MotorState>(STATE).ok()).collect();
     assert_eq!(controlling.len() + commanding.len() + looking.len(), limit);
-    // The same for who wakes and who waits, and for those who ask.
+    // The same applies to notifiers, listeners and clients.
     let _server = members.server("motor-io").unwrap();
     let clients: Vec<Client> = (0..100).map_while(|_| commands.client("motor-io").ok()).collect();
     assert!(clients.len() >= 8, "{}", clients.len());
     let refused = |error: BusError| matches!(&error, BusError::Full { holders, .. } if holders == THIS_PROCESS);
-    assert!(commands.client("motor-io").is_err_and(refused), "it says who asks");
-    members.client("motor-io").expect("a place for what stops the robot");
+    assert!(commands.client("motor-io").is_err_and(refused), "the error names the clients");
+    members.client("motor-io").expect("a place for a command that stops the robot");
     let waiting: Vec<_> = (0..100).map_while(|_| guests.waiter(&[STATE]).ok()).collect();
     assert!(waiting.len() >= 8 && members.waiter(&[STATE]).is_ok(), "{}", waiting.len());
-    assert!(guests.waiter(&[STATE]).is_err_and(refused), "it says who waits");
+    assert!(guests.waiter(&[STATE]).is_err_and(refused), "the error names the listeners");
 }
 
 #[test]
@@ -123,8 +123,8 @@ fn a_channel_has_a_few_deep_subscribers_and_all_others_are_shallow() {
     assert_eq!(count(&mut shallow), Quality::SHALLOW);
 }
 
-/// Runs one test of this file again in a process that has so much shared memory, and sees that it is not ended by a signal. False, and says
-/// so, where this user cannot make such a process.
+/// Runs one test of this file again in a process with its own /dev/shm of this size, and checks that no signal ends it.
+/// Returns false, with a note, if this user cannot start such a process.
 fn with_shared_memory(size: &str, test: &str) -> bool {
     let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm");
     let unshare = |command: &str| {
@@ -133,7 +133,7 @@ fn with_shared_memory(size: &str, test: &str) -> bool {
         unshare
     };
     if !unshare(&mount).output().is_ok_and(|tried| tried.status.success()) {
-        eprintln!("{test} is left out: this user cannot mount a /dev/shm of its own (unshare --mount --map-root-user)");
+        notes::left_out("full shared memory", "this user cannot mount a /dev/shm (unshare --mount --map-root-user)");
         return false;
     }
     let program = std::env::current_exe().unwrap();
@@ -147,7 +147,7 @@ fn with_shared_memory(size: &str, test: &str) -> bool {
     true
 }
 
-/// Takes what is free of shared memory but for so many bytes.
+/// Allocates all free shared memory except `but` bytes.
 fn fill(file: &File, but: u64) {
     let room = statvfs("/dev/shm").unwrap();
     let free = room.f_bavail * room.f_frsize;
@@ -157,9 +157,9 @@ fn fill(file: &File, but: u64) {
 }
 
 #[test]
-fn what_has_no_room_is_refused_before_it_is_made_and_what_lives_goes_on() {
+fn without_memory_new_objects_are_rejected_and_existing_ones_still_work() {
     if std::env::var_os(OWN).is_none() {
-        with_shared_memory("64m", "what_has_no_room_is_refused_before_it_is_made_and_what_lives_goes_on");
+        with_shared_memory("64m", "without_memory_new_objects_are_rejected_and_existing_ones_still_work");
         return;
     }
     let domain = Domain::for_test();
@@ -174,7 +174,7 @@ fn what_has_no_room_is_refused_before_it_is_made_and_what_lives_goes_on() {
     assert!(matches!(guest.tap(STATE), Err(BusError::NoMemory { .. })));
     assert!(matches!(Bus::join_as(&domain, "guest", Party::Guest), Err(BusError::NoMemory { .. })));
     assert_eq!(files(), before);
-    let _tap = bus.tap(STATE).expect("the robot's own have the last of it");
+    let _tap = bus.tap(STATE).expect("the robot's processes may use the margin");
     fill(&filler, 0);
     let before = files();
     assert!(matches!(bus.publisher::<LogEvent>("system/log/x"), Err(BusError::NoMemory { .. })));
@@ -182,12 +182,12 @@ fn what_has_no_room_is_refused_before_it_is_made_and_what_lives_goes_on() {
     assert!(matches!(bus.client("motor-io"), Err(BusError::NoMemory { .. })));
     assert!(matches!(Bus::join(&domain, "other"), Err(BusError::NoMemory { .. })));
     assert_eq!(files(), before);
-    // More than the channel keeps: each of its pages is written.
+    // More samples than the channel stores, so that each of its pages is written.
     for _ in 0..2_000 {
         publisher.send(&mut MotorState::default()).unwrap();
     }
     assert_eq!(std::iter::from_fn(|| subscriber.receive().unwrap()).count(), quality_of(STATE).buffer);
-    let request = OperatorRequest { verb: OperatorRequest::VERB_ESTOP, ..OperatorRequest::default() };
+    let request = Request::Estop.encode().unwrap();
     let mut emergency = bus::estop::Receiver::open(&domain).unwrap();
     let answer = std::thread::scope(|scope| {
         let asked = scope.spawn(|| bus::estop::send(&domain, &request, Duration::from_secs(20), Duration::ZERO, || ()));
@@ -197,11 +197,11 @@ fn what_has_no_room_is_refused_before_it_is_made_and_what_lives_goes_on() {
     assert_eq!(messages::text_of(&answer.unwrap().answer), "It stands.");
 }
 
-/// Another user takes and leaves all memory as fast as it can, while channels are made and used.
+/// A thread repeatedly fills and frees shared memory while channels are created and used.
 #[test]
-fn a_thousand_times_memory_is_taken_while_channels_are_made() {
+fn channels_are_created_a_thousand_times_while_memory_is_filled() {
     if std::env::var_os(OWN).is_none() {
-        with_shared_memory("8m", "a_thousand_times_memory_is_taken_while_channels_are_made");
+        with_shared_memory("8m", "channels_are_created_a_thousand_times_while_memory_is_filled");
         return;
     }
     static DONE: AtomicBool = AtomicBool::new(false);
@@ -243,6 +243,6 @@ fn make_and_use(domain: &Domain) -> Result<(), BusError> {
         publisher.send(&mut MotorState::default())?;
     }
     let received = std::iter::from_fn(|| subscriber.receive().transpose()).count();
-    assert!(received > 0, "two ports that were made are connected");
+    assert!(received > 0, "two created ports are connected");
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Ports within one process: what arrives, what is lost, what is refused, and that nothing is allocated on the way.
+//! Ports within one process: delivery, losses, rejections, and allocations.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -8,14 +8,15 @@ use std::time::Duration;
 use bus::clock::now_ns;
 use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain, PlaceKind};
 use messages::{
-    Field, Header, Heartbeat, Message, MotorState, NodeEstimate, OperatorRequest, PlanMotion, put_text, text_of,
+    Field, Header, Heartbeat, Message, MotorState, NodeEstimate, OperatorRequest, PlanMotion, Request, put_text,
+    text_of,
 };
 
-/// Counts allocations of the thread that asks for it.
+/// An allocator that counts the allocations of each thread.
 struct Counting;
 thread_local!(static ALLOCATIONS: Cell<u64> = const { Cell::new(0) });
 
-// SAFETY: everything is passed on to the system's allocator; counting does not allocate.
+// SAFETY: all calls are forwarded to the system's allocator; counting does not allocate.
 #[allow(unsafe_code)]
 unsafe impl GlobalAlloc for Counting {
     unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
@@ -56,7 +57,7 @@ fn a_sample_arrives_whole_and_in_order() {
 }
 
 #[test]
-fn who_lags_too_far_loses_the_oldest_and_knows_how_many() {
+fn a_slow_subscriber_loses_the_oldest_samples_and_counts_them() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let buffer = messages::quality_of("system/heartbeat/x").buffer as u64;
@@ -73,7 +74,7 @@ fn who_lags_too_far_loses_the_oldest_and_knows_how_many() {
 }
 
 #[test]
-fn who_comes_late_gets_the_history_and_counts_no_loss() {
+fn a_late_subscriber_receives_the_history_and_counts_no_loss() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut publisher = bus.publisher::<PlanMotion>("plan/motion").unwrap();
@@ -115,7 +116,7 @@ fn receiving_and_waiting_allocate_nothing_and_sending_one_counter() {
 }
 
 #[test]
-fn one_publisher_is_a_lease() {
+fn a_channel_with_one_publisher_rejects_a_second_one() {
     let domain = Domain::for_test();
     let (one, two) = (Bus::join(&domain, "motor-io").unwrap(), Bus::join(&domain, "intruder").unwrap());
     let first = one.publisher::<MotorState>("motor/state").unwrap();
@@ -127,7 +128,7 @@ fn one_publisher_is_a_lease() {
 }
 
 #[test]
-fn builds_that_disagree_refuse_each_other_in_one_sentence() {
+fn another_type_on_a_channel_is_an_error_of_one_sentence() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let _publisher = bus.publisher::<MotorState>("motor/state").unwrap();
@@ -135,14 +136,14 @@ fn builds_that_disagree_refuse_each_other_in_one_sentence() {
     let BusError::TypeMismatch { found, wanted, .. } = &error else { panic!("{error}") };
     assert_eq!((found.as_str(), wanted.as_str()), (MotorState::type_name(), NodeEstimate::type_name()));
     assert_eq!(error.to_string().lines().count(), 1);
-    // A sensor that was changed gets another name, and is told so.
+    // The sentence tells the user to give a changed sensor another name.
     let _sensor = bus.publisher::<messages::Reading>("sensor/soil").unwrap();
     let error = bus.publisher::<Heartbeat>("sensor/soil").unwrap_err().to_string();
     assert!(error.contains("`soil-2`") && error.lines().count() == 1, "{error}");
 }
 
 #[test]
-fn names_that_cannot_be_are_refused() {
+fn invalid_names_are_rejected() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     for name in ["", "/motor", "motor//state", "Motor/State", "motor/stäte", "motor state", &"x/".repeat(40)] {
@@ -157,7 +158,7 @@ fn names_that_cannot_be_are_refused() {
 }
 
 #[test]
-fn a_tap_sees_the_bytes_that_the_type_has() {
+fn a_tap_receives_the_bytes_of_the_sample() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     assert!(matches!(bus.tap("node/estimate/a"), Err(BusError::NoChannel { .. })));
@@ -183,7 +184,7 @@ fn a_tap_sees_the_bytes_that_the_type_has() {
 }
 
 #[test]
-fn where_samples_have_no_numbers_none_is_called_missing() {
+fn samples_without_sequence_numbers_cause_no_losses() {
     use messages::ros::PoseStamped;
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
@@ -191,7 +192,7 @@ fn where_samples_have_no_numbers_none_is_called_missing() {
     let mut states = bus.publisher::<MotorState>("motor/state").unwrap();
     let (mut without, mut with) = (bus.tap("visualization/pose").unwrap(), bus.tap("motor/state").unwrap());
     assert!(with.has_header() && !without.has_header());
-    // where the header would have its number: ever another one
+    // The bytes where the header would have its sequence number vary.
     for content in [1, 100, 3, 200] {
         poses.send(&mut PoseStamped::of(&[content; 72]).unwrap()).unwrap();
         states.send(&mut MotorState::default()).unwrap();
@@ -226,12 +227,12 @@ fn a_new_channel_is_announced() {
     assert_eq!(
         watch.new_channels(&recorder).unwrap()[0].type_name,
         Heartbeat::type_name(),
-        "made again with another type"
+        "created again with another type"
     );
 }
 
 #[test]
-fn a_waiter_wakes_for_what_came_and_for_nothing_else() {
+fn a_waiter_wakes_only_for_ready_channels_and_descriptors() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut waiter = bus.waiter(&["motor/state", "plan/motion"]).unwrap();
@@ -260,9 +261,9 @@ fn requests_are_answered_and_published() {
         move || {
             let bus = Bus::join(&domain, "nims").unwrap();
             let mut client = bus.client("motor-io").unwrap();
-            let request = OperatorRequest { verb: OperatorRequest::VERB_JOG, args: [2.0; 8], ..Default::default() };
+            let request = Request::Jog { cable: 2, distance_m: 2.0 }.encode().unwrap();
             let answer = client.ask(&request, Duration::from_secs(5)).unwrap();
-            assert_eq!((answer.answered, answer.verb), (1, OperatorRequest::VERB_JOG));
+            assert_eq!((answer.answered, answer.body), (1, request.body));
             assert_eq!(answer.accepted, OperatorRequest::BAD_INPUT);
             assert_ne!(answer.id, 0);
             text_of(&answer.answer)
@@ -275,7 +276,7 @@ fn requests_are_answered_and_published() {
         }
         waiter.wait_until(soon()).unwrap();
     };
-    assert_eq!(call.request.args, [2.0; 8]);
+    assert_eq!(Request::decode(&call.request), Ok(Request::Jog { cable: 2, distance_m: 2.0 }));
     assert!(call.is_awaited());
     call.answer(OperatorRequest::BAD_INPUT, "cable 2 is at its end: jog the other way").unwrap();
     assert_eq!(asking.join().unwrap(), "cable 2 is at its end: jog the other way");
@@ -287,7 +288,7 @@ fn requests_are_answered_and_published() {
 }
 
 #[test]
-fn nobody_there_is_said_at_once_and_silence_after_the_timeout() {
+fn a_missing_server_is_an_error_at_once_and_a_silent_one_after_the_timeout() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "nims").unwrap();
     let mut client = bus.client("planner").unwrap();
@@ -298,7 +299,7 @@ fn nobody_there_is_said_at_once_and_silence_after_the_timeout() {
     let mut server = bus.server("planner").unwrap();
     let error = client.ask(&request, Duration::from_millis(20)).unwrap_err();
     assert!(matches!(error, BusError::NoAnswer { .. }), "{error}");
-    // its request is gone with it, or is answered into the void; the next one works
+    // The timed-out request is withdrawn, or its answer is dropped; the next request works.
     while let Some(call) = server.try_next().unwrap() {
         assert!(!call.is_awaited());
         call.answer(OperatorRequest::ACCEPTED, "too late").unwrap();
@@ -308,7 +309,7 @@ fn nobody_there_is_said_at_once_and_silence_after_the_timeout() {
 }
 
 #[test]
-fn domains_never_meet() {
+fn domains_are_isolated() {
     let (here, there) = (Domain::for_test(), Domain::for_test());
     let (one, two) = (Bus::join(&here, "x").unwrap(), Bus::join(&there, "x").unwrap());
     let mut publisher = one.publisher::<MotorState>("motor/state").unwrap();
@@ -319,7 +320,7 @@ fn domains_never_meet() {
 }
 
 #[test]
-fn a_domain_is_run_by_one() {
+fn a_domain_has_one_owner() {
     let domain = Domain::for_test();
     let claim = domain.claim().unwrap();
     let error = domain.claim().unwrap_err();
@@ -346,7 +347,7 @@ fn a_removed_test_domain_leaves_nothing() {
     assert_eq!(left.count(), 0);
 }
 
-/// A type whose definition is far longer than what fits beside a channel.
+/// A type whose schema text is far longer than the attributes of a channel.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, bytemuck::Pod, bytemuck::Zeroable)]
 struct Long {
@@ -383,29 +384,29 @@ impl Message for Long {
 }
 
 #[test]
-fn a_long_definition_travels_whole_as_long_as_somebody_holds_the_channel() {
+fn a_long_schema_can_be_read_as_long_as_the_channel_is_open() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     assert!(Long::schema().len() > 7_000);
     let whole = |name: &str| bus.channel(name).unwrap().and_then(|info| info.schema).as_deref() == Some(Long::schema());
     let sensor = Bus::join(&domain, "sensor").unwrap();
     let _publisher = sensor.publisher::<Long>("sensor/gas").unwrap();
-    assert!(whole("sensor/gas"), "found by a stranger");
+    assert!(whole("sensor/gas"), "read by a process that does not know the type");
     assert_eq!(bus.tap("sensor/gas").unwrap().info().schema.as_deref(), Some(Long::schema()));
     let logger = Bus::join(&domain, "logger").unwrap();
     let subscriber = logger.subscriber::<Long>("sensor/gas").unwrap();
     drop((_publisher, sensor));
-    assert!(whole("sensor/gas"), "who made it has gone");
+    assert!(whole("sensor/gas"), "its creator has ended");
     let tap = bus.tap("sensor/gas").unwrap();
     drop((subscriber, logger));
     let again = Bus::join(&domain, "sensor").unwrap();
     let _publisher = again.publisher::<Long>("sensor/gas").unwrap();
-    assert!(whole("sensor/gas"), "only a stranger held it, and it is taken up again");
+    assert!(whole("sensor/gas"), "the channel was open only in a process that does not know the type");
     drop(tap);
 }
 
 #[test]
-fn a_recorder_gets_all_that_was_kept() {
+fn a_tap_with_history_receives_all_stored_samples() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut publisher = bus.publisher::<MotorState>("motor/state").unwrap();

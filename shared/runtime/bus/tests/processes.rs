@@ -1,4 +1,4 @@
-//! Ports between processes, and processes that are killed.
+//! Ports between processes, also after a process was killed.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::io::{BufRead, BufReader};
@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 
 use bus::clock::now_ns;
 use bus::{Bus, BusError, Domain, Subscriber, Unfit, Waiter};
-use messages::{MotorState, OperatorRequest};
+use messages::{MotorState, Request};
 
-/// Another process, ready; killed when dropped.
+/// A running peer process; killed when dropped.
 struct Peer(Child);
 
 impl Peer {
@@ -39,13 +39,13 @@ impl Drop for Peer {
     }
 }
 
-/// Cargo builds examples before it runs tests, beside the folder of this one.
+/// Path of the peer program: cargo builds examples before it runs tests, in a folder next to that of the tests.
 fn example() -> PathBuf {
     std::env::current_exe().unwrap().ancestors().nth(2).unwrap().join("examples/peer")
 }
 
-/// Receives at least `count` samples of one or more publishers, each publisher's in order; returns them.
-fn take(count: usize, subscriber: &mut Subscriber<MotorState>, waiter: &mut Waiter) -> Vec<MotorState> {
+/// Receives at least `count` samples of one or more publishers and returns them, those of each publisher in order.
+fn receive(count: usize, subscriber: &mut Subscriber<MotorState>, waiter: &mut Waiter) -> Vec<MotorState> {
     let give_up = Instant::now() + Duration::from_secs(20);
     let mut samples = Vec::new();
     while samples.len() < count {
@@ -67,20 +67,20 @@ fn a_killed_publisher_is_replaced_without_a_loss_or_a_torn_sample() {
     let mut waiter = bus.waiter(&["motor/state"]).unwrap();
     for life in 0..4 {
         let peer = Peer::start(domain.name(), "motor-io", "publish");
-        let samples = take(30, &mut subscriber, &mut waiter);
+        let samples = receive(30, &mut subscriber, &mut waiter);
         if life == 0 {
             assert_eq!(samples[0].counts[0], 1);
         }
         assert_eq!(domain.alive().len(), 2);
         peer.kill();
-        assert_eq!(domain.alive().len(), 1, "its death shows at once");
+        assert_eq!(domain.alive().len(), 1, "its death is detected at once");
     }
     while subscriber.receive().unwrap().is_some() {}
     assert_eq!((subscriber.lost(), subscriber.broken()), (0, 0));
 }
 
 #[test]
-fn a_channel_with_one_publisher_is_taken_over_from_the_dead_and_not_from_the_living() {
+fn the_place_of_a_publisher_is_free_after_its_death_and_not_before() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let peer = Peer::start(domain.name(), "motor-io", "publish");
@@ -94,7 +94,7 @@ fn a_channel_with_one_publisher_is_taken_over_from_the_dead_and_not_from_the_liv
 }
 
 #[test]
-fn who_comes_late_sees_no_gap() {
+fn a_late_subscriber_counts_no_loss() {
     let domain = Domain::for_test();
     let _peer = Peer::start(domain.name(), "motor-io", "publish");
     std::thread::sleep(Duration::from_millis(50));
@@ -102,7 +102,7 @@ fn who_comes_late_sees_no_gap() {
     let mut waiter = bus.waiter(&["motor/state"]).unwrap();
     let mut subscriber = bus.subscriber::<MotorState>("motor/state").unwrap();
     let mut tap = bus.tap("motor/state").unwrap();
-    let samples = take(50, &mut subscriber, &mut waiter);
+    let samples = receive(50, &mut subscriber, &mut waiter);
     assert!(samples[0].header.seq > 1);
     assert!(samples.windows(2).all(|pair| pair[1].header.seq == pair[0].header.seq + 1));
     let mut tapped = 0;
@@ -119,22 +119,22 @@ fn a_dead_server_is_an_error_and_never_a_hang() {
     let peer = Peer::start(domain.name(), "planner", "answer");
     let bus = Bus::join(&domain, "nims").unwrap();
     let mut client = bus.client("planner").unwrap();
-    let request = OperatorRequest { verb: OperatorRequest::VERB_PAUSE, ..Default::default() };
+    let request = Request::Pause.encode().unwrap();
     assert_eq!(client.ask(&request, Duration::from_secs(20)).unwrap().accepted, 1);
     peer.kill();
-    // its place is still taken: nobody has cleaned up
+    // Its place is still taken, because no process has cleaned up.
     let error = client.ask(&request, Duration::from_millis(50)).unwrap_err();
     assert!(matches!(error, BusError::NoAnswer { .. } | BusError::NoServer { .. }), "{error}");
     bus.clean();
     let error = client.ask(&request, Duration::from_secs(60)).unwrap_err();
     assert!(matches!(error, BusError::NoServer { .. }), "{error}");
-    // a successor is found by the same client
+    // The same client reaches a successor.
     let _peer = Peer::start(domain.name(), "planner", "answer");
     assert_eq!(client.ask(&request, Duration::from_secs(20)).unwrap().accepted, 1);
 }
 
 #[test]
-fn a_sweep_removes_the_dead_and_wipes_what_nobody_lives_in() {
+fn a_sweep_removes_dead_processes_and_wipes_an_empty_domain() {
     let domain = Domain::for_test();
     for _ in 0..3 {
         Peer::start(domain.name(), "silent", "silent").kill();
@@ -145,12 +145,12 @@ fn a_sweep_removes_the_dead_and_wipes_what_nobody_lives_in() {
     let swept = domain.sweep().unwrap();
     assert_eq!((swept.alive, swept.removed, swept.failed), (1, 1, 0));
     assert_eq!(domain.sweep().unwrap().removed, 0);
-    // a channel that was half made: its file is empty and still writable
+    // An incomplete channel: its file is empty and still writable.
     let half = domain.root().join("services").join(format!("{}0123456789abcdef.service", domain.prefix()));
     std::fs::write(&half, "").unwrap();
     std::fs::set_permissions(&half, std::os::unix::fs::PermissionsExt::from_mode(0o600)).unwrap();
     domain.sweep().unwrap();
-    assert!(half.exists(), "it may be in the making");
+    assert!(half.exists(), "a process may still be creating it");
     std::fs::File::open(&half).unwrap().set_modified(std::time::SystemTime::now() - Duration::from_secs(10)).unwrap();
     assert_eq!(domain.sweep().unwrap().files, 1);
     drop(bus);
@@ -164,29 +164,29 @@ fn a_sweep_removes_the_dead_and_wipes_what_nobody_lives_in() {
 #[test]
 fn it_works_for_a_user_without_privileges() {
     if !rustix::process::geteuid().is_root() {
-        return; // then every other test shows it
+        return; // all other tests then run as such a user
     }
-    // the folder of this test's program may be closed to others: take the program elsewhere
+    // Copy the program, because other users may not be able to enter its folder.
     let place = tempfile::Builder::new().prefix("nims-peer-").tempdir_in("/tmp").unwrap();
     std::fs::set_permissions(place.path(), std::os::unix::fs::PermissionsExt::from_mode(0o755)).unwrap();
     let program = place.path().join("peer");
     std::fs::copy(example(), &program).unwrap();
     let name = format!("u{}", std::process::id());
     let _clean = Leftovers(Path::new("/dev/shm").join(format!("nims-65534-{name}")));
-    let as_nobody = |what: &str, process: &str| {
+    let as_unprivileged_user = |what: &str, process: &str| {
         let mut command = Command::new("setpriv");
         command.args(["--reuid=65534", "--regid=65534", "--clear-groups"]).arg(&program).args([&name, process, what]);
         command
     };
-    let first = Peer::run(&mut as_nobody("publish", "motor-io"));
+    let first = Peer::run(&mut as_unprivileged_user("publish", "motor-io"));
     first.kill();
-    let _second = Peer::run(&mut as_nobody("publish", "motor-io"));
-    // and root, the wrong user, is refused instead of stalling them
+    let _second = Peer::run(&mut as_unprivileged_user("publish", "motor-io"));
+    // Root, which is another user, is rejected; it must not stall them.
     let error = Domain::parse(&format!("/dev/shm/nims-65534-{name}")).unwrap_err();
     assert!(matches!(error, BusError::DomainFolder { why: Unfit::OtherUser { owner: 65534, user: 0 }, .. }), "{error}");
 }
 
-/// Removes what another user's domain has left.
+/// Removes the objects of another user's domain when dropped.
 struct Leftovers(PathBuf);
 
 impl Drop for Leftovers {

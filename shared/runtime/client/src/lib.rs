@@ -9,12 +9,10 @@
 mod process_table;
 mod requests;
 mod robot;
-mod supervision;
 
 pub use process_table::{follow, state_name};
-pub use requests::{MOTOR_IO, PLANNER, box_of, plain, robot_of, run_request, send, with_args};
+pub use requests::{MOTOR_IO, PLANNER, SUPERVISOR, box_of, robot_of, running, sample, send};
 pub use robot::{
     ANSWER, RUNNING_FILE, Running, ask, domain, emergency_stop, estimate, join, join_as, newest, unrecorded,
     unrecorded_of,
 };
-pub use supervision::{SUPERVISOR, SupervisorCommand};

@@ -1,12 +1,12 @@
-//! How a command fails: with one sentence and an exit code.
+//! The failure of a command: one sentence and an exit code.
 
 use messages::OperatorRequest;
 use std::fmt::Display;
 
-/// Why a command did not answer.
+/// Failure of a command.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// What was given cannot be used; exit code 2.
+    /// The input is not accepted; exit code 2.
     #[error("{0}")]
     BadInput(String),
     /// It could not be done now; exit code 1.
@@ -15,17 +15,17 @@ pub enum Failure {
 }
 
 impl Failure {
-    /// Bad input, in the words of another error.
+    /// Converts another error to bad input.
     pub fn bad(error: impl Display) -> Self {
         Self::BadInput(one_line(&error))
     }
 
-    /// Not now, in the words of another error.
+    /// Converts another error to [`Failure::NotNow`].
     pub fn not_now(error: impl Display) -> Self {
         Self::NotNow(one_line(&error))
     }
 
-    /// What the process returns to the shell.
+    /// Returns the exit code of the program.
     #[must_use]
     pub fn exit_code(&self) -> u8 {
         match self {
@@ -34,7 +34,7 @@ impl Failure {
         }
     }
 
-    /// How a process answers that fails so: `accepted` of [`OperatorRequest`].
+    /// Returns `accepted` of [`OperatorRequest`] for an answer with this failure.
     #[must_use]
     pub fn verdict(&self) -> u8 {
         match self {
@@ -43,10 +43,10 @@ impl Failure {
         }
     }
 
-    /// The answer of a process: its sentence, or how the command fails.
+    /// Converts the answer of a process to its sentence or a failure.
     ///
     /// # Errors
-    /// Whatever is not accepted.
+    /// The request was not accepted.
     pub fn of(answer: &OperatorRequest) -> Answer<String> {
         let sentence = messages::text_of(&answer.answer);
         match answer.accepted {
@@ -57,13 +57,19 @@ impl Failure {
     }
 }
 
+impl From<messages::EncodeError> for Failure {
+    fn from(error: messages::EncodeError) -> Self {
+        Self::bad(error)
+    }
+}
+
 impl From<bus::BusError> for Failure {
     fn from(error: bus::BusError) -> Self {
         if error.is_bad_input() { Self::bad(error) } else { Self::not_now(error) }
     }
 }
 
-/// What is wrong with what was given is bad input; what is wrong with the disk is not.
+/// A path that is no run, or that already exists, is bad input; other problems are not.
 impl From<runlog::RunError> for Failure {
     fn from(error: runlog::RunError) -> Self {
         match error {
@@ -79,7 +85,7 @@ impl From<runlog::RunError> for Failure {
 /// The result of a command.
 pub type Answer<T = ()> = Result<T, Failure>;
 
-/// A sentence stays on one line, whatever it quotes.
+/// Joins a message to one text line.
 fn one_line(error: &impl Display) -> String {
     error.to_string().split_whitespace().collect::<Vec<_>>().join(" ")
 }

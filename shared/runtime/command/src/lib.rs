@@ -1,12 +1,12 @@
 //! Common parts of all commands: failures, output, and the values of arguments.
 //!
-//! A tool owns its arguments and one function `run(&Args) -> Result<Output, Failure>`; a program parses, calls it and
-//! prints once ([`main`]).
+//! A tool defines its arguments and one function `run(&Args) -> Result<Output, Failure>`; a program parses the
+//! arguments, calls the function and prints the output once ([`main`]).
 //!
 //! Invariants:
-//! * Exit code 0: answered (also "not feasible", which is an answer); 2: bad input; 1: it could not be done now.
+//! * Exit code 0: answered ("not feasible" is an answer too); 2: bad input; 1: it could not be done now.
 //! * A failure is one sentence on stderr. With `--json`, stdout holds one JSON object and nothing else.
-//! * Arguments parsed by [`values`] are checked: a number is finite, and a point has two or three coordinates.
+//! * A number parsed by [`values`] is finite, and a point has two or three coordinates.
 #![forbid(unsafe_code)]
 
 mod failure;

@@ -1,48 +1,48 @@
-//! What a command answers, and how it reaches the terminal.
+//! The output of a command, and its printing.
 
 use crate::Failure;
 use serde_json::{Value, json};
 use std::io::Write;
 
-/// What a command answers: one JSON object, and the same in words.
+/// The output of a command: one JSON object, and the same as text.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Output {
-    /// For `--json`.
+    /// JSON object, printed with `--json`.
     pub value: Value,
-    /// For people.
+    /// Text, printed without `--json`.
     pub words: String,
-    /// For people, beside an answer that is JSON; printed on stderr, and not with `--json`.
+    /// Additional text, printed on stderr without `--json`.
     pub aside: String,
-    /// Why the command fails although it has answered, such as a check that found an error.
+    /// Why the command fails although it has an output, e.g. because a check found an error.
     pub failure: Option<Failure>,
 }
 
 impl Output {
-    /// An answer in both forms.
+    /// Creates an output in both forms.
     pub fn new(value: Value, words: impl Into<String>) -> Self {
         Self { value, words: words.into(), aside: String::new(), failure: None }
     }
 
-    /// An answer that is JSON for people too.
+    /// Creates an output that is printed as JSON in both cases.
     #[must_use]
     pub fn json(value: Value) -> Self {
         let words = value.to_string();
         Self::new(value, words)
     }
 
-    /// The answer to a request that was accepted.
+    /// Creates the output for an accepted request.
     #[must_use]
     pub fn accepted(sentence: String) -> Self {
         Self::new(json!({ "accepted": true, "answer": sentence }), sentence)
     }
 
-    /// The same answer, after which the command fails.
+    /// Returns the output with a failure, which is reported after it is printed.
     #[must_use]
     pub fn failing(self, failure: Option<Failure>) -> Self {
         Self { failure, ..self }
     }
 
-    /// Prints the answer. A closed pipe (`nims status | head -1`) is the reader's choice, not a failure.
+    /// Prints the output. A closed pipe (`nims status | head -1`) is no failure.
     pub fn print(&self, json: bool) {
         if !json {
             eprint!("{}", self.aside);
@@ -58,7 +58,7 @@ impl From<(Value, String)> for Output {
     }
 }
 
-/// Prints one line of a stream and says whether the reader is still there.
+/// Prints one text line; returns false if standard output is closed.
 #[must_use]
 pub fn print_line(line: &str) -> bool {
     writeln!(std::io::stdout().lock(), "{line}").is_ok()

@@ -1,25 +1,25 @@
-//! Points between people and a robot: three coordinates in space, two in a plane.
+//! Conversion of points between the user's form (two coordinates for a planar robot) and [x, y, z].
 
 use crate::{Answer, Failure};
 use cable_robot::{Robot, Vector3};
 use config::Point;
 use serde_json::{Value, json};
 
-/// The position that was given, m.
+/// Returns the position [x, y, z] of a given point, m.
 ///
 /// # Errors
-/// It is of the other kind than the robot.
+/// The point has another number of coordinates than the robot needs.
 pub fn position(robot: &Robot, point: &Point) -> Answer<[f64; 3]> {
     point.on(robot.is_planar()).map_err(Failure::BadInput)
 }
 
-/// A position as this robot's users write it: [x, y, z], or [x, z].
+/// Returns a position as JSON: [x, y, z], or [x, z] for a planar robot.
 #[must_use]
 pub fn written(robot: &Robot, at: &Vector3<f64>) -> Value {
     if robot.is_planar() { json!([at.x, at.z]) } else { json!([at.x, at.y, at.z]) }
 }
 
-/// The same in a sentence.
+/// Returns a position for a sentence: [x, y, z] m, or [x, z] m for a planar robot.
 #[must_use]
 pub fn in_words(robot: &Robot, at: &Vector3<f64>) -> String {
     let [x, y, z]: [f64; 3] = (*at).into();

@@ -1,13 +1,13 @@
-//! From the arguments of a program to its exit code.
+//! The main function of a program: arguments to exit code.
 
 use crate::{Answer, Failure, Output};
 use clap::Parser;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-/// Parses the arguments, runs the command, prints its output once, and says in one sentence what went wrong.
+/// Parses the arguments, runs the command, prints its output once, and reports a failure in one sentence.
 ///
-/// `json` tells from the arguments whether JSON is wanted. A command that has printed everything itself returns `None`.
+/// `json` returns whether the arguments request JSON. A command that has printed its output itself returns `None`.
 pub fn main<C: Parser>(
     args: impl IntoIterator<Item = OsString>,
     json: impl Fn(&C) -> bool,
@@ -15,8 +15,8 @@ pub fn main<C: Parser>(
 ) -> ExitCode {
     let command = C::command();
     let name = command.get_name();
-    // `nims up` is a program of its own, and speaks as nims.
-    let speaker = name.split(' ').next().unwrap_or(name);
+    // `nims up` is a separate program, but its messages start with `nims`.
+    let prefix = name.split(' ').next().unwrap_or(name);
     let cli = match C::try_parse_from(args) {
         Ok(cli) => cli,
         Err(error) if error.exit_code() == 0 => {
@@ -25,7 +25,7 @@ pub fn main<C: Parser>(
             return ExitCode::SUCCESS;
         }
         Err(error) => {
-            eprintln!("{speaker}: {}", usage(&error, name));
+            eprintln!("{prefix}: {}", usage(&error, name));
             return ExitCode::from(2);
         }
     };
@@ -39,17 +39,17 @@ pub fn main<C: Parser>(
     match failure {
         None => ExitCode::SUCCESS,
         Some(failure) => {
-            eprintln!("{speaker}: {failure}");
+            eprintln!("{prefix}: {failure}");
             ExitCode::from(Failure::exit_code(&failure))
         }
     }
 }
 
-/// The first paragraph of clap's message about wrong arguments, on one line.
+/// Returns the first paragraph of clap's message about wrong arguments, on one text line.
 fn usage(error: &clap::Error, name: &str) -> String {
     use clap::error::ErrorKind;
     if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-        return format!("say what to do; `{name} --help` lists the commands");
+        return format!("the command is missing; `{name} --help` lists the commands");
     }
     let text = error.to_string();
     let first: Vec<&str> =

@@ -1,16 +1,16 @@
-//! The signals that ask a program to end in good order.
+//! The signals that request the orderly end of a program.
 
 use crate::{Answer, Failure};
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 
-/// Why a program ends that was asked to by a signal.
+/// Name of the signals, for the sentence about why a program ends.
 pub const SIGNAL: &str = "a signal (Ctrl-C, SIGTERM or a closed terminal)";
 
-/// Set by a signal: end in good order.
+/// A flag that a signal sets to request the orderly end.
 pub type StopFlag = Arc<AtomicBool>;
 
-/// A flag that Ctrl-C, a service manager's SIGTERM and a closed terminal set.
+/// Returns a flag that Ctrl-C, SIGTERM and a closed terminal set.
 ///
 /// # Errors
 /// The handlers cannot be installed.

@@ -1,22 +1,22 @@
-//! What the values of options are made of: numbers that are finite, points, assignments.
+//! Parsers for the values of arguments: finite numbers, times, points, assignments.
 
 use config::Point;
 
-/// Finite numbers, at least one.
+/// At least one finite number.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Numbers(pub Vec<f64>);
 
-/// No quantity of a robot is larger, in whatever unit: what is has lost its decimal point.
+/// Largest accepted number: no quantity of a robot is larger in any unit.
 const LARGEST: f64 = 1e9;
-/// Longest time that can be asked for, s: four months.
+/// Longest accepted time, s: four months.
 const LONGEST_S: f64 = 1e7;
-/// Farthest point, m.
+/// Largest accepted coordinate, m.
 const FARTHEST_M: f64 = 1e5;
 
-/// A finite number within what any quantity of a robot can be.
+/// Parses a finite number of at most 1e9.
 ///
 /// # Errors
-/// Not such a number.
+/// The text is not such a number.
 pub fn finite(text: &str) -> Result<f64, String> {
     let value: f64 = text.trim().parse().map_err(|_| format!("`{text}` is not a number"))?;
     match value {
@@ -26,38 +26,38 @@ pub fn finite(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A time above 0, s.
+/// Parses a time above 0, s.
 ///
 /// # Errors
-/// Not such a time.
+/// The text is not such a time.
 pub fn seconds(text: &str) -> Result<f64, String> {
     let value = finite(text)?;
     if value > 0.0 && value <= LONGEST_S {
         Ok(value)
     } else {
-        Err(format!("{text} is no such time; accepted: above 0, at most {LONGEST_S:e} s"))
+        Err(format!("the time is {text}; accepted: above 0, at most {LONGEST_S:e} s"))
     }
 }
 
-/// A number above 0.
+/// Parses a number above 0.
 ///
 /// # Errors
-/// Not such a number.
+/// The text is not such a number.
 pub fn above_zero(text: &str) -> Result<f64, String> {
     let value = finite(text)?;
-    if value > 0.0 { Ok(value) } else { Err(format!("{text} is not above 0")) }
+    if value > 0.0 { Ok(value) } else { Err(format!("the value is {text}; accepted: above 0")) }
 }
 
-/// A number that is not below 0.
+/// Parses a number of at least 0.
 ///
 /// # Errors
-/// Not such a number.
+/// The text is not such a number.
 pub fn not_negative(text: &str) -> Result<f64, String> {
     let value = finite(text)?;
-    if value >= 0.0 { Ok(value) } else { Err(format!("{text} is less than 0")) }
+    if value >= 0.0 { Ok(value) } else { Err(format!("the value is {text}; accepted: at least 0")) }
 }
 
-/// Numbers separated by commas.
+/// Parses numbers separated by commas.
 ///
 /// # Errors
 /// One of them is not a finite number.
@@ -69,10 +69,10 @@ pub fn numbers(text: &str) -> Result<Numbers, String> {
         .map_err(|why| format!("{why}; give numbers separated by commas"))
 }
 
-/// `KEY=VALUE`.
+/// Parses `KEY=VALUE`.
 ///
 /// # Errors
-/// There is no key.
+/// There is no `=` or no key.
 pub fn assignment(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((key, value)) if !key.trim().is_empty() => Ok((key.trim().to_owned(), value.trim().to_owned())),
@@ -80,14 +80,14 @@ pub fn assignment(text: &str) -> Result<(String, String), String> {
     }
 }
 
-/// Two or three coordinates separated by commas, m.
+/// Parses two or three coordinates separated by commas, m.
 ///
 /// # Errors
-/// Not two or three finite coordinates.
+/// The text is not two or three finite coordinates.
 pub fn point(text: &str) -> Result<Point, String> {
     let Numbers(values) = numbers(text)?;
     if let Some(far) = values.iter().find(|value| value.abs() > FARTHEST_M) {
-        return Err(format!("{far} is too far away; accepted: coordinates within {FARTHEST_M:e} m"));
+        return Err(format!("a coordinate is {far}; accepted: within {FARTHEST_M:e} m"));
     }
     Point::from_numbers(&values).map_err(|why| format!("{why}, separated by commas, e.g. 4.8,3.0,0.3"))
 }
@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_beyond_any_robot_is_refused_with_what_is_accepted() {
+    fn values_out_of_range_are_rejected_with_the_accepted_range() {
         for (refused, says) in [
             (point("1,2,1e300").map(|_| ()), "1e9"),
             (point("1,2,1e6").map(|_| ()), "1e5 m"),

@@ -1,30 +1,31 @@
-//! Whether the computer is busy with other things than the robot: before a start, and while one runs.
+//! Detects a computer that is overloaded by other programs, before a start and while the robot runs.
 
 use crate::{Load, Pressure};
 
-/// Share of the time in which something waited for a processor, above which a computer is busy. An idle one stays below a hundredth, and a
-/// robot alone on two processors below a tenth.
+/// Pressure above which a computer is busy. That of an idle computer stays below 0.01, and that of a robot alone on two
+/// CPUs below 0.1.
 const BUSY_SHARE: f64 = 0.25;
-/// So many times as many threads as processors want to run at once.
+/// Number of runnable threads per CPU above which a computer is busy.
 const CROWDED: f64 = 2.0;
 
-/// What is known of the moment.
+/// The present load of the computer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Busy {
-    /// Share of the last ten seconds in which a thread waited for a processor; `None`: the kernel does not tell.
+    /// Fraction of the last ten seconds in which a thread waited for a CPU; `None` if the kernel has no such
+    /// statistics.
     pub pressure: Option<f64>,
-    /// Threads that want to run, and processors.
+    /// Number of runnable threads and of CPUs.
     pub load: Option<Load>,
 }
 
 impl Busy {
-    /// Looks.
+    /// Reads the statistics.
     #[must_use]
     pub fn look() -> Self {
         Self { pressure: Pressure::open().and_then(|pressure| pressure.some_share()), load: Load::read() }
     }
 
-    /// What is the case, where the robot has to share its computer: a part of a sentence.
+    /// Returns a clause about the load if the computer is busy.
     #[must_use]
     pub fn words(&self) -> Option<String> {
         let pressed = self.pressure.filter(|share| *share >= BUSY_SHARE);
@@ -34,7 +35,7 @@ impl Busy {
         }
         let threads = self.load.map(|load| {
             format!(
-                "{} threads want to run on {} processor{} ({:.1} on average over the last minute)",
+                "{} threads are runnable on {} processor{} ({:.1} on average over the last minute)",
                 load.now,
                 load.processors,
                 if load.processors == 1 { "" } else { "s" },
@@ -44,21 +45,21 @@ impl Busy {
         let waits =
             self.pressure.map(|share| format!("in {:.0} % of the last ten seconds one had to wait", 100.0 * share));
         let parts: Vec<String> = [threads, waits].into_iter().flatten().collect();
-        Some(format!("the computer is busy with other things: {}", parts.join(", and ")))
+        Some(format!("the computer is busy with other programs: {}", parts.join(", and ")))
     }
 
-    /// The same as a whole sentence before a start, with its cure.
+    /// Returns a sentence with the cure if the computer is busy.
     #[must_use]
     pub fn warning(&self) -> Option<String> {
         self.words().map(|words| format!("{words}; {CURE}"))
     }
 }
 
-/// What helps.
+/// The cure for a busy computer.
 pub const CURE: &str =
-    "end what else runs, or permit [realtime] as `nims doctor` says; until then the robot may be slow, or wait";
+    "end other programs, or permit [realtime] as `nims doctor` explains; until then the robot may be slow or pause";
 
-/// Looks at the pressure again and again; says when the computer becomes busy, and when it is over.
+/// Monitors the pressure; reports when the computer becomes busy and when that ends.
 #[derive(Debug, Default)]
 pub struct Watch {
     pressure: Option<Pressure>,
@@ -66,23 +67,23 @@ pub struct Watch {
     busy: bool,
 }
 
-/// Between two looks, ns.
-const LOOK_NS: u64 = 2_000_000_000;
-/// Above this share between two looks the computer has become busy ..
+/// Time between two readings, ns.
+const POLL_NS: u64 = 2_000_000_000;
+/// Pressure between two readings above which the computer becomes busy.
 const BECOMES: f64 = 0.5;
-/// .. and below this it is over.
+/// Pressure below which it is no longer busy; lower than [`BECOMES`] to avoid alternating reports.
 const ENDS: f64 = 0.15;
 
 impl Watch {
-    /// Where the kernel does not tell, it never says anything.
+    /// Starts monitoring; without the kernel's statistics it never reports a change.
     #[must_use]
     pub fn new() -> Self {
         Self { pressure: Pressure::open(), last: None, busy: false }
     }
 
-    /// What has changed, if anything: busy now, by this share, or no longer.
+    /// Reads the pressure every two seconds; returns a change.
     pub fn look(&mut self, now_ns: u64) -> Option<Change> {
-        if self.last.is_some_and(|(then_ns, _)| now_ns < then_ns + LOOK_NS) {
+        if self.last.is_some_and(|(then_ns, _)| now_ns < then_ns + POLL_NS) {
             return None;
         }
         let some_us = self.pressure.as_ref()?.some_us()?;
@@ -102,12 +103,12 @@ impl Watch {
     }
 }
 
-/// What has become of the computer.
+/// A change of the load of the computer.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Change {
-    /// Something waits for a processor in this share of the time.
+    /// The computer has become busy: the fraction of the time in which a thread waited for a CPU.
     Busy(f64),
-    /// No longer.
+    /// The computer is no longer busy.
     Over,
 }
 
@@ -120,28 +121,28 @@ mod tests {
     }
 
     #[test]
-    fn a_computer_with_time_is_no_finding() {
+    fn a_computer_with_little_load_causes_no_warning() {
         assert_eq!(Busy { pressure: Some(0.1), load: load(4) }.warning(), None);
         assert_eq!(Busy { pressure: None, load: None }.warning(), None);
     }
 
     #[test]
-    fn a_busy_one_is_said_with_what_is_known_and_the_cure() {
+    fn the_warning_contains_the_known_figures_and_the_cure() {
         let words = Busy { pressure: Some(0.93), load: load(13) }.warning().unwrap();
         for part in ["13 threads", "2 processors", "93 %", "nims doctor"] {
             assert!(words.contains(part), "{words}");
         }
-        // each alone is enough
+        // Each of the two statistics alone suffices.
         assert!(Busy { pressure: None, load: load(13) }.words().is_some());
         assert!(Busy { pressure: Some(0.3), load: None }.words().is_some());
     }
 
     #[test]
-    fn changes_are_said_once() {
+    fn changes_are_reported_once() {
         const S: u64 = 1_000_000_000;
         let mut watch = Watch::default();
         let steps = [(0, 0), (2, 100_000), (4, 1_900_000), (6, 2_900_000), (8, 3_000_000), (10, 3_100_000)];
-        let said: Vec<Option<Change>> = steps.into_iter().map(|(s, us)| watch.step(s * S, us)).collect();
-        assert_eq!(said, [None, None, Some(Change::Busy(0.9)), None, Some(Change::Over), None]);
+        let changes: Vec<Option<Change>> = steps.into_iter().map(|(s, us)| watch.step(s * S, us)).collect();
+        assert_eq!(changes, [None, None, Some(Change::Busy(0.9)), None, Some(Change::Over), None]);
     }
 }

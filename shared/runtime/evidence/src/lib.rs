@@ -1,12 +1,12 @@
-//! What the kernel records about processor time that a thread did not get. It keeps a starved computer from being
-//! mistaken for a silent drive, a dead controller or a slack cable.
+//! Kernel statistics about CPU time that threads were denied. They distinguish an overloaded computer from a silent
+//! drive, a dead controller or a slack cable.
 //!
 //! A [`Thread`] measures how long one thread was runnable without running, a [`Pressure`] how long any thread of the
-//! machine was, and a [`Load`] how many threads want to run. Every user may read these.
+//! machine was, and a [`Load`] how many runnable threads there are. Every user can read these statistics.
 //!
 //! Invariants:
-//! * Files are opened once; a reading neither allocates nor waits.
-//! * Where a kernel lacks the statistics (`/proc/pressure`, `schedstat`), the result is empty, never an estimate.
+//! * Files are opened once; polling reads them without allocating and without waiting.
+//! * A kernel without a statistic (no `/proc/pressure`, no `schedstat`) yields no value; nothing is guessed.
 #![forbid(unsafe_code)]
 
 pub mod busy;

@@ -1,4 +1,4 @@
-//! The machine as a whole: pressure on its processors, and what wants to run.
+//! Statistics of the machine: pressure on its CPUs, and the number of runnable threads.
 
 use std::fs::{self, File};
 
@@ -11,15 +11,15 @@ pub struct Pressure {
 }
 
 impl Pressure {
-    /// `None` where the kernel does not keep it.
+    /// Opens the file; returns `None` if the kernel has no pressure statistics.
     #[must_use]
     pub fn open() -> Option<Self> {
-        // A kernel that was started with psi=0 has the file, and refuses to read it.
+        // A kernel started with psi=0 has the file, but reading it fails.
         let pressure = Self { file: File::open("/proc/pressure/cpu").ok()? };
         pressure.some_us().is_some().then_some(pressure)
     }
 
-    /// Time since the machine was started in which at least one thread had to wait for a processor, µs.
+    /// Returns the time since the start of the machine in which at least one thread had to wait for a CPU, µs.
     #[must_use]
     pub fn some_us(&self) -> Option<u64> {
         let mut buffer = [0; 128];
@@ -27,7 +27,7 @@ impl Pressure {
         total_us(buffer.get(..length)?)
     }
 
-    /// Share of the last ten seconds in which at least one thread had to wait for a processor, 0 to 1.
+    /// Returns the fraction of the last ten seconds in which at least one thread had to wait for a CPU, 0 to 1.
     #[must_use]
     pub fn some_share(&self) -> Option<f64> {
         let mut buffer = [0; 128];
@@ -36,7 +36,7 @@ impl Pressure {
     }
 }
 
-/// `some avg10=0.00 avg60=0.00 avg300=0.00 total=123`, the first line.
+/// Parses the first text line, `some avg10=0.00 avg60=0.00 avg300=0.00 total=123`.
 fn total_us(text: &[u8]) -> Option<u64> {
     number_after(text, b"total=")
 }
@@ -57,19 +57,19 @@ fn field<'a>(text: &'a [u8], key: &[u8]) -> Option<&'a [u8]> {
     rest.get(..end)
 }
 
-/// How many threads want to run, and on how many processors.
+/// Number of runnable threads and of CPUs.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Load {
-    /// Threads that ran or waited for a processor, on average over the last minute (`/proc/loadavg`).
+    /// Mean number of threads that ran or waited for a CPU in the last minute (`/proc/loadavg`).
     pub minute: f64,
-    /// Threads that run or wait for a processor at this moment, the asking one included.
+    /// Number of threads that now run or wait for a CPU, including the calling one.
     pub now: u32,
-    /// Processors that this process may use.
+    /// Number of CPUs that this process may use.
     pub processors: usize,
 }
 
 impl Load {
-    /// `None` where `/proc` cannot be read.
+    /// Reads the load; returns `None` if `/proc` cannot be read.
     #[must_use]
     pub fn read() -> Option<Self> {
         let text = fs::read_to_string("/proc/loadavg").ok()?;
@@ -78,7 +78,7 @@ impl Load {
     }
 }
 
-/// `0.20 0.18 0.12 1/80 11206`: averages over 1, 5 and 15 minutes, runnable and all threads, the newest process.
+/// Parses `0.20 0.18 0.12 1/80 11206`: averages over 1, 5 and 15 minutes, runnable and all threads, the newest process.
 fn load(text: &str) -> Option<(f64, u32)> {
     let mut fields = text.split_whitespace();
     let minute = fields.next()?.parse().ok()?;
@@ -91,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_kernels_own_words_are_understood() {
+    fn texts_of_the_kernel_are_parsed() {
         let text = b"some avg10=12.50 avg60=17.94 avg300=11.34 total=67857332\nfull avg10=0.00 avg60=0.00 avg300=0.00 total=0\n";
         assert_eq!((total_us(text), average_10(text)), (Some(67_857_332), Some(0.125)));
         assert_eq!((total_us(b""), average_10(b"some")), (None, None));
@@ -100,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn this_machine_tells_or_does_not_and_never_goes_back() {
+    fn the_pressure_of_this_machine_never_decreases() {
         let Some(pressure) = Pressure::open() else { return };
         let first = pressure.some_us();
         assert!(first.is_some() && pressure.some_us() >= first);

@@ -1,4 +1,4 @@
-//! One thread: whether it runs, and how long it was kept from running.
+//! Statistics of one thread: its state, and how long it waited for a CPU.
 
 use std::fs::File;
 use std::io;
@@ -6,22 +6,22 @@ use std::os::fd::AsFd;
 
 use rustix::io::pread;
 
-/// What a thread does, proc_pid_stat(5).
+/// State of a thread, see proc_pid_stat(5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum State {
-    /// It runs, or waits for a processor.
+    /// The thread runs or waits for a CPU.
     Runnable,
-    /// It waits for a disk, or for memory that has to be read from one.
+    /// The thread waits for a disk, or for memory that is read from a disk.
     Blocked,
-    /// It waits for something else: a time, a message.
+    /// The thread waits for an event, e.g. a time or a message.
     Asleep,
-    /// A signal or a debugger has stopped it.
+    /// A signal or a debugger has stopped the thread.
     Stopped,
-    /// It has ended.
+    /// The thread has ended.
     Dead,
 }
 
-/// `/proc/TID/schedstat` (Documentation/scheduler/sched-stats.rst): what a thread has had so far.
+/// Content of `/proc/TID/schedstat` (Documentation/scheduler/sched-stats.rst).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 struct Counts {
     ran_ns: u64,
@@ -29,34 +29,34 @@ struct Counts {
     slices: u64,
 }
 
-/// A thread of this machine, its files held open: a number that is given to another thread later does not become this one.
+/// A thread of this machine. Its files stay open, so another thread that reuses its id is not mistaken for it.
 #[derive(Debug)]
 pub struct Thread {
     stat: File,
     schedstat: File,
-    /// It looks at itself, so it runs.
+    /// Whether this is the calling thread, which always runs.
     own: bool,
     state: State,
     counts: Counts,
-    looked_ns: u64,
-    /// For how long it has been seen runnable without anything having changed: the kernel counts a wait when it is over.
+    read_ns: u64,
+    /// Time for which the thread was runnable with unchanged counts: the kernel counts a wait only when it has ended.
     pending_ns: u64,
     delay_ns: u64,
 }
 
 impl Thread {
-    /// The calling thread.
+    /// Opens the statistics of the calling thread.
     ///
     /// # Errors
-    /// The kernel keeps no such statistics.
+    /// The kernel has no such statistics.
     pub fn own() -> io::Result<Self> {
         Self::open("/proc/thread-self", true)
     }
 
-    /// A thread by its number, of any process.
+    /// Opens the statistics of a thread of any process, by its id.
     ///
     /// # Errors
-    /// There is no such thread, or the kernel keeps no such statistics.
+    /// There is no such thread, or the kernel has no such statistics.
     pub fn of(tid: u32) -> io::Result<Self> {
         Self::open(&format!("/proc/{tid}"), false)
     }
@@ -66,23 +66,24 @@ impl Thread {
         let schedstat = File::open(format!("{folder}/schedstat"))?;
         let counts = Counts::default();
         let mut thread =
-            Self { stat, schedstat, own, state: State::Asleep, counts, looked_ns: 0, pending_ns: 0, delay_ns: 0 };
+            Self { stat, schedstat, own, state: State::Asleep, counts, read_ns: 0, pending_ns: 0, delay_ns: 0 };
         let (state, counts) = thread.read().ok_or(io::ErrorKind::Unsupported)?;
         (thread.state, thread.counts, thread.delay_ns) = (state, counts, counts.waited_ns);
         Ok(thread)
     }
 
-    /// What it does, as of the last look.
+    /// Returns the state at the last reading.
     #[must_use]
     pub fn state(&self) -> State {
         self.state
     }
 
-    /// Time so far in which it was runnable and did not run, ns, with what it waits at this moment; `now_ns` is the monotonic clock. Never goes
-    /// back. `None` once the thread has ended.
+    /// Reads the statistics; returns the total time in which the thread was runnable and did not run, ns, including the
+    /// present wait. `now_ns` is the monotonic clock. The result never decreases. `None` if the thread has ended.
     ///
-    /// A thread that runs without a pause from one look to the next may be taken for a waiting one until the kernel's next tick has
-    /// counted its time: that makes the sum too large by a tick at most, however often it is looked at.
+    /// A thread that runs from one reading to the next may look like a waiting one until the next scheduler tick of the
+    /// kernel counts its time. This makes the total too large by at most one tick, independent of the number of
+    /// readings.
     pub fn look(&mut self, now_ns: u64) -> Option<u64> {
         let Some((state, counts)) = self.read() else {
             self.state = State::Dead;
@@ -90,8 +91,8 @@ impl Thread {
         };
         let waits = state == State::Runnable && self.state == State::Runnable && counts == self.counts && !self.own;
         self.pending_ns =
-            if waits && self.looked_ns > 0 { self.pending_ns + now_ns.saturating_sub(self.looked_ns) } else { 0 };
-        (self.state, self.counts, self.looked_ns) = (state, counts, now_ns);
+            if waits && self.read_ns > 0 { self.pending_ns + now_ns.saturating_sub(self.read_ns) } else { 0 };
+        (self.state, self.counts, self.read_ns) = (state, counts, now_ns);
         if state == State::Dead {
             return None;
         }
@@ -99,9 +100,9 @@ impl Thread {
         Some(self.delay_ns)
     }
 
-    /// The same of a thread that sleeps until it is given work: `given_ns` is when it was, where what it is to do is not done yet. A thread that
-    /// is runnable then and has not had a processor since the last look has waited from that moment on. Without work only what the
-    /// kernel has counted is read, which is cheaper.
+    /// As [`Thread::look`], for a thread that sleeps until it is given work: `given_ns` is the time when it was given
+    /// work that is not done yet. If the thread is runnable and has not run since the last reading, it has waited since
+    /// `given_ns`. Without work, only the kernel's counts are read, which is cheaper.
     pub fn look_since(&mut self, now_ns: u64, given_ns: Option<u64>) -> Option<u64> {
         let before = self.counts;
         let Some(given_ns) = given_ns else {
@@ -110,7 +111,7 @@ impl Thread {
                 self.state = State::Dead;
                 return None;
             };
-            (self.state, self.counts, self.looked_ns, self.pending_ns) = (State::Asleep, counts, now_ns, 0);
+            (self.state, self.counts, self.read_ns, self.pending_ns) = (State::Asleep, counts, now_ns, 0);
             self.delay_ns = self.delay_ns.max(counts.waited_ns);
             return Some(self.delay_ns);
         };
@@ -122,7 +123,7 @@ impl Thread {
         Some(self.delay_ns)
     }
 
-    /// Whether it was seen waiting for a processor at the last look, and at the one before.
+    /// Returns whether the thread waited for a CPU at the last two readings.
     #[must_use]
     pub fn waits(&self) -> bool {
         self.pending_ns > 0
@@ -141,17 +142,17 @@ fn read_start(file: impl AsFd, buffer: &mut [u8]) -> Option<&[u8]> {
     buffer.get(..length)
 }
 
-/// `123 456 7`: ran, waited, times on a processor.
+/// Parses `123 456 7`: time on a CPU, time waited, number of time slices.
 fn counts(text: &[u8]) -> Option<Counts> {
     let mut fields = std::str::from_utf8(text).ok()?.split_ascii_whitespace().map(str::parse);
     let mut next = || fields.next()?.ok();
     Some(Counts { ran_ns: next()?, waited_ns: next()?, slices: next()? })
 }
 
-/// PF_EXITING of the kernel's include/linux/sched.h: it gives back its memory, on a processor or waiting for one, and does nothing else.
+/// PF_EXITING of the kernel's include/linux/sched.h: the thread frees its memory and does nothing else.
 const EXITING: u64 = 0x4;
 
-/// `123 (name) S ..`; the name may hold anything, and stands within the first bytes. Its flags are the sixth number after the state.
+/// Parses `123 (name) S ..`; the name may contain any characters. The flags are the sixth number after the state.
 fn state(text: &[u8]) -> Option<State> {
     let end = text.iter().rposition(|&byte| byte == b')')?;
     let mut fields = std::str::from_utf8(text.get(end + 1..)?).ok()?.split_ascii_whitespace();
@@ -173,16 +174,17 @@ mod tests {
     use std::process::{Child, Command};
     use std::time::{Duration, Instant};
 
-    struct Ended(Child);
+    /// A child process that is killed when dropped.
+    struct KilledOnDrop(Child);
 
-    impl Drop for Ended {
+    impl Drop for KilledOnDrop {
         fn drop(&mut self) {
             let _ = self.0.kill();
             let _ = self.0.wait();
         }
     }
 
-    fn looked_until(thread: &mut Thread, wanted: impl Fn(&Thread, Option<u64>) -> bool) -> bool {
+    fn poll_until(thread: &mut Thread, wanted: impl Fn(&Thread, Option<u64>) -> bool) -> bool {
         let began = Instant::now();
         while began.elapsed() < Duration::from_secs(20) {
             let delay = thread.look(began.elapsed().as_nanos() as u64 + 1);
@@ -195,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn lines_of_the_kernel_are_understood() {
+    fn texts_of_the_kernel_are_parsed() {
         assert_eq!(state(b"12 (a) b) c) T 1 2"), Some(State::Stopped));
         assert_eq!(state(b"12 (x) R 1"), Some(State::Runnable));
         assert_eq!(state(b"12 (x) R 1 12 12 34816 12 4194304 89"), Some(State::Runnable));
@@ -206,13 +208,14 @@ mod tests {
     }
 
     #[test]
-    fn a_stopped_and_a_dead_process_are_no_starving_ones() {
-        let mut child = Ended(Command::new("sleep").arg("100").spawn().unwrap_or_else(|error| panic!("{error}")));
+    fn a_stopped_or_dead_process_does_not_wait_for_a_cpu() {
+        let mut child =
+            KilledOnDrop(Command::new("sleep").arg("100").spawn().unwrap_or_else(|error| panic!("{error}")));
         let pid = rustix::process::Pid::from_child(&child.0);
         let mut thread = Thread::of(child.0.id()).unwrap_or_else(|error| panic!("{error}"));
-        assert!(looked_until(&mut thread, |thread, _| thread.state() == State::Asleep));
+        assert!(poll_until(&mut thread, |thread, _| thread.state() == State::Asleep));
         let _ = rustix::process::kill_process(pid, rustix::process::Signal::STOP);
-        assert!(looked_until(&mut thread, |thread, _| thread.state() == State::Stopped));
+        assert!(poll_until(&mut thread, |thread, _| thread.state() == State::Stopped));
         let before = thread.look(1);
         std::thread::sleep(Duration::from_millis(30));
         assert_eq!(thread.look(30_000_001), before);
@@ -225,27 +228,28 @@ mod tests {
     }
 
     #[test]
-    fn busy_loops_on_one_processor_wait_for_each_other() {
+    fn busy_loops_on_one_cpu_wait_for_each_other() {
         let busy = || {
             let spawned = Command::new("taskset").args(["-c", "0", "sh", "-c", "while :; do :; done"]).spawn();
-            spawned.map(Ended).ok()
+            spawned.map(KilledOnDrop).ok()
         };
-        // without taskset there is nothing to be tried
+        // Skip the test without taskset.
         let (Some(one), Some(_two)) = (busy(), busy()) else { return };
         let mut thread = Thread::of(one.0.id()).unwrap_or_else(|error| panic!("{error}"));
-        assert!(looked_until(&mut thread, |_, delay| delay.is_some_and(|delay_ns| delay_ns > 50_000_000)));
+        assert!(poll_until(&mut thread, |_, delay| delay.is_some_and(|delay_ns| delay_ns > 50_000_000)));
     }
 
     #[test]
-    fn work_that_a_sleeping_or_stopped_thread_was_given_is_no_wait_for_a_processor() {
-        let mut child = Ended(Command::new("sleep").arg("100").spawn().unwrap_or_else(|error| panic!("{error}")));
+    fn a_sleeping_or_stopped_thread_with_work_does_not_wait_for_a_cpu() {
+        let mut child =
+            KilledOnDrop(Command::new("sleep").arg("100").spawn().unwrap_or_else(|error| panic!("{error}")));
         let pid = rustix::process::Pid::from_child(&child.0);
         let mut thread = Thread::of(child.0.id()).unwrap_or_else(|error| panic!("{error}"));
-        assert!(looked_until(&mut thread, |thread, _| thread.state() == State::Asleep));
+        assert!(poll_until(&mut thread, |thread, _| thread.state() == State::Asleep));
         let before = thread.look_since(1_000, None);
         assert_eq!(thread.look_since(50_000_000, Some(2_000)), before);
         let _ = rustix::process::kill_process(pid, rustix::process::Signal::STOP);
-        assert!(looked_until(&mut thread, |thread, _| thread.state() == State::Stopped));
+        assert!(poll_until(&mut thread, |thread, _| thread.state() == State::Stopped));
         let stopped = thread.look_since(100_000_000, None);
         assert_eq!(thread.look_since(150_000_000, Some(100_000_000)), stopped);
         let _ = child.0.kill();
@@ -254,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn the_sum_never_goes_back_and_ones_own_thread_runs() {
+    fn the_total_never_decreases_and_the_calling_thread_runs() {
         let mut own = Thread::own().unwrap_or_else(|error| panic!("{error}"));
         let mut last = 0;
         for now_ns in (0..100).map(|k| k * 1_000_000) {

@@ -28,6 +28,7 @@ mod message;
 mod motion;
 mod motor;
 mod node;
+mod request;
 pub mod ros;
 pub mod schema;
 mod system;
@@ -41,7 +42,11 @@ pub use message::{Field, Header, Message, expanded, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
 pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};
-pub use system::{Heartbeat, LogEvent, OperatorRequest, ProcessState, RecorderGap, RecorderStatus};
+pub use request::{
+    DETAIL_BYTES, DecodeError, EncodeError, GotoPath, OperatorRequest, Request, RequestAnswer, RequestBody, Slot,
+    SlotRole,
+};
+pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
 pub use text::{MORE, parted, put_sentence, put_text, text_of, words_within};
 
 /// Cables of one robot at most; every per-cable array has this length.

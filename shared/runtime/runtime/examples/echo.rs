@@ -1,4 +1,4 @@
-//! The smallest process: says what arrives on `motor/state`. Also to be started, asked and killed in tests.
+//! A minimal process: logs the samples on `motor/state`. Tests start it and end it.
 
 use messages::MotorState;
 use runtime::{Chassis, CommonArgs};
@@ -7,10 +7,10 @@ use runtime::{Chassis, CommonArgs};
 struct Args {
     #[command(flatten)]
     common: CommonArgs,
-    /// Log this many events at once when the first sample comes.
+    /// Number of events to log at each sample.
     #[arg(long, default_value_t = 0)]
     burst: u32,
-    /// Fail when the first sample comes.
+    /// Fail at the first sample.
     #[arg(long)]
     fail: bool,
 }

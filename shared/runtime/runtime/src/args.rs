@@ -1,22 +1,22 @@
-//! The arguments that every process has.
+//! The command-line arguments of every process.
 
 use std::path::PathBuf;
 
 use config::{ConfigError, Slot, SystemFile};
 
-/// Arguments of every process; flatten them into its own.
+/// The arguments of every process, to be flattened into those of a program.
 #[derive(Debug, Clone, Default, clap::Args)]
 pub struct CommonArgs {
-    /// System file: which robot, which processes, their parameters.
+    /// System file: the robot, its processes and their parameters.
     #[arg(long = "system", value_name = "FILE")]
     pub system_file: Option<PathBuf>,
-    /// Name of this process; unique in its domain. Default: its role, with `-b` behind it in slot b.
+    /// Name of this process; unique in its domain. Default: its role, with `-b` appended in slot b.
     #[arg(long, value_name = "NAME")]
     pub name: Option<String>,
-    /// Domain in shared memory: a name, or the absolute path of a folder on tmpfs. Default: the name of the box.
+    /// Domain in shared memory: a name, or the absolute path of a folder on tmpfs. Default: the name of the system.
     #[arg(long, value_name = "NAME")]
     pub domain: Option<String>,
-    /// Slot of its role.
+    /// Slot of this process in its role.
     #[arg(long, value_enum, default_value_t)]
     pub slot: Slot,
     /// Log debug events too.
@@ -25,7 +25,7 @@ pub struct CommonArgs {
 }
 
 impl CommonArgs {
-    /// The name of this process.
+    /// Returns the name of this process.
     #[must_use]
     pub fn name_for(&self, role: &str) -> String {
         match (&self.name, self.slot) {
@@ -38,16 +38,16 @@ impl CommonArgs {
     /// Reads the system file, if one is given.
     ///
     /// # Errors
-    /// What [`SystemFile::load`] refuses.
+    /// As [`SystemFile::load`].
     pub fn load_system(&self) -> Result<Option<SystemFile>, ConfigError> {
         self.system_file.as_deref().map(SystemFile::load).transpose()
     }
 }
 
-/// The arguments of a process that needs no others.
+/// The arguments of a process without additional ones.
 #[derive(Debug, Clone, Default, clap::Parser)]
 pub struct Args {
-    /// As every process.
+    /// The arguments of every process.
     #[command(flatten)]
     pub common: CommonArgs,
 }
@@ -61,10 +61,10 @@ impl AsRef<CommonArgs> for Args {
 /// The arguments of a controller or an estimator.
 #[derive(Debug, Clone, Default, clap::Parser)]
 pub struct VariantArgs {
-    /// As every process.
+    /// The arguments of every process.
     #[command(flatten)]
     pub common: CommonArgs,
-    /// Law of the controller, or method of the estimator, in place of the one in the system file.
+    /// Law of the controller or method of the estimator; default: as in the system file.
     #[arg(long, value_name = "NAME")]
     pub law: Option<String>,
 }

@@ -1,15 +1,15 @@
-//! What this build is, and what a program is that is not of nims.
+//! Identification of this build, and of programs that are not part of nims.
 
 use serde::Serialize;
 
 /// Version of nims, e.g. `0.1.0`.
 pub const VERSION: &str = env!("CARGO_PKG_VERSION");
 
-/// How it was built: `release` or `debug`.
+/// Build profile: `release` or `debug`.
 pub const PROFILE: &str = if cfg!(debug_assertions) { "debug" } else { "release" };
 
-/// The commit it was built from, if that is known, and whether files differed from it. Only a release knows; `NIMS_COMMIT` in the environment of a
-/// build says it where there is no git.
+/// Returns the commit of the build, if known, and whether files differed from it. Only release builds contain it; the
+/// environment variable `NIMS_COMMIT` sets it for builds without git.
 #[must_use]
 pub fn commit() -> Option<(&'static str, bool)> {
     split(env!("NIMS_STAMP"))
@@ -20,45 +20,46 @@ fn split(stamp: &str) -> Option<(&str, bool)> {
     (!stamp.is_empty()).then(|| (commit.unwrap_or(stamp), commit.is_some()))
 }
 
-/// In one word or three: `0.1.0 debug`, `0.1.0 release 1a2b3c4d5e-dirty`.
+/// Returns version, profile and commit, e.g. `0.1.0 debug` or `0.1.0 release 1a2b3c4d5e-dirty`.
 #[must_use]
 pub fn described(version: &str) -> String {
     format!("{version} {PROFILE} {}", env!("NIMS_STAMP")).trim_end().to_owned()
 }
 
-/// The same of nims itself.
+/// Returns version, profile and commit of nims.
 #[must_use]
 pub fn own() -> &'static str {
     static OWN: std::sync::OnceLock<String> = std::sync::OnceLock::new();
     OWN.get_or_init(|| described(VERSION))
 }
 
-/// A program of one's own: what a run says of it in place of the version and the commit of nims. [`crate::program!`] makes it.
+/// Identification of a program outside this workspace, which a run stores instead of version and commit of nims.
+/// [`crate::program!`] creates it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct Program {
     /// Name of its crate.
     pub name: &'static str,
     /// Version of its crate.
     pub version: &'static str,
-    /// Folder of the sources that it was built from.
+    /// Folder of its sources.
     pub sources: &'static str,
 }
 
 impl Program {
-    /// Its version, how it was built, and its name: `0.1.0 debug of my-law`.
+    /// Returns version, profile and name, e.g. `0.1.0 debug of my-law`.
     #[must_use]
     pub fn described(&self) -> String {
         format!("{} {PROFILE} of {}", self.version, self.name)
     }
 
-    /// As a table of TOML, `[program]`.
+    /// Returns the TOML table `[program]`.
     #[must_use]
     pub fn to_toml(&self) -> String {
         format!("[program]\n{}", toml::to_string(self).unwrap_or_default())
     }
 }
 
-/// The [`build::Program`](crate::build::Program) of the crate in which this stands.
+/// Creates the [`build::Program`](crate::build::Program) of the calling crate.
 #[macro_export]
 macro_rules! program {
     () => {
@@ -81,7 +82,7 @@ mod tests {
     use std::process::Command;
 
     #[test]
-    fn a_build_is_of_a_commit_or_beside_one_or_of_none() {
+    fn a_build_has_a_clean_commit_a_dirty_commit_or_none() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(stamp::of(folder.path()), None, "outside a checkout");
         assert_eq!(stamp::of(&folder.path().join("nowhere")), None);
@@ -90,7 +91,7 @@ mod tests {
             Command::new("git").arg("-C").arg(folder.path()).args(who).args(arguments).output()
         };
         if git(&["init", "-q"]).is_err() {
-            return; // no git here: that it is done without has been seen above
+            return notes::left_out("the commit in a version", "there is no git");
         }
         assert_eq!(stamp::of(folder.path()), None, "no commit yet");
         fs::write(folder.path().join("a"), "1").unwrap();
@@ -105,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn a_program_names_itself() {
+    fn a_program_is_identified() {
         let program = Program { name: "my-law", version: "2.0.0", sources: "/home/\"you\"/my-law" };
         assert_eq!(program.described(), format!("2.0.0 {PROFILE} of my-law"));
         let table: toml::Table = program.to_toml().parse().unwrap();
@@ -114,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn a_description_fits_where_it_goes() {
+    fn a_description_fits_into_the_heartbeat() {
         let longest = format!("{} release {}-dirty", VERSION, "f".repeat(10));
         assert!(longest.len() <= messages::Heartbeat::default().version.len());
         assert!(described("1.2.3").starts_with("1.2.3 "));

@@ -1,4 +1,4 @@
-//! What carries every process: its place on the bus, its life sign, its log, its end.
+//! The chassis of a process: its connection to the bus, its heartbeat, its log, and its orderly end.
 
 use std::fmt::Debug;
 use std::os::fd::OwnedFd;
@@ -16,7 +16,7 @@ use tracing::{error, info, warn};
 use crate::args::CommonArgs;
 use crate::bad_input::BadInput;
 use crate::build::{self, Program};
-use crate::declared::{Declared, Since};
+use crate::declared::{DeclaredConfig, Since};
 use crate::lease;
 use crate::logging::{self, Log};
 use crate::output::{Output, OutputFaultInjector};
@@ -28,34 +28,35 @@ use config::Slot;
 use config::file;
 use config::{RealtimeSection, RobotFile, SystemFile};
 
-/// Five beats a second: the supervisor notices a silent process within half a second.
+/// Time between two heartbeats, ns: the supervisor detects a silent process within half a second.
 const BEAT_NS: u64 = 200_000_000;
 
-/// The supervisor tells whatever it starts, also a program without these arguments, in which domain it is and what it is called.
+/// Environment variable with the domain, which the supervisor sets for every process that it starts.
 pub const DOMAIN_VARIABLE: &str = "NIMS_DOMAIN";
-/// The same: its name.
+/// Environment variable with the name of the process, set by the supervisor.
 pub const NAME_VARIABLE: &str = "NIMS_NAME";
-/// The same: that another process of its name runs until this one has said something, so that what belongs to the name is free only then.
+/// Environment variable set by the supervisor if a process of the same name runs until this one has published its first
+/// sample; the channels of the name are free only then.
 pub const SUCCESSOR_VARIABLE: &str = "NIMS_SUCCESSOR";
 
-/// The last event of a process that ends in order.
+/// Text of the last log event of a process that ends in an orderly way.
 pub const ENDED: &str = "ended in order";
 
-/// The same: how many changes of `nims set` are in the system file that it gets.
+/// Environment variable with the number of changes by `nims set` that the system file contains, set by the supervisor.
 pub const CHANGES_VARIABLE: &str = "NIMS_CHANGES";
 
 fn from_the_supervisor(variable: &str) -> Option<String> {
     std::env::var(variable).ok().filter(|value| !value.is_empty())
 }
 
-/// Where a process is in its life.
+/// State of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Life {
-    /// Not yet able to do its work.
+    /// The process is starting.
     Starting,
-    /// Working.
+    /// The process is ready.
     Ready,
-    /// Ending in order.
+    /// The process is ending.
     Stopping,
 }
 
@@ -67,8 +68,8 @@ pub struct Chassis {
     stop: Arc<AtomicBool>,
     stop_pipe: OwnedFd,
     log: Log,
-    declared: Declared,
-    /// `None` while a predecessor of the same name has it.
+    declared: DeclaredConfig,
+    /// `None` while a predecessor of the same name publishes.
     heartbeat: Option<Publisher<Heartbeat>>,
     beat: Heartbeat,
     next_beat_ns: u64,
@@ -78,15 +79,17 @@ pub struct Chassis {
 }
 
 impl Chassis {
-    /// Reads the system file (if one is given), joins its domain (`--domain`, [`DOMAIN_VARIABLE`], or the name of the box), sets up signals, log, heartbeat and real-time scheduling.
+    /// Reads the system file, if one is given, joins the domain (`--domain`, [`DOMAIN_VARIABLE`], or the name of the
+    /// system), and sets up signals, log, heartbeat and real-time scheduling.
     ///
     /// # Errors
-    /// [`ConfigError`] for the system file, [`BadInput`] without a domain or if a process of that name already runs there, [`BusError`] otherwise.
+    /// [`ConfigError`] for the system file, [`BadInput`] without a domain or if a process of that name already runs
+    /// there, [`BusError`] otherwise.
     pub fn start(role: &str, args: &CommonArgs) -> anyhow::Result<Self> {
         Self::start_as(role, args, Party::Member)
     }
 
-    /// [`Chassis::start`] as one that leaves places to others.
+    /// As [`Chassis::start`], as a participant of this kind, which leaves places to more important kinds.
     ///
     /// # Errors
     /// As [`Chassis::start`].
@@ -110,19 +113,19 @@ impl Chassis {
             || name.len() > 31
         {
             return Err(BadInput(format!(
-                "the name `{name}` cannot be used: give 1 to 31 of a-z, 0-9 and `-` with --name"
+                "the process name is `{name}`; accepted: 1 to 31 of a-z, 0-9 and `-`, see --name"
             ))
             .into());
         }
         let domain = Domain::parse(domain)?;
-        // first, so that a signal during start-up is an orderly stop too
+        // First, so that a signal during the start also causes an orderly end.
         let (stop, stop_pipe) = stop_on_signals()?;
         let bus = Bus::join_as(&domain, &name, party)?;
         let beat = first_beat(&name);
-        let ports = from_the_supervisor(SUCCESSOR_VARIABLE).is_none().then(|| lease::take(&bus)).transpose()?;
+        let ports = from_the_supervisor(SUCCESSOR_VARIABLE).is_none().then(|| lease::open(&bus)).transpose()?;
         let (heartbeat, port) = ports.unzip();
         let file = args.system_file.as_deref().zip(system_file.as_ref());
-        let declared = Declared::new(port, &name, beat.incarnation, role, file);
+        let declared = DeclaredConfig::new(port, &name, beat.incarnation, role, file);
         let log = logging::start(&bus, args.verbose)?;
         let nothing = RealtimeSection::default();
         let (reached, warning) = realtime::apply(system_file.as_ref().map_or(&nothing, |file| &file.realtime), role);
@@ -154,25 +157,25 @@ impl Chassis {
         Ok(chassis)
     }
 
-    /// The bus.
+    /// Returns the bus.
     #[must_use]
     pub fn bus(&self) -> &Bus {
         &self.bus
     }
 
-    /// The name of this process.
+    /// Returns the name of this process.
     #[must_use]
     pub fn name(&self) -> &str {
         self.bus.process()
     }
 
-    /// The slot of its role.
+    /// Returns the slot of this process.
     #[must_use]
     pub fn slot(&self) -> Slot {
         self.slot
     }
 
-    /// The system file.
+    /// Returns the system file.
     ///
     /// # Errors
     /// [`BadInput`] if none was given.
@@ -180,13 +183,13 @@ impl Chassis {
         self.system_file.as_ref().ok_or_else(|| BadInput("no system file: give one with --system FILE".to_owned()))
     }
 
-    /// Non-zero random number of this process's life.
+    /// Returns the incarnation: a random number of this run of the process, never 0.
     #[must_use]
     pub fn incarnation(&self) -> u32 {
         self.beat.incarnation
     }
 
-    /// The process can do its work from now on; published at once.
+    /// Declares the process ready; published at once.
     ///
     /// # Errors
     /// Those of publishing.
@@ -196,20 +199,20 @@ impl Chassis {
         self.send_beat(now_ns())
     }
 
-    /// This process is a program of one's own: the run names it, its version and its sources in place of the version of nims. Say it before
-    /// [`Chassis::ready`].
+    /// Declares this process a custom program: the run stores its name, version and sources instead of the version of
+    /// nims. To be called before [`Chassis::ready`].
     pub fn is_program(&mut self, program: &Program) {
         put_text(&mut self.beat.version, &program.described());
-        self.declared.is_program(program);
+        self.declared.set_program(program);
     }
 
-    /// What this process works with, in place of what the system file says for its role: its law, and its parameters as TOML. It goes to
-    /// `system/config/NAME` when the process is ready.
+    /// Declares the law and the parameters, as TOML, that this process uses instead of those in the system file. They
+    /// are published on `system/config/NAME` when the process is ready.
     pub fn uses(&mut self, law: &str, parameters: &str) {
         self.declared.uses(law, parameters);
     }
 
-    /// The same from an answer of the control chain on: said at once if the process is ready.
+    /// As [`Chassis::uses`], with the first output to which they apply; published at once if the process is ready.
     ///
     /// # Errors
     /// Those of publishing.
@@ -218,14 +221,16 @@ impl Chassis {
         self.declared.since(since, now_ns())
     }
 
-    /// The process goes by a file of its own, of which its parameters are the keys: one that it has read, and found sound, before.
+    /// Declares that the process uses its own file, whose keys are its parameters. It must have read and checked the
+    /// file.
     pub fn reads(&mut self, file: &Path) {
         self.declared.read(file, &[PathBuf::from(file)]);
         let keys = file::read_text(file).ok().and_then(|text| text.parse::<toml::Table>().ok());
         self.declared.uses("", &keys.and_then(|keys| toml::to_string(&keys).ok()).unwrap_or_default());
     }
 
-    /// What is set while the robot runs, for a process that can take it up: `make` turns the changed box into what the process needs.
+    /// Receives parameters that are set while the robot runs; `make` converts the changed system file to what the
+    /// process needs.
     ///
     /// # Errors
     /// [`BadInput`] without a system file; those of opening a channel.
@@ -238,24 +243,24 @@ impl Chassis {
         Ok(Tuning::new(self.bus.subscriber(TUNED_CHANNEL)?, file, robot, Box::new(make), self.changes()))
     }
 
-    /// Changes of `nims set` that are in the system file.
+    /// Returns the number of changes by `nims set` that the system file contains.
     #[must_use]
     pub fn changes(&self) -> u32 {
         from_the_supervisor(CHANGES_VARIABLE).and_then(|number| number.parse().ok()).unwrap_or(0)
     }
 
-    /// False once a signal, or [`Chassis::stop`], asked the process to end.
+    /// Returns whether the process continues; false after a signal or [`Chassis::stop`].
     #[must_use]
     pub fn running(&self) -> bool {
         !self.stop.load(Ordering::Relaxed)
     }
 
-    /// Asks the process to end, as SIGTERM does.
+    /// Requests the end of the process, as SIGTERM does.
     pub fn stop(&self) {
         self.stop.store(true, Ordering::Relaxed);
     }
 
-    /// A waiter for these channels that a signal wakes too, also one that came before the wait.
+    /// Creates a waiter for these channels that a signal wakes too, also if it arrived before the wait.
     ///
     /// # Errors
     /// Those of [`Bus::waiter`].
@@ -270,8 +275,8 @@ impl Chassis {
         Ok(waiter)
     }
 
-    /// Does the housekeeping ([`Chassis::idle`]), then sleeps until something comes, `deadline_ns` is reached, or the next heartbeat is due;
-    /// so it may return with nothing. Call it in a loop while [`Chassis::running`].
+    /// Does the housekeeping ([`Chassis::idle`]), then waits until a sample arrives, `deadline_ns` is reached, or the
+    /// next heartbeat is due; so it may return without a sample. Call it in a loop while [`Chassis::running`].
     ///
     /// # Errors
     /// Those of [`Waiter::wait_until`] and of publishing.
@@ -281,8 +286,8 @@ impl Chassis {
         waiter.wait_until(Some(deadline_ns.map_or(due, |deadline| deadline.min(due))))
     }
 
-    /// Publishes what has been logged and, if it is due, the heartbeat: a few microseconds. For loops that pace themselves: call it once
-    /// per pass, in the slack. Returns true if nothing is left to be logged.
+    /// Publishes log events and, if it is due, the heartbeat; takes a few microseconds. Loops with their own pacing
+    /// call it once per pass, in their idle time. Returns whether no log event is left.
     ///
     /// # Errors
     /// Those of publishing.
@@ -292,41 +297,41 @@ impl Chassis {
             self.send_beat(now)?;
         }
         if let Some(fault_injector) = &mut self.fault_injector {
-            fault_injector.look()?;
+            fault_injector.poll()?;
         }
         self.log.publish()
     }
 
-    /// A pass of the loop begins.
+    /// Records the start of a pass of the loop.
     pub fn pass_begin(&mut self) {
         self.timing.begin(now_ns());
     }
 
-    /// It ends; its duration goes into the heartbeat.
+    /// Records the end of a pass; the heartbeat contains the durations.
     pub fn pass_end(&mut self) {
         self.timing.end(now_ns());
     }
 
-    /// A publisher of what the control chain goes by: the answer of a controller or an estimator. On a box with virtual drives it can be
-    /// spoilt on request (`nims fault slow`, `nan`, `frozen`); the requests are taken in [`Chassis::idle`].
+    /// Creates a publisher for the output of a controller or estimator. In a system with virtual drives it supports
+    /// fault injection (`nims fault slow`, `nan`, `frozen`); [`Chassis::idle`] receives the requests.
     ///
     /// # Errors
     /// Those of opening a channel.
     pub fn output<T: Message>(&mut self, channel: &str) -> Result<Output<T>, BusError> {
-        let can_be_spoilt = self.system_file.as_ref().is_some_and(|file| file.motor_box.is_some());
-        if can_be_spoilt && self.fault_injector.is_none() {
+        let accepts_faults = self.system_file.as_ref().is_some_and(|file| file.motor_box.is_some());
+        if accepts_faults && self.fault_injector.is_none() {
             self.fault_injector = Some(OutputFaultInjector::new(&self.bus)?);
         }
         Ok(Output::new(self.bus.publisher(channel)?, self.fault_injector.as_ref()))
     }
 
-    /// How long the passes took.
+    /// Returns the durations of the passes.
     #[must_use]
     pub fn timing(&self) -> &Timing {
         &self.timing
     }
 
-    /// Samples lost on the way to this process, over all its inputs, for the heartbeat.
+    /// Sets the number of samples lost over all inputs of this process, for the heartbeat.
     pub fn report_lost(&mut self, lost: u64) {
         self.beat.lost = lost;
     }
@@ -336,10 +341,10 @@ impl Chassis {
             && let Some((heartbeat, port)) = lease::take_over(&self.bus)?
         {
             self.heartbeat = Some(heartbeat);
-            self.declared.take(port, now)?;
+            self.declared.set_port(port, now)?;
         }
-        self.log.serve_late_listeners();
-        self.declared.keep_up(now)?;
+        self.log.serve_late_subscribers();
+        self.declared.update(now)?;
         let beat = &mut self.beat;
         (beat.header.stamp_ns, beat.header.oldest_input_ns) = (now, now);
         beat.beat += 1;
@@ -358,7 +363,7 @@ impl Chassis {
 }
 
 impl Drop for Chassis {
-    /// Publishes the rest of the log and the last heartbeat.
+    /// Publishes the remaining log events and the last heartbeat.
     fn drop(&mut self) {
         self.life = Life::Stopping;
         while matches!(self.log.publish(), Ok(false)) {}
@@ -373,9 +378,9 @@ impl Debug for Chassis {
     }
 }
 
-/// A whole process: parses its arguments, starts the chassis, runs `body`, and says in one sentence why it failed, if it did.
+/// Runs a process: parses its arguments, starts the chassis, runs `body`, and reports a failure in one sentence.
 ///
-/// Exit code 0; 2 if an argument or a file cannot be used; 1 if it could not be done now.
+/// Exit code 0: success; 2: an argument or a file is not accepted; 1: it could not be done now.
 pub fn main<A>(role: &str, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result<()>) -> ExitCode
 where
     A: clap::Parser + AsRef<CommonArgs>,
@@ -383,7 +388,7 @@ where
     main_as(role, Party::Member, body)
 }
 
-/// [`main`] for a process that leaves places to others.
+/// As [`main`], for a participant of this kind, which leaves places to more important kinds.
 pub fn main_as<A>(role: &str, party: Party, body: impl FnOnce(&A, &mut Chassis) -> anyhow::Result<()>) -> ExitCode
 where
     A: clap::Parser + AsRef<CommonArgs>,
@@ -400,7 +405,7 @@ where
     let version = <A as clap::CommandFactory>::command().get_version().unwrap_or(build::VERSION).to_owned();
     let version = build::described(&version);
     put_text(&mut chassis.beat.version, &version);
-    chassis.declared.version(&version);
+    chassis.declared.set_version(&version);
     match body(&args, &mut chassis) {
         Ok(()) => {
             info!("{ENDED}");
@@ -413,7 +418,7 @@ where
     }
 }
 
-/// 2 if the error's cause is something that the caller gave, otherwise 1.
+/// Returns the exit code: 2 if the error is caused by bad input, otherwise 1.
 #[must_use]
 pub fn exit_code(error: &anyhow::Error) -> ExitCode {
     let given = error.chain().any(|cause| {
@@ -430,18 +435,18 @@ fn first_beat(name: &str) -> Heartbeat {
     beat
 }
 
-/// Random, never 0: the standard library's hash keys come from the system's entropy.
+/// Returns a random number, never 0; the standard library takes its hash keys from the system's entropy.
 fn incarnation() -> u32 {
     use std::hash::{BuildHasher, RandomState};
     (RandomState::new().hash_one((std::process::id(), now_ns())) as u32).max(1)
 }
 
-/// SIGINT and SIGTERM set the flag and make the descriptor readable for good.
+/// Makes SIGINT and SIGTERM set the flag and make the descriptor permanently readable.
 fn stop_on_signals() -> anyhow::Result<(Arc<AtomicBool>, OwnedFd)> {
     let stop = Arc::new(AtomicBool::new(false));
     let (read, write) = rustix::pipe::pipe_with(rustix::pipe::PipeFlags::CLOEXEC)?;
     for signal in [SIGINT, SIGTERM] {
-        signal_hook::flag::register(signal, stop.clone())?; // before the pipe: whoever wakes sees the flag
+        signal_hook::flag::register(signal, stop.clone())?; // before the pipe, so that a woken waiter finds the flag set
         signal_hook::low_level::pipe::register(signal, write.try_clone()?)?;
     }
     Ok((stop, read))

@@ -1,4 +1,4 @@
-//! What a process works with, on `system/config/NAME`: at its start and whenever it changes.
+//! The configuration that a process uses, published on `system/config/NAME` at its start and at each change.
 
 use std::path::{Path, PathBuf};
 
@@ -9,38 +9,38 @@ use crate::build::Program;
 use crate::hash::{ProgramHash, hash_of};
 use config::{RobotFile, SystemFile};
 
-/// Stands at the end of parameters that a sample does not hold.
+/// Last line of parameters that do not fit into a sample.
 const MORE: &str = "# and more: see the file";
 
-/// What an answer of the control chain was made with, from which answer on.
+/// The first output of the control chain to which a configuration applies.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Since {
-    /// Life of motor-io, and control cycle in it; 0: from the start of the process.
+    /// Life of motor-io; 0: from the start of the process.
     pub life: u64,
-    /// See `life`.
+    /// Control cycle in that life.
     pub cycle: u64,
-    /// Number of the first sample of `control/status` or `node/estimate`.
+    /// Sequence number of the first sample of `control/status` or `node/estimate`.
     pub seq: u64,
-    /// Changes of this run that are in it.
+    /// Number of changes of this run that the configuration contains.
     pub changes: u32,
 }
 
-/// See the module's text.
+/// The published configuration of this process.
 #[derive(Debug)]
-pub(crate) struct Declared {
-    /// `None` while a predecessor of the same name has it.
+pub(crate) struct DeclaredConfig {
+    /// `None` while a predecessor of the same name publishes.
     port: Option<Publisher<SystemConfig>>,
     sample: Box<SystemConfig>,
     program_hash: ProgramHash,
-    /// `[program]` of a program of one's own, which stands behind the parameters.
+    /// The table `[program]` of a custom program, appended to the parameters.
     program: Option<String>,
-    /// The process has said that it is ready, so a change is said at once.
-    open: bool,
+    /// Whether the process is ready, so that changes are published at once.
+    is_ready: bool,
     life: u64,
 }
 
-impl Declared {
-    /// For a process of this role, which read `file`, if it read one.
+impl DeclaredConfig {
+    /// Creates the configuration of a process of this role that has read `file`.
     pub(crate) fn new(
         port: Option<Publisher<SystemConfig>>,
         name: &str,
@@ -53,7 +53,7 @@ impl Declared {
         let program = std::env::current_exe().unwrap_or_default();
         put_text(&mut sample.program, &program.to_string_lossy());
         let program_hash = ProgramHash::begin(program);
-        let mut declared = Self { port, sample, program_hash, program: None, open: false, life: 0 };
+        let mut declared = Self { port, sample, program_hash, program: None, is_ready: false, life: 0 };
         if let Some((path, file)) = file {
             let robot = file.robot_file().ok();
             declared.read(path, &parts_of(path, &file.robot, robot.as_ref()));
@@ -67,30 +67,30 @@ impl Declared {
         declared
     }
 
-    /// The predecessor has gone: what was said until now is said on this port.
-    pub(crate) fn take(&mut self, port: Publisher<SystemConfig>, now_ns: u64) -> Result<(), BusError> {
+    /// Sets the port after the predecessor has ended, and publishes the configuration if the process is ready.
+    pub(crate) fn set_port(&mut self, port: Publisher<SystemConfig>, now_ns: u64) -> Result<(), BusError> {
         self.port = Some(port);
-        if self.open { self.say(now_ns) } else { Ok(()) }
+        if self.is_ready { self.publish(now_ns) } else { Ok(()) }
     }
 
-    /// The program's own version.
-    pub(crate) fn version(&mut self, version: &str) {
+    /// Sets the version of the program.
+    pub(crate) fn set_version(&mut self, version: &str) {
         put_text(&mut self.sample.version, version);
     }
 
-    /// The program is one's own, and no part of nims.
-    pub(crate) fn is_program(&mut self, program: &Program) {
-        self.version(&program.described());
+    /// Declares a custom program, which is not part of nims.
+    pub(crate) fn set_program(&mut self, program: &Program) {
+        self.set_version(&program.described());
         self.program = Some(program.to_toml());
     }
 
-    /// The file that the process goes by, and everything that belongs to it.
+    /// Sets the file that the process uses, and the files whose hash identifies it.
     pub(crate) fn read(&mut self, file: &Path, parts: &[PathBuf]) {
         put_text(&mut self.sample.file, &file.to_string_lossy());
         put_text(&mut self.sample.file_sha256, &hash_of(parts).unwrap_or_default());
     }
 
-    /// Law and parameters, in place of those that the file's section for this role gives.
+    /// Sets law and parameters instead of those in the file's section for this role.
     pub(crate) fn uses(&mut self, law: &str, parameters: &str) {
         put_text(&mut self.sample.law, law);
         match &self.program {
@@ -99,26 +99,26 @@ impl Declared {
         }
     }
 
-    /// From when on it holds; said at once if the process is ready.
+    /// Sets the first output to which the configuration applies; publishes it if the process is ready.
     pub(crate) fn since(&mut self, since: Since, now_ns: u64) -> Result<(), BusError> {
         self.life = since.life;
         (self.sample.from_cycle, self.sample.from_seq, self.sample.changes) = (since.cycle, since.seq, since.changes);
-        if self.open { self.say(now_ns) } else { Ok(()) }
+        if self.is_ready { self.publish(now_ns) } else { Ok(()) }
     }
 
-    /// The process is ready: what it works with is known.
+    /// Publishes the configuration when the process becomes ready.
     pub(crate) fn ready(&mut self, now_ns: u64) -> Result<(), BusError> {
-        if std::mem::replace(&mut self.open, true) {
+        if std::mem::replace(&mut self.is_ready, true) {
             return Ok(());
         }
-        self.hashed();
-        self.say(now_ns)
+        self.poll_hash();
+        self.publish(now_ns)
     }
 
-    /// The program's hash, once it is there; a listener that came since the last change gets that too.
-    pub(crate) fn keep_up(&mut self, now_ns: u64) -> Result<(), BusError> {
-        if self.open && self.hashed() {
-            self.say(now_ns)?;
+    /// Publishes the program's hash when it is computed, and sends the configuration to late subscribers.
+    pub(crate) fn update(&mut self, now_ns: u64) -> Result<(), BusError> {
+        if self.is_ready && self.poll_hash() {
+            self.publish(now_ns)?;
         }
         if let Some(port) = &mut self.port {
             port.update_connections();
@@ -126,8 +126,8 @@ impl Declared {
         Ok(())
     }
 
-    /// True if the program has been read meanwhile.
-    fn hashed(&mut self) -> bool {
+    /// Returns whether the hash of the program has just become available.
+    fn poll_hash(&mut self) -> bool {
         let hash = self.program_hash.take();
         if let Some(hash) = &hash {
             put_text(&mut self.sample.program_sha256, hash);
@@ -135,13 +135,14 @@ impl Declared {
         hash.is_some()
     }
 
-    fn say(&mut self, now_ns: u64) -> Result<(), BusError> {
+    fn publish(&mut self, now_ns: u64) -> Result<(), BusError> {
         self.sample.header = Header { life: self.life, ..Header::at(now_ns) };
         self.port.as_mut().map_or(Ok(()), |port| port.send(&mut self.sample).map(|_| ()))
     }
 }
 
-/// The system file, its robot file, and what that names: what `file_sha256` is of, in this order.
+/// Returns the files that `file_sha256` covers, in this order: the system file, its robot file, and the files that the
+/// robot file names.
 #[must_use]
 pub fn parts_of(path: &Path, robot_path: &Path, robot: Option<&RobotFile>) -> Vec<PathBuf> {
     let folder = robot_path.parent().unwrap_or(Path::new(""));
@@ -149,7 +150,7 @@ pub fn parts_of(path: &Path, robot_path: &Path, robot: Option<&RobotFile>) -> Ve
     [path.to_owned(), robot_path.to_owned()].into_iter().chain(named).collect()
 }
 
-/// The sections of a system file that a role goes by.
+/// Returns the sections of the system file that a role uses.
 fn sections_of(role: &str) -> &'static [&'static str] {
     match role {
         "motor-io" => &["motor_io", "arbiter", "rate_hz"],
@@ -164,7 +165,7 @@ fn sections_of(role: &str) -> &'static [&'static str] {
     }
 }
 
-/// As many whole lines as fit.
+/// Stores as many whole text lines as fit.
 fn put_lines(into: &mut [u8], text: &str) {
     let text = text.trim_end();
     if text.len() <= into.len() {
@@ -188,13 +189,13 @@ mod tests {
     use messages::text_of;
 
     #[test]
-    fn what_does_not_fit_is_cut_at_a_line_and_says_so() {
+    fn a_text_that_is_too_long_is_cut_at_a_line_and_marked() {
         let mut field = [0; 64];
         put_lines(&mut field, "a = 1\nb = 2\n");
         assert_eq!(text_of(&field), "a = 1\nb = 2");
         let long: String = (0..20).map(|i| format!("key_{i} = {i}\n")).collect();
         put_lines(&mut field, &long);
-        let said = text_of(&field);
-        assert!(said.starts_with("key_0 = 0\n") && said.ends_with(&format!("\n{MORE}")), "{said}");
+        let text = text_of(&field);
+        assert!(text.starts_with("key_0 = 0\n") && text.ends_with(&format!("\n{MORE}")), "{text}");
     }
 }

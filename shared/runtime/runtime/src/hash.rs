@@ -1,4 +1,4 @@
-//! SHA-256 of files and programs, by which a run says what it was made with.
+//! SHA-256 of files and programs, which a run stores to identify what it was recorded with.
 
 use std::path::PathBuf;
 use std::thread::JoinHandle;
@@ -9,35 +9,35 @@ use sha2::{Digest, Sha256};
 
 use config::file;
 
-/// Niceness of the thread that reads a program.
-const LEFT_OVER: i32 = 19;
-/// Stack of the thread that reads a program: it may stay locked in memory.
+/// Nice value of the thread that reads a program: the lowest priority.
+const LOWEST_PRIORITY: i32 = 19;
+/// Stack of the thread that reads a program; small, because it may be locked in memory.
 const STACK_BYTES: usize = 256 * 1024;
 
-/// The hash of a program, which a thread of its own reads. On a busy computer that takes seconds, for which nothing waits.
+/// The hash of a program, computed in a thread. On a busy computer that takes seconds, for which nothing waits.
 #[derive(Debug)]
 pub struct ProgramHash(Option<JoinHandle<String>>);
 
 impl ProgramHash {
-    /// Begins to read this program.
+    /// Starts to read this program.
     #[must_use]
     pub fn begin(program: PathBuf) -> Self {
         let read = move || {
-            // It takes what time is left over; where that is not permitted, it takes its turn.
-            let _ = setpriority_process(Some(gettid()), LEFT_OVER);
+            // Without the permission it runs with the priority of its parent.
+            let _ = setpriority_process(Some(gettid()), LOWEST_PRIORITY);
             hash_of(&[program]).unwrap_or_default()
         };
         Self(std::thread::Builder::new().name("hash".to_owned()).stack_size(STACK_BYTES).spawn(read).ok())
     }
 
-    /// The hash, once: when the program has been read. Empty if it cannot be read.
+    /// Returns the hash once, when the program has been read; empty if it cannot be read.
     pub fn take(&mut self) -> Option<String> {
         self.0.take_if(|reading| reading.is_finished())?.join().ok()
     }
 }
 
-/// SHA-256 of regular files of any size (a program has more than a configuration may), one behind the other, as `cat FILES | sha256sum` has
-/// it; `None` if one cannot be read.
+/// Returns the SHA-256 of the concatenation of regular files of any size, as `cat FILES | sha256sum` prints it; `None`
+/// if one cannot be read.
 #[must_use]
 pub fn hash_of(files: &[PathBuf]) -> Option<String> {
     let mut hash = Hasher(Sha256::new());
@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_hash_is_the_one_that_a_shell_gives() {
+    fn the_hash_is_that_of_sha256sum() {
         let folder = tempfile::tempdir().unwrap();
         let files: Vec<PathBuf> = ["a", "bc"]
             .iter()
@@ -79,7 +79,7 @@ mod tests {
         let known = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
         assert_eq!(hash_of(&files).as_deref(), Some(known));
         assert_eq!(hash_of(&[folder.path().join("x")]), None);
-        assert_eq!(hash_of(&[PathBuf::from("/dev/zero")]), None, "it has no end");
+        assert_eq!(hash_of(&[PathBuf::from("/dev/zero")]), None, "an endless file");
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! The channels that belong to the name of a process. They have room for one publisher, which is the process of that name.
+//! The channels that belong to the name of a process. Each has room for one publisher, so the process that publishes on
+//! them owns the name.
 
 use bus::clock::now_ns;
 use bus::{Bus, BusError, Publisher};
@@ -6,12 +7,13 @@ use messages::{Heartbeat, Message, SystemConfig};
 
 use crate::bad_input::BadInput;
 
-/// What a dead process has left is removed within milliseconds; the process that removes it may be delayed for so long, ns.
-const LEAVING_NS: u64 = 2_000_000_000;
-/// Between two attempts to take the place of a dead process, ns.
+/// Longest time to wait for the places of a dead process, ns: another process removes its objects within milliseconds,
+/// but may be delayed.
+const CLEANUP_NS: u64 = 2_000_000_000;
+/// Time between two attempts to open the channels of a dead process, ns.
 const RETRY_NS: u64 = 20_000_000;
 
-/// The heartbeats of the process, and what it works with.
+/// Publishers of the heartbeat and of the configuration.
 type Ports = (Publisher<Heartbeat>, Publisher<SystemConfig>);
 
 fn heartbeats(bus: &Bus) -> String {
@@ -22,12 +24,12 @@ fn configuration(bus: &Bus) -> String {
     format!("system/config/{}", bus.process())
 }
 
-/// Takes them, for a process that has no predecessor.
-pub(crate) fn take(bus: &Bus) -> anyhow::Result<Ports> {
+/// Opens the channels of the name, for a process without a predecessor.
+pub(crate) fn open(bus: &Bus) -> anyhow::Result<Ports> {
     Ok((lease(bus, &heartbeats(bus))?, lease(bus, &configuration(bus))?))
 }
 
-/// Takes them once the predecessor has let go of them; `None` until then.
+/// Opens the channels of the name when the predecessor has closed them; returns `None` until then.
 pub(crate) fn take_over(bus: &Bus) -> Result<Option<Ports>, BusError> {
     let heartbeat = match bus.publisher(&heartbeats(bus)) {
         Err(BusError::Full { .. }) => return Ok(None),
@@ -39,9 +41,9 @@ pub(crate) fn take_over(bus: &Bus) -> Result<Option<Ports>, BusError> {
     }
 }
 
-/// What a killed process of the same name has left may just be in the hands of another process that cleans up: that takes a moment.
+/// Opens a channel. Waits while another process removes the objects of a killed process of the same name.
 fn lease<T: Message>(bus: &Bus, channel: &str) -> anyhow::Result<Publisher<T>> {
-    let give_up = now_ns() + LEAVING_NS;
+    let give_up = now_ns() + CLEANUP_NS;
     let name = bus.process();
     loop {
         match bus.publisher(channel) {
@@ -56,7 +58,7 @@ fn lease<T: Message>(bus: &Bus, channel: &str) -> anyhow::Result<Publisher<T>> {
     }
 }
 
-/// Whether another process of that name lives in the domain.
+/// Returns whether another process of that name runs in the domain.
 fn lives(bus: &Bus, name: &str) -> bool {
     bus.domain().alive().iter().any(|node| node.name == name && node.pid != std::process::id())
 }
@@ -66,12 +68,12 @@ fn already_runs(bus: &Bus, name: &str) -> String {
     let other = domain.alive().into_iter().find(|node| node.name == name && node.pid != std::process::id());
     match other {
         Some(node) => format!(
-            "a process named `{name}` already runs in the domain `{}` (process {}): stop it first, or give this one another --name",
+            "a process named `{name}` already runs in the domain `{}` (process {}): stop it first, or give this process another --name",
             domain.name(),
             node.pid
         ),
         None => format!(
-            "a process named `{name}` was killed in the domain `{}`, and what it left cannot be removed: end every process there and start again",
+            "a process named `{name}` was killed in the domain `{}`, and its objects cannot be removed: end every process there and start again",
             domain.name()
         ),
     }

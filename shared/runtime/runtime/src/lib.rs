@@ -1,7 +1,6 @@
-//! The framework of a process: arguments, configuration, log, signals, real-time set-up, loop timing, heartbeat.
+//! The common parts of a process: arguments, configuration, log, signals, real-time scheduling, loop timing, heartbeat.
 //!
-//! A service is a library with a pure `step` over messages, and a `main.rs` that connects it to the bus. A complete
-//! one:
+//! A service is a library with a pure `step` over messages, and a `main.rs` that connects it to the bus. Example:
 //!
 //! ```no_run
 //! use messages::{MotorState, NodeEstimate};
@@ -33,13 +32,11 @@
 //! ```
 //!
 //! Invariants:
-//! * Nothing here blocks the loop: the terminal is written by a thread of its own, the log and the heartbeat are
-//!   published in the loop's slack.
-//! * SIGINT and SIGTERM only set a flag: a thread that sleeps in [`Chassis::wait`] wakes at once, and the loop ends
-//!   itself.
-//! * Set-up that the system does not permit is skipped with one warning that names the cure.
-//! * A failed program prints one sentence with the reason, and exits with 2 (bad input) or 1 (it could not be done
-//!   now).
+//! * Nothing here blocks the loop: a separate thread writes to the terminal, and the log and the heartbeat are
+//!   published in the loop's idle time.
+//! * SIGINT and SIGTERM request the end: they wake [`Chassis::wait`] at once, and the loop ends itself.
+//! * A real-time setting that the system does not permit is skipped, with one warning that contains the cure.
+//! * A program reports a failure in one sentence, and exits with 2 (bad input) or 1 (it could not be done now).
 
 #![forbid(unsafe_code)]
 

@@ -1,7 +1,8 @@
-//! Log events: to the terminal and to `system/log/NAME`, without ever holding up who logs.
+//! Log events to the terminal and to `system/log/NAME`; logging never blocks.
 //!
-//! An event is formatted where it happens and put into two bounded queues: a thread of its own writes the terminal (a full pipe blocks only
-//! that thread), and the process's loop publishes the other when it is idle. What does not fit in a burst is counted, and the count is logged.
+//! The logging thread formats an event and puts it into two bounded queues. A separate thread writes one queue to the
+//! terminal (a full pipe blocks only this thread); the loop of the process publishes the other in its idle time. Events
+//! that do not fit are counted, and the count is logged.
 
 use std::io::Write;
 use std::sync::atomic::{AtomicU64, Ordering};
@@ -16,16 +17,16 @@ use tracing::level_filters::LevelFilter;
 use tracing::{Event, Level, Subscriber};
 use tracing_subscriber::layer::{Context, Layer, SubscriberExt};
 
-/// Events waiting in each queue: a start-up's worth.
+/// Capacity of each queue, events: more than a start-up logs.
 const QUEUE: usize = 256;
-/// Events published per call, so that a burst is spread over the slack of several passes (1 µs each).
+/// Largest number of events published per call (1 µs each), which spreads a burst over several passes.
 const AT_ONCE: usize = 16;
-/// The terminal thread formats nothing and calls little.
+/// Stack of the terminal thread, which formats nothing and calls little, bytes.
 const STACK_BYTES: usize = 64 * 1024;
-/// How long the end of the process waits for the terminal.
+/// Longest time that the end of the process waits for the terminal.
 const FLUSH: Duration = Duration::from_millis(300);
 
-struct Line {
+struct LogLine {
     stamp_ns: u64,
     level: Level,
     target: &'static str,
@@ -39,27 +40,28 @@ enum ToTerminal {
 
 struct Queues {
     terminal: SyncSender<ToTerminal>,
-    channel: SyncSender<Line>,
+    channel: SyncSender<LogLine>,
     dropped: Arc<AtomicU64>,
     unprinted: Arc<AtomicU64>,
     process: String,
 }
 
-/// The thread's end of the terminal queue, for flushing.
+/// Sender of the terminal queue, for flushing.
 static TERMINAL: OnceLock<SyncSender<ToTerminal>> = OnceLock::new();
 
-/// Collects log events of this process; [`Log::publish`] hands them to the bus.
+/// The log events of this process that are not published yet; [`Log::publish`] publishes them.
 pub(crate) struct Log {
-    lines: Receiver<Line>,
+    lines: Receiver<LogLine>,
     dropped: Arc<AtomicU64>,
     publisher: Publisher<LogEvent>,
     sample: LogEvent,
 }
 
-/// Begins logging for the process. Only the first call in a process takes the events (tests may have several).
+/// Starts logging for the process. Only the first call in a process receives the events (tests may call it several
+/// times).
 ///
 /// # Errors
-/// Those of making the channel.
+/// Those of creating the channel.
 pub(crate) fn start(bus: &Bus, verbose: bool) -> Result<Log, BusError> {
     let process = bus.process().to_owned();
     let (channel, lines) = sync_channel(QUEUE);
@@ -92,7 +94,7 @@ pub(crate) fn start(bus: &Bus, verbose: bool) -> Result<Log, BusError> {
 }
 
 fn print(queue: &Receiver<ToTerminal>, unprinted: &AtomicU64) {
-    // a terminal that has gone is no reason to stop
+    // Ignore the errors of a closed terminal.
     let write = |text: &str| _ = std::io::stderr().write_all(text.as_bytes());
     while let Ok(next) = queue.recv() {
         match next {
@@ -101,12 +103,12 @@ fn print(queue: &Receiver<ToTerminal>, unprinted: &AtomicU64) {
         }
         match unprinted.swap(0, Ordering::Relaxed) {
             0 => {}
-            count => write(&format!("({count} more log lines came faster than they could be printed)\n")),
+            count => write(&format!("({count} log lines were not printed, because the terminal is too slow)\n")),
         }
     }
 }
 
-/// Waits until the terminal has everything logged so far, but not for long.
+/// Waits until the events logged so far are written to the terminal, at most [`FLUSH`].
 pub(crate) fn flush() {
     if let Some(terminal) = TERMINAL.get() {
         let (done, wait) = sync_channel(1);
@@ -117,14 +119,14 @@ pub(crate) fn flush() {
 }
 
 impl Log {
-    /// Publishes some of what has been logged; true if nothing is left.
+    /// Publishes up to [`AT_ONCE`] events; returns whether no event is left.
     ///
     /// # Errors
     /// Those of [`Publisher::send`].
     pub(crate) fn publish(&mut self) -> Result<bool, BusError> {
         for _ in 0..AT_ONCE {
             let Ok(line) = self.lines.try_recv() else {
-                self.admit_drops()?;
+                self.report_dropped()?;
                 return Ok(true);
             };
             self.send(line.stamp_ns, line.level, line.target, &line.text)?;
@@ -132,12 +134,12 @@ impl Log {
         Ok(false)
     }
 
-    /// Gives a listener that came since the last event what it missed: a process may have said only one thing, long ago.
-    pub(crate) fn serve_late_listeners(&mut self) {
+    /// Sends the history to subscribers created since the last event, which may be long ago.
+    pub(crate) fn serve_late_subscribers(&mut self) {
         self.publisher.update_connections();
     }
 
-    fn admit_drops(&mut self) -> Result<(), BusError> {
+    fn report_dropped(&mut self) -> Result<(), BusError> {
         match self.dropped.swap(0, Ordering::Relaxed) {
             0 => Ok(()),
             count => self.send(
@@ -174,21 +176,21 @@ impl<S: Subscriber> Layer<S> for Queues {
         if matches!(self.terminal.try_send(ToTerminal::Line(line)), Err(TrySendError::Full(_))) {
             self.unprinted.fetch_add(1, Ordering::Relaxed);
         }
-        let line = Line { stamp_ns: clock::now_ns(), level, target, text: text.0 };
+        let line = LogLine { stamp_ns: clock::now_ns(), level, target, text: text.0 };
         if matches!(self.channel.try_send(line), Err(TrySendError::Full(_))) {
             self.dropped.fetch_add(1, Ordering::Relaxed);
         }
     }
 }
 
-/// The message, then `key=value` for every other field.
+/// The text of an event: the message, then `key=value` for every other field.
 #[derive(Default)]
 struct Text(String);
 
 impl Visit for Text {
     fn record_debug(&mut self, field: &Field, value: &dyn std::fmt::Debug) {
         use std::fmt::Write as _;
-        // writing into a String cannot fail
+        // Writing to a String cannot fail.
         if field.name() == "message" {
             let rest = std::mem::take(&mut self.0);
             let _ = write!(self.0, "{value:?}{rest}");

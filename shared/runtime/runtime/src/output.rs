@@ -1,6 +1,7 @@
-//! What a process says to the control chain, and how it is spoilt on request, to see what the others make of it.
+//! Publishers for outputs of the control chain, with fault injection to test the other processes.
 //!
-//! Only a process of a box with virtual drives takes such a request; on real drives an [`Output`] is its publisher and nothing else.
+//! Only processes of a system with virtual drives accept fault requests; with real drives an [`Output`] is a plain
+//! publisher.
 
 use std::cell::Cell;
 use std::collections::VecDeque;
@@ -9,23 +10,23 @@ use std::rc::Rc;
 use bus::clock::{SECOND_NS, now_ns};
 use bus::{Bus, BusError, Publisher, Server};
 use messages::schema::{Primitive, Schema};
-use messages::{Message, OperatorRequest, text_of};
+use messages::{Message, OperatorRequest, Request};
 use tracing::{info, warn};
 
-/// Most cycles by which an output can be made late: a second at 100 Hz.
+/// Largest delay of an output, cycles: one second at 100 Hz.
 const SLOWEST_CYCLES: usize = 100;
-/// Longest time that a fault can be asked for, s.
+/// Longest duration of a fault, s.
 const LONGEST_S: f64 = 3600.0;
 
-/// How an output can be spoilt: word, what stands behind the process's name, what happens.
+/// The faults of an output: word, arguments, effect.
 pub const OUTPUT_FAULTS: [(&str, &str, &str); 3] = [
-    ("slow", "PROCESS CYCLES", "what the process says comes later by so many cycles; for a controller or an estimator"),
     (
-        "nan",
-        "PROCESS",
-        "every number with a fraction that the process says is no number; for a controller or an estimator",
+        "slow",
+        "PROCESS CYCLES",
+        "the output of the process is delayed by this number of cycles; controller or estimator",
     ),
-    ("frozen", "PROCESS", "the process says the same again and again; for a controller or an estimator"),
+    ("nan", "PROCESS", "every floating-point field that the process publishes is NaN; controller or estimator"),
+    ("frozen", "PROCESS", "the process publishes the same sample repeatedly; controller or estimator"),
 ];
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,7 +36,7 @@ enum Fault {
     Frozen,
 }
 
-/// Takes requests that spoil the outputs of this process.
+/// Receives requests for faults of the outputs of this process.
 #[derive(Debug)]
 pub(crate) struct OutputFaultInjector {
     server: Server,
@@ -48,17 +49,28 @@ impl OutputFaultInjector {
         Ok(Self { server: bus.server(bus.process())?, fault: Rc::default(), until_ns: u64::MAX })
     }
 
-    /// Looks for a request; a spoilt output is put right when its time is over.
-    pub(crate) fn look(&mut self) -> Result<(), BusError> {
+    /// Handles requests, and ends a fault when its time is over.
+    pub(crate) fn poll(&mut self) -> Result<(), BusError> {
         if now_ns() >= self.until_ns {
             self.fault.set(None);
             self.until_ns = u64::MAX;
         }
         while let Some(call) = self.server.try_next()? {
-            let text = text_of(&call.request.text);
-            let wanted = parse(&text).filter(|_| call.request.verb == OperatorRequest::VERB_FAULT);
+            let text = match Request::decode(&call.request) {
+                Ok(Request::Fault { text }) => text,
+                Ok(_) => {
+                    let sentence = format!("this process takes no requests except faults: {}", forms());
+                    call.answer(OperatorRequest::BAD_INPUT, &sentence)?;
+                    continue;
+                }
+                Err(error) => {
+                    call.answer(OperatorRequest::BAD_INPUT, &error.to_string())?;
+                    continue;
+                }
+            };
+            let wanted = parse(&text);
             let Some((fault, for_s)) = wanted else {
-                let sentence = format!("\"{text}\" is nothing that this process does; it takes {}", forms());
+                let sentence = format!("the fault is \"{text}\"; accepted: {}", forms());
                 call.answer(OperatorRequest::BAD_INPUT, &sentence)?;
                 continue;
             };
@@ -75,10 +87,10 @@ impl OutputFaultInjector {
 }
 
 fn forms() -> String {
-    format!("slow CYCLES (1 to {SLOWEST_CYCLES}), nan and frozen, behind them `off` or `for SECONDS`")
+    format!("slow CYCLES (1 to {SLOWEST_CYCLES}), nan or frozen, followed by nothing, `off` or `for SECONDS`")
 }
 
-/// What is to be from now on, and for how long, s.
+/// Parses a request: the fault, `None` for none, and its duration, s.
 fn parse(text: &str) -> Option<(Option<Fault>, Option<f64>)> {
     let words: Vec<&str> = text.split_whitespace().collect();
     let (words, for_s) = match words.as_slice() {
@@ -99,58 +111,58 @@ fn parse(text: &str) -> Option<(Option<Fault>, Option<f64>)> {
     Some((fault, for_s))
 }
 
-/// A publisher of what the control chain goes by; from [`crate::Chassis::output`].
+/// Publisher for an output of the control chain, with fault injection; created by [`crate::Chassis::output`].
 #[derive(Debug)]
 pub struct Output<T: Message> {
     port: Publisher<T>,
-    spoilt: Option<Spoilt<T>>,
+    faulty: Option<FaultyOutput<T>>,
 }
 
-/// What is kept to spoil an output.
+/// State of the fault injection for one output.
 #[derive(Debug)]
-struct Spoilt<T> {
+struct FaultyOutput<T> {
     fault: Rc<Cell<Option<Fault>>>,
-    /// The last one that went out as it was meant.
+    /// The last sample published without a fault.
     last: Option<T>,
-    /// Not yet let go, oldest first.
-    held: VecDeque<T>,
-    /// Where the numbers with a fraction stand: offset and bytes.
-    fractions: Vec<(usize, usize)>,
+    /// Delayed samples, oldest first.
+    delayed: VecDeque<T>,
+    /// Offset and size of each floating-point field, bytes.
+    float_fields: Vec<(usize, usize)>,
 }
 
 impl<T: Message> Output<T> {
     pub(crate) fn new(port: Publisher<T>, fault_injector: Option<&OutputFaultInjector>) -> Self {
-        let spoilt = fault_injector.map(|fault_injector| Spoilt {
+        let faulty = fault_injector.map(|fault_injector| FaultyOutput {
             fault: Rc::clone(&fault_injector.fault),
             last: None,
-            held: VecDeque::with_capacity(SLOWEST_CYCLES + 1),
-            fractions: fractions::<T>(),
+            delayed: VecDeque::with_capacity(SLOWEST_CYCLES + 1),
+            float_fields: float_fields::<T>(),
         });
-        Self { port, spoilt }
+        Self { port, faulty }
     }
 
-    /// As [`Publisher::send`].
+    /// Publishes a sample as [`Publisher::send`], or what the present fault makes of it.
     ///
     /// # Errors
     /// Those of publishing.
     pub fn send(&mut self, sample: &mut T) -> Result<(), BusError> {
-        let spoilt = match &mut self.spoilt {
-            Some(spoilt) => spoilt.of(sample),
+        let output = match &mut self.faulty {
+            Some(faulty) => faulty.apply(sample),
             None => Some(*sample),
         };
-        if let Some(mut said) = spoilt {
-            self.port.send(&mut said)?;
+        if let Some(mut output) = output {
+            self.port.send(&mut output)?;
         }
         Ok(())
     }
 }
 
-impl<T: Message> Spoilt<T> {
-    /// What goes out instead of this sample.
-    fn of(&mut self, sample: &T) -> Option<T> {
+impl<T: Message> FaultyOutput<T> {
+    /// Returns the sample to publish instead of this one, if any.
+    fn apply(&mut self, sample: &T) -> Option<T> {
         let fault = self.fault.get();
         if !matches!(fault, Some(Fault::Slow(_))) {
-            self.held.clear();
+            self.delayed.clear();
         }
         match fault {
             None => {
@@ -161,25 +173,26 @@ impl<T: Message> Spoilt<T> {
             Some(Fault::Nan) => {
                 let mut wrong = *sample;
                 let bytes = bytemuck::bytes_of_mut(&mut wrong);
-                for &(offset, size) in &self.fractions {
+                // All bits set is NaN, in single and double precision.
+                for &(offset, size) in &self.float_fields {
                     bytes[offset..][..size].fill(0xff);
                 }
                 Some(wrong)
             }
             Some(Fault::Slow(cycles)) => {
-                self.held.push_back(*sample);
-                if self.held.len() > cycles { self.held.pop_front() } else { None }
+                self.delayed.push_back(*sample);
+                if self.delayed.len() > cycles { self.delayed.pop_front() } else { None }
             }
         }
     }
 }
 
-/// Every bit set is not a number, single or double.
-fn fractions<T: Message>() -> Vec<(usize, usize)> {
+/// Returns offset and size of each floating-point field of a type, bytes.
+fn float_fields<T: Message>() -> Vec<(usize, usize)> {
     let schema = Schema::parse(T::schema());
     let fields = schema.iter().flat_map(Schema::fields);
-    let with_fraction = fields.filter(|field| matches!(field.primitive, Primitive::Float32 | Primitive::Float64));
-    with_fraction.map(|field| (field.offset, field.size())).collect()
+    let floats = fields.filter(|field| matches!(field.primitive, Primitive::Float32 | Primitive::Float64));
+    floats.map(|field| (field.offset, field.size())).collect()
 }
 
 #[cfg(test)]
@@ -194,32 +207,32 @@ mod tests {
     }
 
     #[test]
-    fn what_is_spoilt_is_what_was_asked_for() {
+    fn each_fault_has_its_effect_on_the_output() {
         let fault = Rc::new(Cell::new(None));
-        let mut spoilt = Spoilt {
+        let mut faulty = FaultyOutput {
             fault: Rc::clone(&fault),
             last: None,
-            held: VecDeque::new(),
-            fractions: fractions::<NodeEstimate>(),
+            delayed: VecDeque::new(),
+            float_fields: float_fields::<NodeEstimate>(),
         };
-        let mut said = |wanted, cycle| {
-            fault.set(wanted);
-            spoilt.of(&estimate(cycle))
+        let mut output = |present, cycle| {
+            fault.set(present);
+            faulty.apply(&estimate(cycle))
         };
-        assert_eq!(said(None, 1), Some(estimate(1)));
-        let wrong = said(Some(Fault::Nan), 2).unwrap();
+        assert_eq!(output(None, 1), Some(estimate(1)));
+        let wrong = output(Some(Fault::Nan), 2).unwrap();
         assert!(wrong.position_m.iter().chain(&wrong.covariance_m2).chain(&wrong.tension_n).all(|x| x.is_nan()));
         assert_eq!((wrong.header, wrong.valid, wrong.incarnation), (estimate(2).header, 1, 0));
-        assert_eq!(said(Some(Fault::Frozen), 3), Some(estimate(1)));
+        assert_eq!(output(Some(Fault::Frozen), 3), Some(estimate(1)));
         let late: Vec<Option<u64>> =
-            (4..8).map(|cycle| said(Some(Fault::Slow(2)), cycle).map(|late| late.header.cycle)).collect();
+            (4..8).map(|cycle| output(Some(Fault::Slow(2)), cycle).map(|late| late.header.cycle)).collect();
         assert_eq!(late, [None, None, Some(4), Some(5)]);
-        assert_eq!(said(None, 8), Some(estimate(8)));
-        assert_eq!(said(Some(Fault::Slow(1)), 9), None);
+        assert_eq!(output(None, 8), Some(estimate(8)));
+        assert_eq!(output(Some(Fault::Slow(1)), 9), None);
     }
 
     #[test]
-    fn a_request_is_understood_or_refused() {
+    fn a_request_is_parsed_or_rejected() {
         assert_eq!(parse("slow 10"), Some((Some(Fault::Slow(10)), None)));
         assert_eq!(parse(" nan for 0.5 "), Some((Some(Fault::Nan), Some(0.5))));
         assert_eq!(parse("frozen off"), Some((None, None)));

@@ -1,4 +1,4 @@
-//! Real-time scheduling, a processor of its own, locked memory: as configured, as far as the system permits it.
+//! Real-time scheduling, CPU affinity and locked memory: as configured, as far as the system permits.
 
 use rustix::mm::{MlockAllFlags, mlockall};
 use rustix::thread::{CpuSet, sched_setaffinity};
@@ -8,18 +8,19 @@ use config::RealtimeSection;
 use std::fs::File;
 use std::io::Write;
 
-/// What was reached; see [`apply`].
+/// Settings that are in effect; see [`apply`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Reached {
     /// SCHED_FIFO at the configured priority.
     pub fifo: bool,
-    /// Bound to the configured processor.
+    /// Bound to the configured CPU.
     pub pinned: bool,
     /// Memory locked.
     pub locked: bool,
 }
 
-/// The steps above motor-io's priority: whoever is later in the chain preempts who is earlier. `None`: the role has no deadline.
+/// Returns the priority of a role above that of motor-io: a process later in the control chain preempts an earlier one.
+/// `None` for roles without a deadline.
 #[must_use]
 pub fn priority_step(role: &str) -> Option<u8> {
     match role {
@@ -30,8 +31,9 @@ pub fn priority_step(role: &str) -> Option<u8> {
     }
 }
 
-/// Sets up the calling thread (threads that exist already stay ordinary); what is not permitted is left out, and one sentence says what
-/// and how to permit it. Of a robot only motor-io says it: who comes later in the chain speaks only where it gets less than motor-io.
+/// Applies the settings to the calling thread; existing other threads are not changed. Settings that the system does
+/// not permit are skipped, and the returned sentence names them and how to permit them. To avoid repetitions, only
+/// motor-io returns it; an estimator or controller does so only if it is permitted less than motor-io.
 pub fn apply(section: &RealtimeSection, role: &str) -> (Reached, Option<String>) {
     let (reached, warning) = match priority_step(role) {
         Some(0) => set_up(section, 0),
@@ -39,7 +41,7 @@ pub fn apply(section: &RealtimeSection, role: &str) -> (Reached, Option<String>)
         None => (Reached::default(), None),
     };
     if answers_in_a_cycle(role) && !reached.fifo {
-        // Nothing to warn of: where the kernel does not know of it, everything is as before.
+        // Without the support of the kernel nothing changes, so there is no warning.
         bus::fair::short_turns();
     }
     (reached, warning)
@@ -51,33 +53,34 @@ fn later_in_the_chain(section: &RealtimeSection, step: u8) -> (Reached, Option<S
         return (reached, None);
     }
     match set_up(section, 0) {
-        // Everything that motor-io gets: what is missing is the step above it.
+        // motor-io's settings are permitted, but not the higher priority.
         (reached, None) => (reached, warning),
         (reached, Some(_)) => (reached, None),
     }
 }
 
-/// Whether a process of this role has to answer within a control cycle: the chain, and the virtual drives.
+/// Returns whether a process of this role has to respond within a control cycle: the control chain and the virtual
+/// motor box.
 fn answers_in_a_cycle(role: &str) -> bool {
     priority_step(role).is_some() || role == "motor-box"
 }
 
-/// Sets up the calling thread as a process that it is about to start shall run, which inherits it; what is not permitted is left out, and
-/// one sentence says what and how to permit it.
+/// Applies the settings of a process to the calling thread before it starts the process, which inherits them. Settings
+/// that the system does not permit are skipped, and the returned sentence names them and how to permit them.
 #[must_use]
 pub fn bequeath(priority: u8, cpu: Option<usize>) -> Option<String> {
     // Locked memory is not inherited.
     set_up(&RealtimeSection { priority, cpu, ..RealtimeSection::default() }, 0).1
 }
 
-/// The kernel's PM QoS: who holds this file open with a number in it sees processors wake up within so many microseconds
-/// (Documentation/power/pm_qos_interface in the kernel's sources).
+/// The kernel's PM QoS interface: while a process holds this file open, the CPUs wake up within the number of
+/// microseconds written to it (Documentation/power/pm_qos_interface in the kernel's sources).
 const IDLE_LATENCY: &str = "/dev/cpu_dma_latency";
 
-/// Keeps the processors from sleeping deeper than `latency_us` allows, as long as the file is held; or one sentence with the cure.
+/// Limits the idle states of the CPUs to a wake-up latency of `latency_us`, as long as the returned file is open.
 ///
 /// # Errors
-/// Where the device cannot be written.
+/// The device cannot be written: one sentence with the cure.
 pub fn stay_awake(latency_us: u32) -> Result<File, String> {
     let ask = || {
         let mut file = File::options().write(true).open(IDLE_LATENCY)?;
@@ -86,21 +89,21 @@ pub fn stay_awake(latency_us: u32) -> Result<File, String> {
     };
     ask().map_err(|error| {
         format!(
-            "going on with processors that sleep as deeply as they like: {IDLE_LATENCY}: {error} (scripts/install gives it to the robot's \
-             user; on a machine without it leave `realtime.idle_latency_us` away)"
+            "the idle latency of the processors is not limited: {IDLE_LATENCY}: {error} (scripts/install gives the robot's user access; on a \
+             machine without this device remove `realtime.idle_latency_us`)"
         )
     })
 }
 
-/// Makes the calling thread ordinary again, on any processor: for a helper that is started from the control chain, inherits its
-/// priority, and would hold it up at every wait for a disk. Lowering oneself is always permitted.
+/// Resets the calling thread to ordinary scheduling on any CPU. For helper threads of the control chain, which inherit
+/// its priority and would delay it. Lowering the priority is always permitted.
 pub fn ordinary() {
-    // The crate's scale for niceness 0.
+    // Nice value 0 on the scale of the crate thread_priority.
     const NICE_0: u8 = 47;
     let policy = ThreadSchedulePolicy::Normal(NormalThreadSchedulePolicy::Other);
     if let Ok(value) = NICE_0.try_into() {
         let thread = thread_priority::unix::thread_native_id();
-        // Where even the niceness may not be changed, the policy has been.
+        // If the nice value may not be changed, the policy is changed anyway.
         let _ =
             thread_priority::unix::set_thread_priority_and_policy(thread, ThreadPriority::Crossplatform(value), policy);
     }
@@ -131,14 +134,14 @@ fn set_up(section: &RealtimeSection, step: u8) -> (Reached, Option<String>) {
         }
     }
     if section.lock_memory {
-        // On fault: what is touched stays, and shared memory that nobody uses costs nothing.
+        // ONFAULT: only used pages are locked, so unused shared memory takes no RAM.
         match mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE | MlockAllFlags::ONFAULT) {
             Ok(()) => reached.locked = true,
             Err(_) => refused.push("locked memory (allow it with `LimitMEMLOCK=infinity` in the service unit or `- memlock unlimited` in /etc/security/limits.d)".to_owned()),
         }
     }
     let warning = (!refused.is_empty())
-        .then(|| format!("going on without what the system does not permit: {}", refused.join("; ")));
+        .then(|| format!("running without settings that the system does not permit: {}", refused.join("; ")));
     (reached, warning)
 }
 
@@ -154,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_not_permitted_is_one_sentence_with_the_cure() {
+    fn settings_that_are_not_permitted_cause_one_sentence_with_the_cure() {
         let section = RealtimeSection { cpu: Some(100_000), ..RealtimeSection::default() };
         assert_eq!(apply(&section, "recorder"), (Reached::default(), None));
         let (reached, warning) = apply(&section, "motor-io");
@@ -164,16 +167,16 @@ mod tests {
     }
 
     #[test]
-    fn the_kernel_confirms_what_was_reached() {
+    fn the_kernel_confirms_the_settings_in_effect() {
         let processors = std::thread::available_parallelism().map_or(1, usize::from);
         std::thread::spawn(move || {
             let section = RealtimeSection { priority: 10, cpu: Some(0), ..RealtimeSection::default() };
             let (reached, warning) = apply(&section, "estimator");
-            // What is missing is said once for the robot, by motor-io.
+            // Only motor-io reports missing permissions.
             assert!(warning.is_none() || !(reached.fifo && reached.pinned), "{warning:?}");
             assert_eq!(scheduling(), if reached.fifo { ("11".into(), "1".into()) } else { ("0".into(), "0".into()) });
             assert!(!reached.pinned || allowed() == "0", "{}", allowed());
-            // A helper that is started from here inherits all of it, and gives it back.
+            // A helper thread inherits the settings, and `ordinary` resets them.
             let (before, after) = std::thread::spawn(|| {
                 let before = (scheduling(), allowed());
                 ordinary();
@@ -189,7 +192,8 @@ mod tests {
         .unwrap();
     }
 
-    /// proc_pid_stat(5): field 40 is the real-time priority, 41 the policy (1: SCHED_FIFO); the name in field 2 has no blank here.
+    /// Real-time priority and policy (1: SCHED_FIFO), fields 40 and 41 of proc_pid_stat(5); the name in field 2 has no
+    /// space.
     fn scheduling() -> (String, String) {
         let stat = std::fs::read_to_string("/proc/thread-self/stat").unwrap();
         let fields: Vec<&str> = stat.rsplit(')').next().unwrap().split_whitespace().collect();

@@ -1,14 +1,15 @@
-//! A loop that turns so many times a second, for processes that ask a device and publish what it says.
+//! A periodic loop, for processes that poll a device and publish its readings.
 
 use bus::clock::{SECOND_NS, Schedule, now_ns};
 use bus::{BusError, Waiter};
 
 use crate::Chassis;
 
-/// Slowest and fastest rhythm, 1/s.
+/// Smallest and largest rate, 1/s.
 const RATES_HZ: [f64; 2] = [1e-3, 1e4];
 
-/// When the next turn is due: by absolute time, without drift and without catching up. Made by [`Chassis::rhythm`].
+/// The schedule of a periodic loop at absolute times: no drift and no bursts after a stall. Created by
+/// [`Chassis::rhythm`].
 #[derive(Debug)]
 pub struct Rhythm {
     waiter: Waiter,
@@ -16,7 +17,7 @@ pub struct Rhythm {
 }
 
 impl Chassis {
-    /// A rhythm of `rate_hz` turns a second (0.001 to 10 000), from now on.
+    /// Creates a schedule of `rate_hz` turns per second (0.001 to 10 000) that starts now.
     ///
     /// # Errors
     /// Those of [`Chassis::waiter`].
@@ -25,8 +26,8 @@ impl Chassis {
         Ok(Rhythm { waiter: self.waiter(&[])?, schedule: Schedule::new(now_ns(), period_ns as u64) })
     }
 
-    /// Sleeps until the next turn, with the housekeeping meanwhile; false once the process is to end. The whole loop of a sensor is
-    /// `while chassis.turn(&mut rhythm)? { .. }`.
+    /// Waits until the next turn and does the housekeeping meanwhile; returns false when the process must end. The loop
+    /// of a sensor is `while chassis.turn(&mut rhythm)? { .. }`.
     ///
     /// # Errors
     /// Those of [`Chassis::wait`].

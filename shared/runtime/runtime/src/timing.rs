@@ -1,13 +1,13 @@
-//! How long each pass of a loop is busy.
+//! Durations of the passes of a loop.
 
 use hdrhistogram::Histogram;
 
-/// Longest pass that is told apart, ns; longer ones count as this.
+/// Largest recorded duration, ns; longer passes count as this.
 const LONGEST_NS: u64 = 10_000_000_000;
-/// Two significant digits: 14 KB, and a percent is finer than anybody asks.
+/// Significant digits of the histogram: with two it takes 14 KB, and its error is below one percent.
 const DIGITS: u8 = 2;
 
-/// Durations of passes: recording neither allocates nor blocks.
+/// Histogram of the durations of passes; recording neither allocates nor blocks.
 #[derive(Debug)]
 pub struct Timing {
     histogram: Option<Histogram<u32>>,
@@ -23,19 +23,19 @@ impl Default for Timing {
 }
 
 impl Timing {
-    /// No pass yet.
+    /// Creates an empty histogram.
     #[must_use]
     pub fn new() -> Self {
-        // the bounds are valid, so there always is one
+        // The bounds are valid, so this never is `None`.
         Self { histogram: Histogram::new_with_bounds(1, LONGEST_NS, DIGITS).ok(), began_ns: None, max_ns: 0, passes: 0 }
     }
 
-    /// A pass has begun.
+    /// Records the start of a pass.
     pub fn begin(&mut self, now_ns: u64) {
         self.began_ns = Some(now_ns);
     }
 
-    /// It has ended; without a beginning nothing is recorded.
+    /// Records the end of a pass; ignored without a start.
     pub fn end(&mut self, now_ns: u64) {
         if let Some(began) = self.began_ns.take() {
             let busy = now_ns.saturating_sub(began);
@@ -47,13 +47,13 @@ impl Timing {
         }
     }
 
-    /// Passes recorded.
+    /// Returns the number of recorded passes.
     #[must_use]
     pub fn passes(&self) -> u64 {
         self.passes
     }
 
-    /// The duration that this fraction of the passes does not exceed, ns, to two digits; 0 before the first.
+    /// Returns the quantile of the durations, ns, to two digits; 0 before the first pass.
     #[must_use]
     pub fn quantile_ns(&self, fraction: f64) -> u64 {
         self.histogram
@@ -62,7 +62,7 @@ impl Timing {
             .map_or(0, |histogram| histogram.value_at_quantile(fraction))
     }
 
-    /// The longest pass, ns, exact.
+    /// Returns the longest duration, ns, exact.
     #[must_use]
     pub fn max_ns(&self) -> u64 {
         self.max_ns
@@ -74,7 +74,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quantiles_are_right_to_two_digits() {
+    fn quantiles_are_correct_to_two_digits() {
         let mut timing = Timing::new();
         timing.end(5);
         assert_eq!((timing.passes(), timing.quantile_ns(0.5)), (0, 0));

@@ -1,4 +1,4 @@
-//! Parameters that are set while the robot runs: heard from the supervisor, due in the cycle that it announced.
+//! Parameters that are set while the robot runs: received from the supervisor, applied in the cycle that it announced.
 
 use std::collections::VecDeque;
 use std::fmt::{Debug, Formatter};
@@ -8,76 +8,80 @@ use messages::{Header, SystemConfig, text_of};
 
 use config::{RobotFile, SystemFile, Tuned};
 
-/// Where the supervisor says what was set.
+/// Channel on which the supervisor publishes the set parameters.
 pub const TUNED_CHANNEL: &str = "system/config/nims";
 
-/// A change that was announced.
+/// An announced change.
 #[derive(Debug, Clone)]
 pub struct Change<T> {
-    /// What the process makes of the box as it is from then on.
+    /// The value that the process made from the changed configuration.
     pub made: T,
-    /// Changes of this run that are in it.
+    /// Number of changes of this run up to this one.
     pub changes: u32,
-    /// Life of motor-io, and cycle.
+    /// Life of motor-io and cycle from which the change applies.
     from: (u64, u64),
 }
 
 type Make<T> = Box<dyn FnMut(&SystemFile, &RobotFile) -> anyhow::Result<T>>;
 
-/// Hears what is set, and holds it back until its cycle.
+/// Receives announced changes and returns them in their cycle.
 pub struct Tuning<T> {
-    said: Subscriber<SystemConfig>,
+    announcements: Subscriber<SystemConfig>,
     file: SystemFile,
     robot: RobotFile,
     make: Make<T>,
-    heard: u32,
+    /// Number of changes received so far, including those in the file.
+    received: u32,
     waiting: VecDeque<Change<T>>,
 }
 
 impl<T> Tuning<T> {
-    /// `heard`: changes that are in the file.
+    /// `received`: number of changes that the file contains.
     pub(crate) fn new(
-        said: Subscriber<SystemConfig>,
+        announcements: Subscriber<SystemConfig>,
         file: SystemFile,
         robot: RobotFile,
         make: Make<T>,
-        heard: u32,
+        received: u32,
     ) -> Self {
-        Self { said, file, robot, make, heard, waiting: VecDeque::new() }
+        Self { announcements, file, robot, make, received, waiting: VecDeque::new() }
     }
 
-    /// Takes what was announced since the last call; for the slack behind an answer, because a change is read, checked and made here.
+    /// Receives and checks the changes announced since the last call. To be called in the idle time after an output,
+    /// because it makes the new value.
     ///
     /// # Errors
     /// Those of receiving.
     pub fn hear(&mut self) -> Result<(), BusError> {
-        while let Some(said) = self.said.receive()? {
-            if said.changes <= self.heard {
+        while let Some(announced) = self.announcements.receive()? {
+            if announced.changes <= self.received {
                 continue;
             }
-            self.heard = said.changes;
-            match self.read(&said) {
+            self.received = announced.changes;
+            match self.make_changed(&announced) {
                 Ok(made) => {
                     self.waiting.push_back(Change {
                         made,
-                        changes: said.changes,
-                        from: (said.header.life, said.from_cycle),
+                        changes: announced.changes,
+                        from: (announced.header.life, announced.from_cycle),
                     });
                 }
-                Err(why) => tracing::error!("change {} of the parameters is not taken up: {why:#}", said.changes),
+                Err(why) => tracing::error!("change {} of the parameters is not applied: {why:#}", announced.changes),
             }
         }
         Ok(())
     }
 
-    /// What the supervisor says is all that was set so far, and it has checked it; this process takes nothing unchecked all the same.
-    fn read(&mut self, said: &SystemConfig) -> anyhow::Result<T> {
-        let tuned = Tuned::parse(&text_of(&said.parameters)).map_err(anyhow::Error::msg)?;
+    /// Makes the value from the configuration with all parameters set so far. The supervisor has checked them; this
+    /// process checks them again.
+    fn make_changed(&mut self, announced: &SystemConfig) -> anyhow::Result<T> {
+        let tuned = Tuned::parse(&text_of(&announced.parameters)).map_err(anyhow::Error::msg)?;
         let file = self.file.tuned(&self.robot, &tuned).map_err(anyhow::Error::msg)?;
         (self.make)(&file, &self.robot)
     }
 
-    /// The newest change that holds in a cycle, once. In a later life of motor-io every change of an earlier one holds.
+    /// Returns the newest change that applies in a cycle, once. Changes announced for an earlier life of motor-io apply
+    /// too.
     pub fn due(&mut self, now: &Header) -> Option<Change<T>> {
         let mut due = None;
         while self.waiting.front().is_some_and(|change| change.from <= (now.life, now.cycle)) {
@@ -89,6 +93,6 @@ impl<T> Tuning<T> {
 
 impl<T> Debug for Tuning<T> {
     fn fmt(&self, formatter: &mut Formatter<'_>) -> std::fmt::Result {
-        formatter.debug_struct("Tuning").field("heard", &self.heard).finish_non_exhaustive()
+        formatter.debug_struct("Tuning").field("received", &self.received).finish_non_exhaustive()
     }
 }

@@ -1,4 +1,4 @@
-//! A whole process: its life signs, its log, its end, and what it says when it cannot start.
+//! A whole process: its heartbeats, its log, its end, and its errors at the start.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use std::path::Path;
@@ -15,7 +15,7 @@ fn echo(arguments: &[&str]) -> Command {
     command
 }
 
-/// Runs one that cannot start; its exit code and what it said.
+/// Runs a process that cannot start; returns its exit code and its message.
 fn refused(arguments: &[&str]) -> (i32, String) {
     let output = echo(arguments).output().unwrap();
     (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
@@ -30,7 +30,7 @@ fn wait_for<T: Message>(subscriber: &mut Subscriber<T>, waiter: &mut Waiter, mut
                 return sample;
             }
         }
-        assert!(now_ns() < give_up, "nothing of the kind came");
+        assert!(now_ns() < give_up, "no such sample arrived");
         waiter.wait_until(Some(now_ns() + 100_000_000)).unwrap();
     }
 }
@@ -45,21 +45,21 @@ struct Watched {
 fn watch(bus: &Bus) -> Watched {
     Watched {
         beats: bus.subscriber("system/heartbeat/echo").unwrap(),
-        // A burst may come in one go while this program does not run.
+        // A whole burst may arrive while this program is not scheduled.
         log: bus.deep_subscriber("system/log/echo").unwrap(),
         states: bus.publisher("motor/state").unwrap(),
         waiter: bus.waiter(&["system/heartbeat/echo", "system/log/echo"]).unwrap(),
     }
 }
 
-/// Asks a child to end, as a supervisor does.
+/// Ends a child process with SIGTERM, as a supervisor does.
 fn terminate(child: &mut std::process::Child) -> ExitStatus {
     rustix::process::kill_process(rustix::process::Pid::from_child(child), rustix::process::Signal::TERM).unwrap();
     child.wait().unwrap()
 }
 
 #[test]
-fn it_lives_works_logs_and_ends_in_order() {
+fn a_process_starts_works_logs_and_ends() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut seen = watch(&bus);
@@ -89,7 +89,7 @@ fn it_lives_works_logs_and_ends_in_order() {
 }
 
 #[test]
-fn a_burst_of_events_is_cut_and_the_cut_is_said() {
+fn a_burst_of_events_is_truncated_and_the_number_of_dropped_events_is_logged() {
     const BURST: usize = 3000;
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
@@ -100,7 +100,7 @@ fn a_burst_of_events_is_cut_and_the_cut_is_said() {
     wait_for(&mut seen.beats, &mut seen.waiter, |beat| beat.state == Heartbeat::STATE_READY);
     seen.states.send(&mut MotorState::default()).unwrap();
     let mut events = 0;
-    // The only event that begins with a number; it says how many it stands for.
+    // The only event that starts with a number: the number of dropped events.
     let number = |event: &LogEvent| text_of(&event.text).split(' ').next().and_then(|word| word.parse::<usize>().ok());
     let said = wait_for(&mut seen.log, &mut seen.waiter, |event| {
         events += usize::from(text_of(&event.text).starts_with("event "));
@@ -129,7 +129,7 @@ fn a_failure_is_one_sentence_on_the_terminal_and_in_the_log() {
 }
 
 #[test]
-fn what_cannot_be_used_is_refused_in_one_sentence_with_exit_code_2() {
+fn bad_input_is_rejected_with_one_sentence_and_exit_code_2() {
     let domain = Domain::for_test();
     let bus = Bus::join(&domain, "test").unwrap();
     let mut seen = watch(&bus);
@@ -159,7 +159,7 @@ fn what_cannot_be_used_is_refused_in_one_sentence_with_exit_code_2() {
     for (arguments, parts) in cases {
         let (code, said) = refused(arguments);
         assert!(code == 2 && parts.iter().all(|part| said.contains(part)), "{arguments:?}: {code} {said}");
-        // What the parser of the command line says has its own form.
+        // Messages of clap have their own form.
         assert!(said.starts_with("echo: ") && said.lines().count() == 1 || arguments[0] == "--slot", "{said}");
     }
     assert!(terminate(&mut child).success());

@@ -1,4 +1,5 @@
-//! A signal wakes whoever waits, also one that came before the wait. Alone in its program: a signal reaches every chassis of a process.
+//! A signal wakes a waiter, also if it arrived before the wait. The only test of its program, because a signal reaches
+//! every chassis of a process.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use runtime::{Chassis, CommonArgs};
@@ -14,6 +15,6 @@ fn a_signal_before_the_wait_wakes_it() {
     assert!(chassis.running());
     signal_hook::low_level::raise(signal_hook::consts::SIGTERM).unwrap();
     assert!(!chassis.running());
-    // without limit: only the signal can end this
+    // Without a deadline, only the signal can end the wait.
     assert!(waiter.wait_until(None).unwrap().descriptor(0));
 }

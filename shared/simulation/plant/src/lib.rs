@@ -12,7 +12,7 @@
 //! | [`drive`] | command delay and lag, speed loop at 300 Hz on encoder counts, saturation |
 //! | [`motor`] | brushed motor and gear, referred to the cable: quasi-static current, friction, inertia, self-locking |
 //! | [`drum`] | radius that grows with every layer of cable |
-//! | [`line`](mod@line) | elastic cable that cannot push; the idler and its encoder |
+//! | [`mod@line`] | elastic cable that cannot push; the idler and its encoder |
 //! | [`node`] | point mass with weight or buoyancy, drag and soft ground; in space or in a plane |
 //! | [`ground`] | input of sensors on the node: objects on the ground, quantities that vary with position |
 //! | [`statics`] | tensions that hold the node at rest at the start |

@@ -1,5 +1,5 @@
-//! Tensions of four cables, the structure matrix included, beside an interior-point method for the least norm and a simplex
-//! method for the least sum; and the energy-optimal parabola.
+//! Tensions of four cables, the structure matrix included, beside an interior-point method for the least norm and a
+//! simplex method for the least sum; and the energy-optimal parabola.
 
 use std::hint::black_box;
 

@@ -1,35 +1,36 @@
-//! The states of the line and of a unit on the way into use.
+//! The states of the bus and of a unit on the way into use.
 
 use crate::codec::Read;
 use crate::packet::MAX_PACKET;
 
-/// Where the line is.
+/// Where the bus is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Step {
-    /// Reading and forgetting until it is quiet; the last byte came at `quiet_from_ns` or before.
+    /// Reads and discards until the port is quiet; the last byte arrived at `quiet_from_ns` or before.
     Draining { quiet_from_ns: u64 },
-    /// Waiting for the answer to a fence, whatever comes before it.
+    /// Waits for the answer to a fence, and skips bytes before it.
     Fencing { unit: usize, read: Read, until_ns: u64, window: Window },
-    /// Empty, and nothing outstanding.
+    /// Nothing received, nothing outstanding.
     Settled,
 }
 
-/// What came in place of the answer to a fence.
+/// Bytes received in place of the answer to a fence.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub(super) enum Instead {
-    /// Not one byte.
+    /// No byte.
     #[default]
     Nothing,
     /// The question itself.
     Echo,
     /// Something else.
-    Gibberish,
+    Foreign,
 }
 
-/// What a unit is asked before it is used, in this order.
+/// Questions of a unit's setup, in this order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Setup {
-    /// Is the watchdog still as it was set? Otherwise the unit has restarted. `whole`: ask for everything in any case.
+    /// Reads the watchdog: another value than the one that was set means a restart. `whole`: continue the setup in any
+    /// case.
     Recognise {
         whole: bool,
     },
@@ -41,7 +42,7 @@ pub(super) enum Setup {
     Encoders,
 }
 
-/// The last bytes received, to find an answer in.
+/// The last bytes received, in which an answer is searched.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Window {
     bytes: [u8; MAX_PACKET],
@@ -65,7 +66,7 @@ impl Window {
         match self.bytes.get(..self.len) {
             None | Some([]) => Instead::Nothing,
             Some(bytes) if bytes == question => Instead::Echo,
-            Some(_) => Instead::Gibberish,
+            Some(_) => Instead::Foreign,
         }
     }
 

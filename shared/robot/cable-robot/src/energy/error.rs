@@ -14,7 +14,7 @@ pub enum EnergyError {
     InvalidArgument {
         /// Name of the parameter.
         what: &'static str,
-        /// Value of the parameter.
+        /// Value of the quantity.
         value: f64,
         /// Accepted values.
         accepted: &'static str,

@@ -3,7 +3,7 @@
 //!
 //! * Least norm (27): projection of the origin on the solutions within the limits, through its dual, which has one
 //!   unknown per direction, T = clamp(Λᵀy, min, max). The dual is concave and piecewise quadratic.
-//! * Least sum: the best vertex of the solutions; all are tried, as in the paper's reference [37] for one redundant
+//! * Least sum: the best vertex of the solutions; all are tried, as in the paper's reference \[37\] for one redundant
 //!   cable. If several are best, the least norm of everything with that sum.
 //! * Safest: the greatest distance to the nearest limit; the least norm if that distance is unbounded.
 //!

@@ -1,4 +1,4 @@
-//! Several units on one line.
+//! Several units on one bus.
 
 use serial::{Device, Paced};
 
@@ -8,26 +8,26 @@ use crate::codec::{ADDRESSES, BYTE_GAP_NS};
 use crate::crc::crc16;
 use crate::packet::{MAX_PACKET, Packet};
 
-/// Units that hear the same bytes and answer on the same wire.
+/// Units that receive the same bytes and answer on the same wire.
 #[derive(Debug, Clone)]
-pub struct UnitLine {
+pub struct UnitBus {
     units: Vec<Unit>,
     parser: Parser,
-    /// Packets whose checksum was wrong.
+    /// Number of packets with a wrong checksum.
     refused: u64,
 }
 
-/// Puts packets together from bytes, however they are cut.
+/// Assembles packets from bytes.
 #[derive(Debug, Clone)]
 struct Parser {
     bytes: [u8; MAX_PACKET],
     len: usize,
     last_ns: u64,
-    /// In a command that no unit knows: only a pause shows where it ends.
+    /// In an unknown command, whose end only a pause shows.
     lost: bool,
 }
 
-/// A whole packet.
+/// A complete packet.
 struct Received {
     address: u8,
     code: u8,
@@ -77,11 +77,11 @@ impl Parser {
     }
 }
 
-impl UnitLine {
-    /// These units, on one line.
+impl UnitBus {
+    /// A bus with these units.
     #[must_use]
-    pub fn new(units: Vec<Unit>) -> UnitLine {
-        UnitLine { units, parser: Parser { bytes: [0; MAX_PACKET], len: 0, last_ns: 0, lost: false }, refused: 0 }
+    pub fn new(units: Vec<Unit>) -> UnitBus {
+        UnitBus { units, parser: Parser { bytes: [0; MAX_PACKET], len: 0, last_ns: 0, lost: false }, refused: 0 }
     }
 
     /// The units.
@@ -95,22 +95,22 @@ impl UnitLine {
         &mut self.units
     }
 
-    /// What a unit's sensors measure now.
+    /// Sets the sensor readings of a unit.
     pub fn measure(&mut self, unit: usize, measured: &Measured) {
         if let Some(unit) = self.units.get_mut(unit) {
             unit.measure(measured);
         }
     }
 
-    /// Packets that were not answered because their checksum was wrong.
+    /// Number of packets that were not answered because of a wrong checksum.
     #[must_use]
     pub fn refused(&self) -> u64 {
         self.refused
     }
 }
 
-impl Device for UnitLine {
-    /// A byte arrived; an answer that is due goes onto the wire.
+impl Device for UnitBus {
+    /// Receives a byte; puts the answer onto the wire when a packet is complete.
     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
         self.advance(now_ns);
         match self.parser.take(now_ns, byte) {
@@ -130,7 +130,7 @@ impl Device for UnitLine {
         }
     }
 
-    /// Time has reached `now_ns` for every unit.
+    /// Advances every unit to `now_ns`.
     fn advance(&mut self, now_ns: u64) {
         for unit in &mut self.units {
             unit.advance(now_ns);

@@ -1,57 +1,58 @@
-//! A port that heals itself.
+//! A serial port that opens its device again when it comes back.
 
 use std::cell::Cell;
 use std::sync::Arc;
 
 use crate::clock::{monotonic_ns, sleep_until};
 use crate::transport::{StatusPin, Transport};
-use crate::{Error, Latency, LineClock, Port};
+use crate::{Error, Latency, Port, PortClock};
 
-/// Pause between two attempts to open a lost device: short beside the second or so that USB needs to enumerate a device that was
-/// plugged in, long beside the cost of asking.
+/// Time between two attempts to open a lost device, ns: short compared with the second that USB needs to enumerate a
+/// device, long compared with the cost of an attempt.
 pub const REOPEN_EVERY_NS: u64 = 200_000_000;
 
-/// A simulated device that waits for a processor is waited for in steps of this, ns,
+/// Step in which a simulated device that has no processor is waited for, ns.
 const DEVICE_STEP_NS: u64 = 1_000_000;
-/// and so much longer once it has run, ns: its answer takes its time on the wire,
+/// Further wait once it has run, ns: its answer takes time on the wire.
 const DEVICE_ANSWER_NS: u64 = 8_000_000;
-/// but not for longer than this in all, ns: a computer that is worse than that flies nothing.
+/// Longest such wait, ns: no robot can be driven on a slower computer.
 const DEVICE_PATIENCE_NS: u64 = 5_000_000_000;
 
-/// Whether a [`Line`] has its device.
+/// Connection of a [`ReopeningPort`].
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub enum LineState {
+pub enum PortState {
     /// The device is open.
     Connected,
-    /// The device is not there; it is looked for again every [`REOPEN_EVERY_NS`].
+    /// The device is not there; the port tries to open it every [`REOPEN_EVERY_NS`].
     Lost(Error),
 }
 
-/// A serial device by its name, whether or not it is there at the moment.
+/// A serial device by its name, present or not.
 ///
-/// Nothing waits for a lost device: every operation on it fails at once with the reason. [`Transport::connection`] looks for it.
-/// Name it by a link that stays (`/dev/serial/by-path/..`): the kernel gives a device that is plugged in again another number.
+/// No call waits for a lost device: every operation fails at once with the reason. [`Transport::connection`] tries to
+/// open it. Use a stable name (`/dev/serial/by-path/..`): the kernel gives a device that is plugged in again another
+/// number.
 #[derive(Debug)]
-pub struct Line {
+pub struct ReopeningPort {
     name: Arc<str>,
     baud: u32,
     port: Option<Port>,
     lost: Error,
     next_try_ns: u64,
     connections: u32,
-    clock: Arc<LineClock>,
-    /// What the line's clock last showed: a device tells of a pause when it is over, and a clock does not go back.
+    clock: Arc<PortClock>,
+    /// Last time shown: a device reports a pause when it is over, and the clock must not go back.
     shown_ns: Cell<u64>,
 }
 
-impl Line {
-    /// A line to the device `name` at `baud` bits per second. Nothing is opened yet.
+impl ReopeningPort {
+    /// A port for the device `name` at `baud` bits per second. Nothing is opened yet.
     #[must_use]
-    pub fn new(name: &str, baud: u32) -> Line {
+    pub fn new(name: &str, baud: u32) -> ReopeningPort {
         let name: Arc<str> = name.into();
-        Line {
+        ReopeningPort {
             lost: Error::Missing { port: Arc::clone(&name) },
-            clock: Arc::new(LineClock::new(&name)),
+            clock: Arc::new(PortClock::new(&name)),
             shown_ns: Cell::new(0),
             name,
             baud,
@@ -61,22 +62,22 @@ impl Line {
         }
     }
 
-    /// Whether the device is there, as far as the last operation showed.
+    /// Whether the device is there, as of the last operation.
     #[must_use]
-    pub fn state(&self) -> LineState {
+    pub fn state(&self) -> PortState {
         match self.port {
-            Some(_) => LineState::Connected,
-            None => LineState::Lost(self.lost.clone()),
+            Some(_) => PortState::Connected,
+            None => PortState::Lost(self.lost.clone()),
         }
     }
 
-    /// The open port's latency, where there is one.
+    /// Latency of the open port; `None` while the device is lost.
     #[must_use]
     pub fn latency(&self) -> Option<Latency> {
         self.port.as_ref().map(Port::latency)
     }
 
-    /// When the device will be looked for again, on the monotonic clock, ns; `None` while it is there.
+    /// Time of the next attempt to open the device, on the monotonic clock, ns; `None` while it is there.
     #[must_use]
     pub fn next_try_ns(&self) -> Option<u64> {
         self.port.is_none().then_some(self.next_try_ns)
@@ -96,15 +97,16 @@ impl Line {
         result
     }
 
-    /// The deadline is over on the machine's clock: reads on while the device has left out some of the time, or waits for a processor.
-    fn read_on(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
+    /// Continues a read whose deadline has passed on the machine's clock, while the device has left out time or waits
+    /// for a processor.
+    fn read_on(&mut self, buffer: &mut [u8], deadport_ns: u64) -> Result<usize, Error> {
         let give_up_ns = monotonic_ns().saturating_add(DEVICE_PATIENCE_NS);
         let mut waited = false;
         loop {
             let now_ns = monotonic_ns();
             let wants_to_run = now_ns < give_up_ns && self.clock.device_wants_to_run();
-            let until_ns = if self.now_ns() < deadline_ns {
-                self.on_the_machine_ns(deadline_ns)
+            let until_ns = if self.now_ns() < deadport_ns {
+                self.on_the_machine_ns(deadport_ns)
             } else if wants_to_run {
                 waited = true;
                 now_ns + DEVICE_STEP_NS
@@ -120,19 +122,19 @@ impl Line {
         }
     }
 
-    /// An instant of the line's clock on the machine's, as far as it is known.
-    fn on_the_machine_ns(&self, line_ns: u64) -> u64 {
-        line_ns.saturating_add(self.clock.left_out_ns())
+    /// Converts a time of the port's clock to the machine's, as far as it is known.
+    fn on_the_machine_ns(&self, port_ns: u64) -> u64 {
+        port_ns.saturating_add(self.clock.left_out_ns())
     }
 }
 
-impl Drop for Line {
+impl Drop for ReopeningPort {
     fn drop(&mut self) {
         self.clock.closed();
     }
 }
 
-impl Transport for Line {
+impl Transport for ReopeningPort {
     fn name(&self) -> &Arc<str> {
         &self.name
     }
@@ -147,7 +149,7 @@ impl Transport for Line {
         monotonic_ns()
     }
 
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         Some(Arc::clone(&self.clock))
     }
 
@@ -179,16 +181,16 @@ impl Transport for Line {
         Ok(self.connections)
     }
 
-    fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), Error> {
-        let deadline_ns = self.on_the_machine_ns(deadline_ns);
-        self.with_port(|port| port.write_all(bytes, deadline_ns))
+    fn write_all(&mut self, bytes: &[u8], deadport_ns: u64) -> Result<(), Error> {
+        let deadport_ns = self.on_the_machine_ns(deadport_ns);
+        self.with_port(|port| port.write_all(bytes, deadport_ns))
     }
 
-    fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
-        let until_ns = self.on_the_machine_ns(deadline_ns);
-        let late = self.now_ns() >= deadline_ns;
+    fn read(&mut self, buffer: &mut [u8], deadport_ns: u64) -> Result<usize, Error> {
+        let until_ns = self.on_the_machine_ns(deadport_ns);
+        let late = self.now_ns() >= deadport_ns;
         let got = self.with_port(|port| port.read(buffer, until_ns))?;
-        if got > 0 || late { Ok(got) } else { self.read_on(buffer, deadline_ns) }
+        if got > 0 || late { Ok(got) } else { self.read_on(buffer, deadport_ns) }
     }
 
     fn pending(&mut self) -> Result<usize, Error> {

@@ -114,8 +114,8 @@ proptest! {
         };
         let (answer, counts) = run();
         prop_assert_eq!(&(answer, counts), &run());
-        // Four kinds of fault, about a thousand bytes, five standard deviations. Above a tenth it shows that a byte that is lost cannot
-        // also be changed or doubled.
+        // Four kinds of fault, about a thousand bytes, five standard deviations. Above a tenth it shows that a byte
+        // that is lost cannot also be changed or doubled.
         let bytes = (counts.written + counts.answered) as f64;
         prop_assert!((counts.faults as f64 - 4.0 * p * bytes).abs() <= 5.0 * (4.0 * p * bytes).sqrt() + 5.0);
     }
