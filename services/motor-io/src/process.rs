@@ -4,10 +4,10 @@ use crate::core::{Core, Observation};
 use crate::drives::Drives;
 use crate::inbox::Inbox;
 use crate::kernel::Evidence;
-use crate::position::{Keeper, PositionFile};
+use crate::position::{Keeper, Position, PositionFile};
 use crate::settings::CoreConfig;
-use bus::clock::{Pacer, SECOND_NS, now_ns};
-use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, estop};
+use bus::clock::{Pacer, SECOND_NS, Tick, now_ns};
+use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, Waiter, estop};
 use config::{RobotFile, SystemFile};
 use messages::{
     Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
@@ -109,107 +109,182 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         warn!("{error}");
         None
     });
-    let mut drives = Drives::open(&system_file, &config, chassis.bus().domain().root())?;
-    for (port, reading) in drives.unwatched() {
-        warn!("{port}: its drives do not report {reading}, so the faults of a cable that show in it are not detected");
-    }
-    let mut ports = Ports::open(chassis.bus())?;
-    // A later life has a larger number; after a restart of the computer, the shared memory is empty.
-    let life = now_ns().max(1);
-    let mut inbox = Inbox::new(config.cable_count(), config.unit_count).of_life(life);
-    inbox.first((chassis.incarnation() & 0x3fff_ffff).max(1), restored);
-
-    let period_ns = (config.period_s * 1e9).round() as u64;
-    let share = |share: f64| (config.period_s * 1e9 * share) as u64;
-    let (bus_ns, bus_least_ns) = (share(BUS_SHARE), share(BUS_LEAST));
-    let (grace_ns, answer_least_ns, grace_most_ns) = (share(GRACE_SHARE), share(ANSWER_LEAST), share(GRACE_MOST));
-    let patience = config.cycles(PATIENCE_S).into();
     let last_stop = config.cycles(LAST_STOP_S).into();
-    let energy_every = u64::from(config.cycles(ENERGY_S));
-    let mut core = Core::new(config);
-    let mut reporter = Reporter::default();
-    let mut server = chassis.bus().server(chassis.name())?;
-    let mut emergency = estop::Receiver::open(chassis.bus().domain())?;
-    let mut waiter = chassis.bus().waiter(&["motor/command/a", "motor/command/b"])?;
-    let (mut ready, mut ending, mut published_ns) = (false, 0_u64, 0_u64);
+    let period_ns = (config.period_s * 1e9).round() as u64;
+    let mut process = Process::open(chassis, &system_file, config, restored)?;
+    let mut ending = 0_u64;
     let mut pacer = Pacer::new(period_ns);
-
     for cycle in 1_u64.. {
         let tick = pacer.next();
         chassis.pass_begin();
         if !chassis.running() {
             ending += 1;
-            if !core.moves() || ending > last_stop {
+            if !process.core.moves() || ending > last_stop {
                 break;
             }
             if ending == 1 {
-                inbox.request(0, &Request::Stop.body());
+                process.inbox.request(0, &Request::Stop.body());
             }
         }
-        // Discards the wake-ups of the previous cycle; later ones are not lost.
-        reporter.bus(waiter.wait_until(Some(0)).map(|_| ()));
-        let awaited = core.awaited_slots();
-        let mut answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);
-        let earliest_ns = tick.woke_ns.saturating_add(grace_ns);
-        // Relative to the scheduled begin and not to the wake-up: a later begin is due to the computer, not to waiting.
-        let latest_ns = tick.scheduled_ns.saturating_add(grace_most_ns);
-        let patient_ns = published_ns.saturating_add(answer_least_ns).max(earliest_ns).min(latest_ns);
-        while !answered && core.awaits_command() && now_ns() < patient_ns {
-            reporter.bus(waiter.wait_until(Some(patient_ns)).map(|_| ()));
-            answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);
+        process.wait_for_command(cycle, &tick);
+        let observation = process.cycle(cycle, &tick);
+        keeper.keep(process.core.position(), tick.woke_ns);
+        if !process.ready && process.is_up(cycle, &observation)? {
+            chassis.ready()?;
         }
+        process.inbox.finish();
+        chassis.report_lost(process.ports.lost());
+        chassis.pass_end();
+        process.reporter.bus(chassis.idle().map(|_| ()));
+    }
+    keeper.finish(process.core.position());
+    Ok(())
+}
+
+/// Time limits within a cycle, ns.
+struct Limits {
+    bus_ns: u64,
+    bus_least_ns: u64,
+    grace_ns: u64,
+    answer_least_ns: u64,
+    grace_most_ns: u64,
+}
+
+impl Limits {
+    fn new(period_s: f64) -> Self {
+        let share = |share: f64| (period_s * 1e9 * share) as u64;
+        Self {
+            bus_ns: share(BUS_SHARE),
+            bus_least_ns: share(BUS_LEAST),
+            grace_ns: share(GRACE_SHARE),
+            answer_least_ns: share(ANSWER_LEAST),
+            grace_most_ns: share(GRACE_MOST),
+        }
+    }
+}
+
+/// The core with everything that it exchanges samples with.
+struct Process {
+    core: Core,
+    inbox: Inbox,
+    drives: Drives,
+    ports: Ports,
+    server: Server,
+    emergency: estop::Receiver,
+    waiter: Waiter,
+    reporter: Reporter,
+    life: u64,
+    limits: Limits,
+    /// Cycles for the drives to appear.
+    patience: u64,
+    /// Cycles between two samples of the energy.
+    energy_every: u64,
+    /// All drive units have answered.
+    ready: bool,
+    /// Publication time of the newest state, ns.
+    published_ns: u64,
+}
+
+impl Process {
+    fn open(
+        chassis: &Chassis,
+        system_file: &SystemFile,
+        config: CoreConfig,
+        restored: Option<Position>,
+    ) -> anyhow::Result<Self> {
+        let bus = chassis.bus();
+        let drives = Drives::open(system_file, &config, bus.domain().root())?;
+        for (port, reading) in drives.unwatched() {
+            warn!(
+                "{port}: its drives do not report {reading}, so the faults of a cable that show in it are not detected"
+            );
+        }
+        // A later life has a larger number; after a restart of the computer, the shared memory is empty.
+        let life = now_ns().max(1);
+        let mut inbox = Inbox::new(config.cable_count(), config.unit_count).of_life(life);
+        inbox.first((chassis.incarnation() & 0x3fff_ffff).max(1), restored);
+        Ok(Self {
+            inbox,
+            drives,
+            ports: Ports::open(bus)?,
+            server: bus.server(chassis.name())?,
+            emergency: estop::Receiver::open(bus.domain())?,
+            waiter: bus.waiter(&["motor/command/a", "motor/command/b"])?,
+            reporter: Reporter::default(),
+            life,
+            limits: Limits::new(config.period_s),
+            patience: config.cycles(PATIENCE_S).into(),
+            energy_every: config.cycles(ENERGY_S).into(),
+            ready: false,
+            published_ns: 0,
+            core: Core::new(config),
+        })
+    }
+
+    /// Receives commands; waits for a late one while it is worth it.
+    fn wait_for_command(&mut self, cycle: u64, tick: &Tick) {
+        // Discards the wake-ups of the previous cycle; later ones are not lost.
+        self.reporter.bus(self.waiter.wait_until(Some(0)).map(|_| ()));
+        let (of, awaited) = ((self.life, cycle), self.core.awaited_slots());
+        let mut answered = self.ports.commands(of, awaited, &mut self.inbox, &mut self.reporter);
+        let earliest_ns = tick.woke_ns.saturating_add(self.limits.grace_ns);
+        // Relative to the scheduled begin and not to the wake-up: a later begin is due to the computer, not to waiting.
+        let latest_ns = tick.scheduled_ns.saturating_add(self.limits.grace_most_ns);
+        let patient_ns = self.published_ns.saturating_add(self.limits.answer_least_ns).max(earliest_ns).min(latest_ns);
+        while !answered && self.core.awaits_command() && now_ns() < patient_ns {
+            self.reporter.bus(self.waiter.wait_until(Some(patient_ns)).map(|_| ()));
+            answered = self.ports.commands(of, awaited, &mut self.inbox, &mut self.reporter);
+        }
+    }
+
+    /// Decides, exchanges with the drives, publishes and answers requests.
+    fn cycle(&mut self, cycle: u64, tick: &Tick) -> Observation {
+        let Self { core, inbox, drives, ports, server, emergency, reporter, limits, .. } = self;
         let stops = emergency.take();
         if let Some(first) = stops.first() {
             inbox.emergency(stops.len(), &first.request);
         }
-        let call = ports.gather(core.motion(), &mut inbox, &mut server, &mut reporter);
+        let call = ports.gather(core.motion(), inbox, server, reporter);
         let begin_ns = now_ns();
         inbox.judge_at(core.plan_time_s());
         let input = inbox.begin(cycle, tick.scheduled_ns, begin_ns);
-        ports.evidence.look(drives.left_out_ns(), published_ns, input);
+        ports.evidence.look(drives.left_out_ns(), self.published_ns, input);
         let command = core.decide(input);
-        drives.exchange(
-            cycle,
-            &command,
-            tick.scheduled_ns.saturating_add(bus_ns).max(begin_ns.saturating_add(bus_least_ns)),
-            input,
-        );
+        let until_ns =
+            tick.scheduled_ns.saturating_add(limits.bus_ns).max(begin_ns.saturating_add(limits.bus_least_ns));
+        drives.exchange(cycle, &command, until_ns, input);
         input.end_ns = now_ns();
         let observation = core.observe(input);
-        ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
-        published_ns = now_ns();
-        answer(call, &core, drives.absent(), &mut reporter);
-        answer_stops(&stops, &emergency, &mut server, &core, &mut reporter);
-        if ready || cycle > patience {
+        ports.publish(observation, inbox.input(), cycle.is_multiple_of(self.energy_every), reporter);
+        self.published_ns = now_ns();
+        answer(call, core, drives.absent(), reporter);
+        answer_stops(&stops, emergency, server, core, reporter);
+        if self.ready || cycle > self.patience {
             reporter.look(&observation.authority);
             // Last: during start-up, the reported errors show what is still missing.
-            reporter.drives(&mut drives);
+            reporter.drives(drives);
         }
-        keeper.keep(core.position(), tick.woke_ns);
-        if !ready {
-            let up = observation.state.unit_ok[..usize::from(observation.state.unit_count)].iter().all(|ok| *ok == 1);
-            if up {
-                chassis.ready()?;
-                ready = true;
-                let _ = drives.trouble(); // errors during the set-up of the units
-                for (port, unit) in drives.units() {
-                    let firmware = unit.firmware.as_ref().map_or("unknown", |firmware| firmware.as_str());
-                    let watchdog_ms = unit.watchdog_ms.unwrap_or(0);
-                    info!("{port}, {}: firmware {firmware}, watchdog {watchdog_ms} ms", unit.name);
-                }
-            } else if cycle >= patience
-                && let Some(error) = drives.lost()
-            {
-                anyhow::bail!("the drives are not there: {error}");
-            }
-        }
-        inbox.finish();
-        chassis.report_lost(ports.lost());
-        chassis.pass_end();
-        reporter.bus(chassis.idle().map(|_| ()));
+        observation
     }
-    keeper.finish(core.position());
-    Ok(())
+
+    /// Returns true in the cycle in which all drive units answer for the first time.
+    fn is_up(&mut self, cycle: u64, observation: &Observation) -> anyhow::Result<bool> {
+        let state = &observation.state;
+        self.ready = state.unit_ok[..usize::from(state.unit_count)].iter().all(|ok| *ok == 1);
+        if self.ready {
+            let _ = self.drives.trouble(); // errors during the set-up of the units
+            for (port, unit) in self.drives.units() {
+                let firmware = unit.firmware.as_ref().map_or("unknown", |firmware| firmware.as_str());
+                let watchdog_ms = unit.watchdog_ms.unwrap_or(0);
+                info!("{port}, {}: firmware {firmware}, watchdog {watchdog_ms} ms", unit.name);
+            }
+        } else if cycle >= self.patience
+            && let Some(error) = self.drives.lost()
+        {
+            anyhow::bail!("the drives are not there: {error}");
+        }
+        Ok(self.ready)
+    }
 }
 
 /// Channels of the process.

@@ -112,6 +112,33 @@ pub struct CoreConfig {
 /// Longest distance of one jog, m; longer ones are motions of the planner.
 pub const JOG_LIMIT_M: f64 = 2.0;
 
+/// Drive unit of each of `n` cables; `units` lists the cables of each unit.
+fn unit_of_cable(units: &[Vec<usize>], n: usize) -> Result<[usize; CABLES], ConfigError> {
+    if units.is_empty() || units.len() > UNITS {
+        return refuse("ports", format!("name {} drive units", units.len()), "1 to 8 units in all");
+    }
+    let mut unit_of_cable = [usize::MAX; CABLES];
+    for (unit, cables) in units.iter().enumerate() {
+        for &cable in cables {
+            if cable >= n {
+                let problem = format!("give cable {} to unit {}, and the robot has {n} cables", cable + 1, unit + 1);
+                return refuse("ports", problem, "cables from 1 to the number of anchors");
+            }
+            if unit_of_cable[cable] != usize::MAX {
+                let problem =
+                    format!("give cable {} to units {} and {}", cable + 1, unit_of_cable[cable] + 1, unit + 1);
+                return refuse("ports", problem, "every cable on exactly one motor");
+            }
+            unit_of_cable[cable] = unit;
+        }
+    }
+    if let Some(cable) = unit_of_cable[..n].iter().position(|unit| *unit == usize::MAX) {
+        let problem = format!("give cable {} to no unit", cable + 1);
+        return refuse("ports", problem, "every cable on exactly one motor");
+    }
+    Ok(unit_of_cable.map(|unit| if unit == usize::MAX { 0 } else { unit }))
+}
+
 impl CoreConfig {
     /// Creates a configuration with the documented defaults. `counts_per_m` has one value per cable; `units` lists the
     /// cables (from 0) of each unit.
@@ -124,36 +151,14 @@ impl CoreConfig {
             let problem = format!("has {} values for a robot of {n} cables", counts_per_m.len());
             return refuse("counts_per_m", problem, "one value per cable");
         }
-        if units.is_empty() || units.len() > UNITS {
-            return refuse("ports", format!("name {} drive units", units.len()), "1 to 8 units in all");
-        }
-        let mut unit_of_cable = [usize::MAX; CABLES];
-        for (unit, cables) in units.iter().enumerate() {
-            for &cable in cables {
-                if cable >= n {
-                    let problem =
-                        format!("give cable {} to unit {}, and the robot has {n} cables", cable + 1, unit + 1);
-                    return refuse("ports", problem, "cables from 1 to the number of anchors");
-                }
-                if unit_of_cable[cable] != usize::MAX {
-                    let problem =
-                        format!("give cable {} to units {} and {}", cable + 1, unit_of_cable[cable] + 1, unit + 1);
-                    return refuse("ports", problem, "every cable on exactly one motor");
-                }
-                unit_of_cable[cable] = unit;
-            }
-        }
-        if let Some(cable) = unit_of_cable[..n].iter().position(|unit| *unit == usize::MAX) {
-            let problem = format!("give cable {} to no unit", cable + 1);
-            return refuse("ports", problem, "every cable on exactly one motor");
-        }
+        let unit_of_cable = unit_of_cable(units, n)?;
         let mut counts = [1.0; CABLES];
         counts[..n].copy_from_slice(counts_per_m);
         let arbiter = ArbiterSection::default();
         let config = Self {
             period_s,
             counts_per_m: counts,
-            unit_of_cable: unit_of_cable.map(|unit| if unit == usize::MAX { 0 } else { unit }),
+            unit_of_cable,
             unit_count: units.len(),
             cable_speed_m_s: robot.cable_speed_limit_m_s(),
             cable_acceleration_m_s2: 4.0 * robot.acceleration_limit_m_s2(),

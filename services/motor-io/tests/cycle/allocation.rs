@@ -1,4 +1,4 @@
-//! The core allocates nothing after its construction, whatever happens in a cycle.
+//! The core allocates nothing after its construction, in any cycle.
 
 use crate::counting;
 use crate::rig;

@@ -1,4 +1,4 @@
-//! What is published on the slots that are not in charge changes no bit of what is sent to the drives.
+//! Samples on slots that are not in charge change no bit of the commands to the drives.
 
 use crate::rig;
 
@@ -6,7 +6,7 @@ use messages::{CABLES, Header, MotorCommand, NodeEstimate, Request};
 use proptest::prelude::*;
 use rig::Rig;
 
-/// What the robot is asked for, and what its own controller says.
+/// Requests to the robot, and the answers of its own controller.
 #[derive(Debug, Clone)]
 enum Event {
     Ask(Request),
@@ -36,7 +36,7 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-/// A header of a foreign_instance: of this life and near this cycle, or of any.
+/// Header of a foreign process: of this life and near this cycle, or arbitrary.
 fn header() -> impl Strategy<Value = (u64, Option<u64>, u64)> {
     let life = prop_oneof![6 => Just(0_u64), 1 => Just(u64::MAX), 1 => any::<u64>()];
     // `None`: the very cycle that is answered.

@@ -1,4 +1,4 @@
-//! What the robot does in each mode, and what it answers.
+//! Behaviour and answers of the robot in each mode.
 
 use crate::rig;
 
@@ -49,7 +49,7 @@ fn a_motion_is_followed_from_its_start_to_rest() {
     rig.until(120, |rig| rig.mode() == A::MODE_HOLDING);
     let authority = rig.seen().authority;
     assert_eq!((authority.motion, authority.faults, authority.lost_answer), (0, 0, 0));
-    // It is over: the same motion does not begin again.
+    // A finished motion does not begin again.
     rig.steps(50);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
     // A new one does.
@@ -148,7 +148,7 @@ fn a_dead_controller_stops_the_robot_on_the_path_and_the_motion_can_go_on() {
     assert_eq!(rig.faults(), A::FAULT_COMMAND_LOST);
     let (accepted, sentence) = rig.ask(Request::Resume);
     assert!(!accepted && sentence.contains("controller"), "{sentence}");
-    // A new controller may go on, but only when told to.
+    // A new controller may continue, but only on request.
     rig.incarnation += 1;
     rig.controller = Some([0.0; 8]);
     rig.steps(100);
@@ -193,7 +193,7 @@ fn a_lost_supervisor_stops_the_robot_on_its_path() {
 fn a_lost_planner_lets_what_is_known_be_finished() {
     let mut rig = Rig::default().ready();
     rig.offer(4.0);
-    // The mission goes on after the segments that are known.
+    // The known segments are flown to their end.
     rig.motion.end_s += 100.0;
     rig.controller = Some([0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     rig.until(5, |rig| rig.mode() == A::MODE_FOLLOWING);
@@ -207,9 +207,9 @@ fn a_lost_planner_lets_what_is_known_be_finished() {
 }
 
 #[test]
-fn a_planner_started_anew_does_not_take_the_motion_over() {
+fn a_restarted_planner_does_not_take_the_motion_over() {
     let mut rig = Rig::following([0.05, 0.0, 0.0]);
-    // Another life of the planner: other motion, other segments, and the controller follows them.
+    // A restarted planner: another motion, other segments, and the controller follows them.
     rig.motion.motion = 900;
     rig.motion.current.id = 901;
     rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
@@ -296,7 +296,7 @@ fn the_emergency_stop_is_at_once_and_stays_until_reset() {
     }
     rig.demand(Request::Reset);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
-    // Pressed while the drives were off, it does not switch them on.
+    // With the drives off, it does not switch them on.
     let mut rig = Rig::default();
     rig.steps(3);
     rig.demand(Request::Estop);
@@ -351,7 +351,8 @@ fn zeroing_at_a_position_gives_unstretched_lengths() {
 #[test]
 fn the_position_from_before_the_cut_has_to_be_confirmed() {
     let mut rig = Rig::default();
-    // Unit 1 was running all the time, and its encoder 1 has counted on for 0.1 m; unit 2 has been switched off and starts elsewhere.
+    // Unit 1 was running all the time, and its encoder 1 has counted on for 0.1 m; unit 2 has been switched off and
+    // starts elsewhere.
     rig.alive[0] = 1;
     rig.inbox.first(99, Some(([4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], [49_000, -50_000, 900_000, 0, 0, 0, 0, 0])));
     rig.steps(2);
@@ -374,7 +375,7 @@ fn a_freeze_is_the_computers_and_the_plan_keeps_up_with_the_drives() {
     let before = rig.seen().authority;
     rig.step_after(190_000_000, 190_000_000);
     let after = rig.seen().authority;
-    // Its command was fresh all the same. What was lost is the periods that never ran, and the next tick shows them.
+    // Its command was fresh. The lost periods are those that never ran, and the next cycle counts them.
     assert_eq!((after.mode, after.period, after.unsteered()), (A::MODE_FOLLOWING, A::PERIOD_STEERED, 0));
     rig.step();
     let then = rig.seen().authority;
@@ -390,12 +391,12 @@ fn a_command_that_is_missing_because_the_machine_stood_still_is_the_computers_to
     rig.step_after(30_000_000, 30_000_000);
     let after = rig.seen().authority;
     assert_eq!((after.mode, after.lost_answer, after.lost_computer), (A::MODE_FOLLOWING, 0, before.lost_computer + 1));
-    // Back on the grid at once: whoever answers had no time for it since the state was published.
+    // Back on schedule at once: the chain had no time to answer since the state was published.
     rig.step_after(-5_000_000, 50_000);
     let after = rig.seen().authority;
     // Two periods never ran.
     assert_eq!((after.mode, after.lost_answer, after.lost_computer), (A::MODE_FOLLOWING, 0, before.lost_computer + 4));
-    // From here on it has.
+    // From here on it has the time.
     rig.controller = velocity;
     rig.step();
     rig.controller = None;
@@ -409,7 +410,7 @@ fn a_freeze_of_the_drives_too_is_not_caught_up_with() {
     let before = rig.seen().authority;
     let frozen = rig.length_m;
     rig.step_after(190_000_000, 190_000_000);
-    // What the drives did is taken back, as in a virtual box that stood still as well.
+    // The drives' motion is removed, as in a virtual motor box that stood still too.
     let mut rig = {
         rig.length_m = frozen;
         rig
@@ -431,7 +432,7 @@ fn after_a_gap_beyond_the_watchdog_the_robot_waits_and_goes_on_by_itself() {
 }
 
 #[test]
-fn after_a_long_gap_the_robot_holds_until_somebody_resumes() {
+fn after_a_long_gap_the_robot_holds_until_a_resume() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.velocity_m_s = [0.0; 8];
     rig.step_after(1_500_000_000, 1_500_000_000);
@@ -510,7 +511,7 @@ fn without_its_supervisor_nothing_is_jogged_or_begun() {
 }
 
 #[test]
-fn a_planner_that_was_started_anew_is_named_and_what_it_had_planned_is_flown() {
+fn a_restarted_planner_is_named_and_the_known_motion_is_flown() {
     let mut rig = Rig::default().ready();
     rig.offer(3.0);
     let mut all = [0.0; 8];

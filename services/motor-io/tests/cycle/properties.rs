@@ -1,4 +1,5 @@
-//! Whatever arrives, in whatever order: limits hold, faults stay, every request is answered, and a replay gives the same bytes.
+//! For arbitrary input in any order, limits hold, faults stay, every request is answered, and a replay gives the same
+//! bytes.
 
 use crate::rig;
 
@@ -70,7 +71,7 @@ fn event() -> impl Strategy<Value = Event> {
 fn check(config: &motor_io::CoreConfig, before: Option<&Step>, now: &Step, asked: bool) -> Result<(), TestCaseError> {
     let (authority, state, v) = (&now.seen.authority, &now.seen.state, &now.sent.speed_m_s);
     let mode = authority.mode;
-    // No NaN leaves.
+    // All outputs are finite.
     prop_assert!(
         v.iter().chain(&state.length_m).chain(&state.velocity_m_s).chain(&state.command_m_s).all(|x| x.is_finite())
     );
@@ -94,7 +95,7 @@ fn check(config: &motor_io::CoreConfig, before: Option<&Step>, now: &Step, asked
             prop_assert!((v[i] - old[i]).abs() <= step, "cable {i}: {} to {} in mode {mode}", old[i], v[i]);
         }
     }
-    // What was decided in this cycle: a fault found in its second half acts in the next.
+    // Mode of the decision: a fault found in the second half of a cycle acts in the next one.
     let decided = if [A::MODE_FAULTED, A::MODE_EMERGENCY_STOP].contains(&mode) { was } else { mode };
     let still = [A::MODE_DISARMED, A::MODE_HOLDING, A::MODE_EMERGENCY_STOP].contains(&decided);
     prop_assert!(!still || now.sent.is_hold() || asked, "moves in mode {decided}");
@@ -132,7 +133,7 @@ fn check(config: &motor_io::CoreConfig, before: Option<&Step>, now: &Step, asked
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
-    fn whatever_arrives(events in prop::collection::vec(event(), 10..80)) {
+    fn invariants_hold_for_any_input(events in prop::collection::vec(event(), 10..80)) {
         let config = rig::config();
         let mut rig = Rig::new(config.clone()).ready();
         let mut record: Vec<Step> = Vec::new();
@@ -189,7 +190,7 @@ proptest! {
                 Event::Jump(cable, counts) => rig.count_offset[cable] = counts,
                 Event::Tension(cable, newtons) => rig.tension_n[cable] = newtons,
                 Event::Gap(ms) => {
-                    // The live core decides before the replies are there, the replayed one finds them in the same sample.
+                    // The live core decides before the replies arrive; the replayed one finds them in the same sample.
                     let now = rig.step_after(ms as i64 * 1_000_000, 0).clone();
                     let sent = replayed.decide(&now.input);
                     prop_assert_eq!(sent, now.sent);

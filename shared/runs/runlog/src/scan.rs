@@ -216,14 +216,7 @@ impl Scanner {
                 return Ok(false);
             }
             op::CHUNK => {
-                self.raw.resize((HEAD + length) as usize, 0);
-                let mut raw = std::mem::take(&mut self.raw);
-                let read = self.read_at(begin, &mut raw).map(|()| {
-                    raw[0] = op::CHUNK;
-                    self.unpack(&raw)
-                });
-                self.raw = raw;
-                if let Err(why) = read? {
+                if let Err(why) = self.read_chunk(begin, length)? {
                     self.chunks = chunk_reader();
                     self.entries.clear();
                     self.bytes.clear();
@@ -253,6 +246,18 @@ impl Scanner {
         debug_assert!(begin < end && end <= self.length, "the scan moved from {begin} to {end} of {}", self.length);
         self.at = end;
         Ok(true)
+    }
+
+    /// Reads a chunk and queues its records; the inner error says why it is invalid.
+    fn read_chunk(&mut self, begin: u64, length: u64) -> Result<Result<(), String>, RunError> {
+        let mut raw = std::mem::take(&mut self.raw);
+        raw.resize((HEAD + length) as usize, 0);
+        let read = self.read_at(begin, &mut raw).map(|()| {
+            raw[0] = op::CHUNK;
+            self.unpack(&raw)
+        });
+        self.raw = raw;
+        read
     }
 
     /// Decompresses and verifies a chunk, and queues its records.

@@ -65,12 +65,18 @@ pub(crate) fn continuations(
         .collect()
 }
 
-fn sheet(node: &Node<ipc::Service>, domain: &Domain, name: &str, part: &str) -> Result<SchemaContinuation, BusError> {
+fn continuation(
+    node: &Node<ipc::Service>,
+    domain: &Domain,
+    name: &str,
+    part: &str,
+) -> Result<SchemaContinuation, BusError> {
     let service = ServiceName::new(name).map_err(|error| BusError::failed(name, "be named", &error))?;
     let specifier = parts(AttributeSpecifier::new(), part);
-    let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"a part is refused"))?;
-    let builder = || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(SHEET_NODES);
-    let give_up = now_ns() + PATIENCE_NS;
+    let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"iceoryx2 rejects a part of it"))?;
+    let builder =
+        || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(CONTINUATION_NODES);
+    let give_up = now_ns() + OPEN_TIMEOUT_NS;
     loop {
         let error = match builder().open() {
             Ok(continuation) => return Ok(continuation),
@@ -82,7 +88,7 @@ fn sheet(node: &Node<ipc::Service>, domain: &Domain, name: &str, part: &str) -> 
             Err(error) => Some(format!("{error:?}")),
         };
         if now_ns() > give_up {
-            return Err(BusError::failed(name, "be made", &error));
+            return Err(BusError::failed(name, "be created", &error));
         }
         domain.remove_half_made();
         sleep_until(now_ns() + 2_000_000);

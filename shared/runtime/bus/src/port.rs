@@ -18,7 +18,7 @@ use crate::error::PlaceKind;
 use crate::losses::Losses;
 use crate::memory::CONNECTION_BYTES;
 use crate::node::{BORROWS, Bus, LOANS, PubSub};
-use crate::places::{Refused, listed};
+use crate::places::{Refused, collect_listed};
 use crate::shm_sample::ShmSample;
 
 /// Sends samples of one type on one channel.

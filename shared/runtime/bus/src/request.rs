@@ -12,7 +12,7 @@ use messages::{OperatorRequest, put_sentence};
 use crate::clock::{now_ns, sleep_until};
 use crate::error::PlaceKind;
 use crate::node::Bus;
-use crate::places::{Refused, listed};
+use crate::places::{Refused, collect_listed};
 use crate::requester::sign;
 use crate::shm_sample::ShmSample;
 use crate::{BusError, Publisher};

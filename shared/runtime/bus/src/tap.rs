@@ -16,7 +16,7 @@ use messages::{Header, Quality};
 use crate::domain::info_of;
 use crate::losses::Losses;
 use crate::node::service_name;
-use crate::places::listed;
+use crate::places::collect_listed;
 use crate::{Bus, BusError, Domain, NodeInfo, definition};
 
 /// Properties of a channel in shared memory.

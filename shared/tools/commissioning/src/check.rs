@@ -429,7 +429,7 @@ fn system_file(file: &SystemFile) -> Answer<Vec<Finding>> {
             + (units * UNIT_EXCHANGES + 1.0) * TURNAROUND_S;
         let sentence =
             format!("port {} needs {:.1} ms of each cycle of {:.1} ms", index + 1, 1000.0 * seconds, 1000.0 * period);
-        let cure = "lower rate_hz, raise baud (on the drives too), or give each unit a port of its own";
+        let cure = "lower rate_hz, raise baud (on the drives too), or connect each drive unit to a separate port";
         findings.push(if seconds > BUS_SHARE * period { error(sentence, cure) } else { note(sentence) });
         if port.path.contains("{domain}") {
             if file.motor_box.is_none() {

@@ -1,4 +1,4 @@
-//! A robot of three cables on two units, in a few lines: drives that follow with a lag, and a controller that says what it is told.
+//! A small robot of three cables on two units: drives that follow with a lag, and a controller with given answers.
 #![allow(dead_code, clippy::unwrap_used, clippy::needless_range_loop)]
 
 use cable_robot::profile::ProfileLimits;
@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 pub const PERIOD_S: f64 = 0.01;
 const COUNTS_PER_M: [f64; 3] = [10_000.0, -10_000.0, 12_000.0];
-/// A drive that hears nothing stops its motor after this time, s.
+/// Time without a command after which a drive stops its motor, s.
 const WATCHDOG_S: f64 = 0.3;
 
 pub fn config() -> CoreConfig {
@@ -69,45 +69,45 @@ pub struct Rig {
     pub now_ns: u64,
     /// How long an exchange with the drives takes.
     pub exchange_ns: u64,
-    /// Lines as they are, m.
+    /// True lengths of the cables, m.
     pub length_m: [f64; CABLES],
     pub velocity_m_s: [f64; CABLES],
-    /// Added to what the encoders say.
+    /// Offset of the encoder counts.
     pub count_offset: [i64; CABLES],
     /// Lag of the drives, s, and the delay before it, cycles.
     pub lag_s: f64,
     pub delay_cycles: usize,
     on_the_way: VecDeque<DriveCommand>,
-    /// Drives that hear no command.
+    /// Drives that receive no command.
     pub deaf: [bool; CABLES],
     unheard_s: [f64; CABLES],
     target_m_s: [f64; CABLES],
-    /// Encoders that say nothing new.
+    /// Encoders that are stuck.
     pub dead: [bool; CABLES],
     pub unit: [u8; UNITS],
     pub status: [u32; UNITS],
     pub supply_v: f64,
-    /// Which slow values are new in each cycle.
+    /// Slow values that are new in each cycle.
     pub slow: u8,
     /// Units that were running before.
     pub alive: [u8; UNITS],
     pub duty: [f64; CABLES],
     pub current_a: [f64; CABLES],
     pub tension_n: [f64; CABLES],
-    /// What the controller answers; None: it is dead.
+    /// Answer of the controller; `None`: it is dead.
     pub controller: Option<[f64; CABLES]>,
-    /// What a second controller, in slot b, answers.
+    /// Answer of a second controller, in slot b.
     pub second: Option<[f64; CABLES]>,
     pub estimate_valid: bool,
-    /// The estimator lives although the controller is dead.
+    /// The estimator runs although the controller is dead.
     pub estimator_alone: bool,
-    /// The segment that the controller says it follows; None: the planner's.
+    /// Segment that the controller names; `None`: the planner's.
     pub segment: Option<u32>,
     pub incarnation: u32,
     pub motion: PlanMotion,
     pub planner: bool,
     pub supervisor: Option<u64>,
-    /// Time that each seat of the chain waited for a processor, and this program, so far, ns; 0: the kernel does not tell.
+    /// Time that each seat of the chain, and motor-io, has waited for a processor, ns; 0: unknown.
     pub chain_delay_ns: [u64; messages::SEATS],
     pub run_delay_ns: u64,
     pub last: Option<Step>,
@@ -219,7 +219,7 @@ impl Rig {
         let passed_s = PERIOD_S + gap_ns as f64 * 1e-9;
         for i in 0..3 {
             self.unheard_s[i] += passed_s;
-            // While this machine stood still, the drives went on by what they had heard before.
+            // While the computer stood still, the drives followed the last command.
             let moved_s = passed_s.min((WATCHDOG_S - self.unheard_s[i] + passed_s).max(PERIOD_S));
             if let Some(heard) = heard.filter(|_| !self.deaf[i]) {
                 self.target_m_s[i] = if heard.released[i] { 0.0 } else { heard.speed_m_s[i] };
