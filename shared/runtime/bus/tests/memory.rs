@@ -123,8 +123,8 @@ fn a_channel_has_a_few_deep_subscribers_and_all_others_are_shallow() {
     assert_eq!(count(&mut shallow), Quality::SHALLOW);
 }
 
-/// Runs one test of this file again in a process with a /dev/shm of this size, and checks that no signal ends it. False, with a note,
-/// where this user cannot start such a process.
+/// Runs one test of this file again in a process with its own /dev/shm of this size, and checks that no signal ends it.
+/// Returns false, with a note, if this user cannot start such a process.
 fn with_shared_memory(size: &str, test: &str) -> bool {
     let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm");
     let unshare = |command: &str| {
@@ -133,7 +133,7 @@ fn with_shared_memory(size: &str, test: &str) -> bool {
         unshare
     };
     if !unshare(&mount).output().is_ok_and(|tried| tried.status.success()) {
-        eprintln!("{test} is skipped: this user cannot mount its own /dev/shm (unshare --mount --map-root-user)");
+        notes::left_out("full shared memory", "this user cannot mount a /dev/shm (unshare --mount --map-root-user)");
         return false;
     }
     let program = std::env::current_exe().unwrap();
