@@ -408,6 +408,31 @@ impl Collector {
                 self.data.errors[1].add(at_s, (Vector3::from(truth.position_m) - target.position).norm());
             }
         }
+        for (i, cable) in data.cables.iter_mut().enumerate() {
+            cable.add(i, time_s, cycle);
+        }
+        if let Some(energy) = cycle.energy {
+            data.power[0].add(time_s, energy.power_w[..count].iter().sum());
+            data.power[1].add(time_s, energy.loss_w[..count].iter().sum());
+        }
+        for (trace, (_, count)) in data.losses.iter_mut().zip(self.count.periods().causes()) {
+            trace.add(time_s, count as f64);
+        }
+        let aged = if cycle.segment.is_some() { Some(authority.command_age_ns) } else { None };
+        for (times, ns) in data.times.iter_mut().zip([Some(authority.wake_ns), Some(authority.bus_ns), aged]) {
+            if let Some(ns) = ns {
+                times.add(time_s, ns);
+            }
+        }
+        data.rate.add(time_s, authority.plan_rate);
+        extend(&mut data.modes, time_s, authority.mode);
+        extend(&mut data.slots, time_s, [authority.active_controller, authority.active_estimator]);
+        data.events.cycle(time_s, authority);
+        data.legs.cycle(time_s, cycle);
+        if let Some(estimate) = cycle.estimate {
+            data.sensors.node_at(estimate);
+        }
+        data.authority = Some(*authority);
     }
 
     /// Collects a sample that belongs to no cycle. Returns false for another version of a known channel's type.
