@@ -8,6 +8,7 @@
 mod channel;
 mod command_line;
 mod config;
+mod earlier;
 mod instead;
 mod parts;
 mod used;
@@ -19,6 +20,7 @@ pub use instead::{Instead, Spread};
 use channel::{Channel, History};
 use command::{Answer, Failure};
 use config::Configuration;
+use earlier::EarlierRequests;
 use instead::Collector;
 use messages::{
     ControlStatus, Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
@@ -133,6 +135,7 @@ struct Machine {
     slots: Channel<MotorSlots>,
     energy: Channel<Energy>,
     request: Channel<OperatorRequest>,
+    earlier: EarlierRequests,
     estimate: [Channel<NodeEstimate>; SLOTS],
     command: [Channel<MotorCommand>; SLOTS],
     control: [Channel<ControlStatus>; SLOTS],
@@ -171,6 +174,7 @@ impl Machine {
             slots: Channel::new("motor/slots"),
             energy: Channel::new("energy"),
             request: Channel::new("operator/request"),
+            earlier: EarlierRequests::default(),
             estimate: slotted("node/estimate"),
             command: slotted("motor/command"),
             control: slotted("control/status"),
@@ -195,7 +199,8 @@ impl Machine {
         };
         match name {
             "motor/input" => {
-                if let Some(input) = self.input.read(recorded, t0_ns) {
+                if let Some(mut input) = self.input.read(recorded, t0_ns) {
+                    self.earlier.fill(recorded, &mut input);
                     self.cycles += 1;
                     let (first_ns, _) = *self.first_and_last_ns.get_or_insert((time_ns, time_ns));
                     self.first_and_last_ns = Some((first_ns, time_ns));
