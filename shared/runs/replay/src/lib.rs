@@ -10,6 +10,7 @@ mod changes;
 mod channel;
 mod command_line;
 mod config;
+mod earlier;
 mod instead;
 mod parts;
 mod reported;
@@ -22,6 +23,7 @@ pub use instead::{Instead, Spread};
 use channel::{Channel, History};
 use command::{Answer, Failure};
 use config::Configuration;
+use earlier::EarlierRequests;
 use instead::Collector;
 use messages::{
     ControlStatus, Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate,
@@ -119,6 +121,7 @@ struct Replay {
     slots: Channel<MotorSlots>,
     energy: Channel<Energy>,
     request: Channel<OperatorRequest>,
+    earlier: EarlierRequests,
     estimate: [Channel<NodeEstimate>; SLOTS],
     command: [Channel<MotorCommand>; SLOTS],
     control: [Channel<ControlStatus>; SLOTS],
@@ -157,6 +160,7 @@ impl Replay {
             slots: Channel::new("motor/slots"),
             energy: Channel::new("energy"),
             request: Channel::new("operator/request"),
+            earlier: EarlierRequests::default(),
             estimate: channel_per_slot("node/estimate"),
             command: channel_per_slot("motor/command"),
             control: channel_per_slot("control/status"),
@@ -190,7 +194,8 @@ impl Replay {
         };
         match name {
             "motor/input" => {
-                if let Some(input) = self.input.read(recorded, t0_ns) {
+                if let Some(mut input) = self.input.read(recorded, t0_ns) {
+                    self.earlier.fill(recorded, &mut input);
                     self.cycles += 1;
                     let (first_ns, _) = *self.first_and_last_ns.get_or_insert((time_ns, time_ns));
                     self.first_and_last_ns = Some((first_ns, time_ns));
