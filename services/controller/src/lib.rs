@@ -1,10 +1,11 @@
-//! Node estimate and motion to cable velocities.
+//! The controller: computes cable velocities from node estimates and the motion.
 //!
 //! Invariants:
 //! * [`Controller::step`] is pure: no clock, no input or output, no allocation. The same samples give the same bits.
-//! * Every finite input gives finite velocities inside the limits; what has no good answer has a row that is not `valid`.
-//! * Another law is a variant of [`Law`] and a name in the configuration; motions, slots, limits and stretch stay as they are. A law of one's own is
-//!   a [`CableLaw`] in a program of its own ([`process::main_with`]), which the system file starts in this one's place.
+//! * Every finite input gives finite velocities within the limits; a row without a good answer is not `valid`.
+//! * A further law is a variant of [`Law`] and a name in the configuration; motions, slots, limits and stretch do not
+//!   depend on it. A custom law is a [`CableLaw`] in a separate program ([`process::main_with`]), which the system file
+//!   starts instead of this one.
 #![forbid(unsafe_code)]
 
 mod controller;

@@ -1,4 +1,4 @@
-//! The controller: node estimate and motion to cable velocities, with the law that the system file names.
+//! The controller process: computes cable velocities from estimate and motion, with the law of the system file.
 
 use std::process::ExitCode;
 
