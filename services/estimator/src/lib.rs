@@ -1,12 +1,12 @@
-//! Motor state to node estimate: where the node is, how it moves, and how the lines pull.
+//! The estimator: computes position and velocity of the node and the cable tensions from motor states.
 //!
 //! Invariants:
 //! * [`Estimator::step`] is pure: no clock, no input or output, no allocation. The same samples give the same bits.
-//! * An estimate is `valid` only if every cable was read in this cycle or at most [`BRIDGED_CYCLES`] before, the position is
-//!   known to motor-io, and everything in it is finite. An invalid one carries what was measured and nothing else.
-//! * A method is a [`CableEstimator`]: one cable's readings and commands to its length and velocity. A standard one is a row in
-//!   `method.rs`, which alone has its name. One's own is a program of its own ([`process::main_with`]), which the system file starts in this
-//!   one's place or beside it.
+//! * An estimate is `valid` only if every cable was read in this cycle or at most [`BRIDGED_CYCLES`] before, motor-io
+//!   knows the position, and all numbers are finite. An invalid estimate contains only the measured lengths.
+//! * A method is a [`CableEstimator`]: it computes length and velocity of one cable from its readings and commands. A
+//!   standard method is a row in `method.rs`, the only place that names it. A custom method is a separate program
+//!   ([`process::main_with`]), which the system file starts instead of this one or in the other slot.
 #![forbid(unsafe_code)]
 
 mod cable_estimator;

@@ -1,4 +1,4 @@
-//! The estimator: motor state to node estimate, by the method that the system file names.
+//! The estimator process: computes node estimates from motor states, with the method of the system file.
 
 use std::process::ExitCode;
 
