@@ -1,6 +1,7 @@
+# shellcheck shell=bash
 # What the scripts share; sourced, not run.
 
-# Says what is being done.
+# Reports a step.
 say() { printf '\n== %s\n' "$*" >&2; }
 
 # Ends with one sentence.
@@ -9,14 +10,14 @@ give_up() {
     exit 1
 }
 
-# Names what is missing on this machine, with the command that installs it.
+# Checks the tools of this machine; names the command that installs a missing one.
 need_tools() {
     command -v cargo >/dev/null || give_up "cargo is missing: install the Rust toolchain from https://rustup.rs"
     command -v cc >/dev/null || give_up "a C compiler is missing: apt-get install gcc libc6-dev"
     command -v python3 >/dev/null || give_up "python3 is missing: apt-get install python3 python3-venv"
 }
 
-# Makes .venv with the independent readers and the drives' own client, which the tests compare with.
+# Makes .venv with the independent readers and the drives' own client, which the tests compare with, and with linters.
 need_python_packages() {
     local wanted=tests/python/requirements.txt stamp=.venv/.requirements.txt
     if cmp -s "$wanted" "$stamp"; then
@@ -32,8 +33,18 @@ need_python_packages() {
     cp "$wanted" "$stamp"
 }
 
-# Gets the readers of Foxglove and Lichtblick, which some tests compare with; without JavaScript on this machine these
-# comparisons are left out, which is said again at the end.
+# Sets NIMS_PYTHON, unless it is set already.
+need_python() {
+    if [ -n "${NIMS_PYTHON:-}" ]; then
+        say "using $NIMS_PYTHON"
+    else
+        need_python_packages
+        export NIMS_PYTHON="$PWD/.venv/bin/python"
+    fi
+}
+
+# Gets the readers of Foxglove and Lichtblick, which some tests compare with. Without JavaScript on this machine these
+# comparisons are left out, which is reported at the end.
 need_node_packages() {
     local wanted=tests/node/package-lock.json stamp=tests/node/node_modules/.package-lock.nims
     if cmp -s "$wanted" "$stamp"; then
@@ -48,13 +59,106 @@ need_node_packages() {
     cp "$wanted" "$stamp"
 }
 
-# Tests look at this variable, and fail where it is not set and the readers are not there.
+# Tests read this variable; without it they fail where the readers are missing.
 without_node() {
     export NIMS_WITHOUT_NODE=1
     say "WARNING: $1: run files are NOT compared with what JavaScript reads in them"
 }
 
-# All tests but the examples in the documentation; nextest takes half the time, because tests of several files run at once.
+# The path of a program of tests/python/requirements.txt: beside $NIMS_PYTHON, or of this machine.
+tool() {
+    local beside
+    beside=$(dirname "$NIMS_PYTHON")/$1
+    if [ -x "$beside" ]; then echo "$beside"; return; fi
+    command -v "$1" || give_up "$1 is missing beside $NIMS_PYTHON: install tests/python/requirements.txt there"
+}
+
+# Begins the notes of this run: what is left out and what is repeated. Tests append to the file, see the crate `notes`.
+begin_notes() {
+    NOTES=$(mktemp -d /tmp/nims-notes.XXXXXX)
+    export NIMS_TEST_NOTES="$NOTES/notes"
+    : >"$NIMS_TEST_NOTES"
+    # tests run as another user
+    chmod 711 "$NOTES"
+    chmod 666 "$NIMS_TEST_NOTES"
+}
+
+# Notes a check that is left out, and why.
+leave_out() { printf 'left out\t%s\t%s\n' "$1" "$2" >>"$NIMS_TEST_NOTES"; }
+
+# Prints the notes; false where more live tests were repeated than permitted.
+show_notes() {
+    local kind count permitted=3
+    for kind in "left out" "repeated"; do
+        count=$(grep -c "^$kind" "$NIMS_TEST_NOTES" || true)
+        [ "$count" -gt 0 ] || continue
+        say "$kind: $count"
+        sed -n "s/^$kind\t\([^\t]*\)\t/    \1: /p" "$NIMS_TEST_NOTES" | sort -u >&2
+    done
+    if [ "${count:-0}" -gt "$permitted" ]; then
+        say "$count live tests were repeated; at most $permitted may be: see above what the machine did meanwhile"
+        return 1
+    fi
+}
+
+# Shell and Python: ruff and shellcheck, on every script.
+lint_scripts() {
+    local python shell ruff shellcheck
+    ruff=$(tool ruff)
+    shellcheck=$(tool shellcheck)
+    python=$(git ls-files '*.py'; git grep -lI '^#!.*python' -- scripts configs .ci)
+    shell=$(git ls-files '*.sh'; git grep -lIE '^#!.*(bash|/sh)$' -- scripts configs .ci)
+    # shellcheck disable=SC2086  # lists of files without spaces
+    "$ruff" check --quiet --config .config/ruff.toml --cache-dir target/ruff $python
+    # shellcheck disable=SC2086
+    "$shellcheck" --external-sources $shell
+}
+
+# Licences, banned and duplicate versions, and sources of all dependencies, by deny.toml; known vulnerabilities where
+# their database is on this machine.
+check_dependencies() {
+    local deny workspace
+    deny=$(tool cargo-deny)
+    deny() { "$deny" --log-level error --config "$PWD/deny.toml" "$@"; }
+    deny check --hide-inclusion-graph bans licenses sources
+    for workspace in services/viewer tests/benchmarks; do
+        deny --manifest-path $workspace/Cargo.toml check --hide-inclusion-graph licenses sources
+    done
+    if compgen -G "${CARGO_HOME:-$HOME/.cargo}/advisory-dbs/*" >/dev/null; then
+        deny --offline check --hide-inclusion-graph advisories
+    else
+        leave_out "known vulnerabilities of dependencies" "their database is not here: cargo-deny fetch"
+    fi
+}
+
+# The documentation, with every link in it.
+check_links() {
+    RUSTDOCFLAGS="-D warnings" cargo doc --quiet --no-deps --workspace --document-private-items
+}
+
+# The oldest toolchain that is promised, `rust-version`, compiles everything.
+check_oldest_toolchain() {
+    local oldest
+    oldest=$(sed -n 's/^rust-version = "\(.*\)"/\1/p' Cargo.toml)
+    if ! cargo "+$oldest" --version >/dev/null 2>&1 &&
+        ! rustup toolchain install "$oldest" --profile minimal --no-self-update >/dev/null 2>&1; then
+        leave_out "the oldest toolchain, $oldest" "it is not here and rustup cannot install it"
+        return
+    fi
+    cargo "+$oldest" check --quiet --workspace --lib --bins --target-dir "${CARGO_TARGET_DIR:-target}/oldest"
+}
+
+# The workspaces beside the main one.
+check_separate_workspaces() {
+    local workspace
+    for workspace in services/viewer tests/benchmarks; do
+        cargo fmt --manifest-path $workspace/Cargo.toml --check
+        cargo check --quiet --manifest-path $workspace/Cargo.toml --all-targets --target-dir "${CARGO_TARGET_DIR:-target}"
+    done
+}
+
+# All tests but the examples in the documentation. nextest takes half the time, because tests of several files run at
+# once.
 run_tests() {
     if cargo nextest --version >/dev/null 2>&1; then
         cargo nextest run "$@"
@@ -63,14 +167,13 @@ run_tests() {
     fi
 }
 
-# From here on cargo starts test programs as the user nobody; only root needs that, and can do it. Programs have to be built already. The
-# variable that says so to cargo is named by RUNNER.
+# From here on cargo starts test programs as the user nobody. Only root needs that, and can do it. Programs have to be
+# built already. RUNNER is the name of the variable that tells cargo so.
 run_tests_as_nobody() {
     command -v setpriv >/dev/null || give_up "root needs setpriv to run the tests as another user: apt-get install util-linux"
     export NIMS_TEST_HOME
     NIMS_TEST_HOME=$(mktemp -d /tmp/nims-test.XXXXXX)
     chown nobody "$NIMS_TEST_HOME"
-    trap 'rm -rf "$NIMS_TEST_HOME"' EXIT
     can_read() { scripts/run-unprivileged test -r "$PWD/Cargo.toml" -a -x "${CARGO_TARGET_DIR:-$PWD/target}/debug"; }
     if ! can_read 2>/dev/null; then
         # A folder that only root can enter: nobody gets the right to read everything, and nothing else.
@@ -83,3 +186,6 @@ run_tests_as_nobody() {
     RUNNER="CARGO_TARGET_${triple}_RUNNER"
     export "$RUNNER=$PWD/scripts/run-unprivileged"
 }
+
+# Removes the temporary folders of a test run.
+tidy() { rm -rf ${NIMS_TEST_HOME:+"$NIMS_TEST_HOME"} ${NOTES:+"$NOTES"}; }

@@ -2,9 +2,9 @@
 #
 #     python scripts/python/look_at_run.py runs/2026-05-04T09-30-00Z-demo3 [--out DIR]
 #
-# The cells are marked with `# %%`, so that editors can run them one by one. Needs numpy, mcap, zstandard, pandas and matplotlib.
+# Editors can run the cells, marked with `# %%`, one by one. Needs numpy, mcap, zstandard, pandas and matplotlib.
 
-# %% What is in it
+# %% Channels and their numbers of samples
 import argparse
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import pandas as pd
 from nims_run import Run
 
 matplotlib.use("Agg")
-from matplotlib import pyplot as plt  # noqa: E402  (the drawing has to know first that there may be no screen)
+from matplotlib import pyplot as plt
 
 arguments = argparse.ArgumentParser(description="From a run of nims to figures and pictures.")
 arguments.add_argument("run", type=Path, help="run folder, or .mcap file")
@@ -26,9 +26,9 @@ overview = pd.Series(run.counts, name="samples").to_frame()
 overview["type"] = [run.definitions[name].name for name in overview.index]
 print(overview.sort_index().to_string())
 
-# %% One table for each channel; those of one control cycle share its number
+# %% One table for each channel; samples of one control cycle share its number
 state = pd.DataFrame(run.columns("motor/state")).set_index("cycle")
-state = state[state["position_known"] > 0]  # before, lengths mean nothing
+state = state[state["position_known"] > 0]  # lengths are not valid before
 authority = pd.DataFrame(run.columns("motor/authority")).set_index("cycle")
 estimate = pd.DataFrame(run.columns("node/estimate/a")).set_index("cycle")
 control = pd.DataFrame(run.columns("control/status/a")).set_index("cycle")
@@ -37,13 +37,13 @@ modes = run.names("motor/authority", "mode")
 authority["mode_name"] = authority["mode"].map(lambda mode: modes.get(mode, str(mode)).removeprefix("MODE_").lower())
 print(authority.groupby("mode_name", sort=False).size().mul(authority["period_s"].iloc[0]).rename("seconds").to_string())
 
-# %% How far from the setpoint while it moves
+# %% Distance from the setpoint while the node moves
 moving = control[(control["valid"] == 1) & (control["segment"] != 0)]
 moving = moving[authority["plan_rate"].reindex(moving.index).fillna(0.0) > 0.0]
 error_mm = 1e3 * moving["error_norm_m"]
 print(f"estimate from setpoint: RMS {np.sqrt((error_mm**2).mean()):.2f} mm, 95 % below {error_mm.quantile(0.95):.2f} mm")
 
-# %% How old a reading is when the command that rests on it goes out
+# %% Age of the oldest reading when the command based on it is sent
 age_ms = 1e-6 * authority.loc[authority["command_age_ns"] > 0, "command_age_ns"]
 print(f"oldest reading to command: median {age_ms.median():.2f} ms, 99 % below {age_ms.quantile(0.99):.2f} ms")
 last = authority.iloc[-1]
@@ -64,11 +64,11 @@ figure.savefig(arguments.out / "path.png", dpi=120)
 
 figure, rows = plt.subplots(4, 1, figsize=(10, 9), sharex=True)
 for cable in range(1, cables + 1):
-    rows[0].plot(state["t_s"], state[f"length_m_{cable}"], label=f"line {cable}")
+    rows[0].plot(state["t_s"], state[f"length_m_{cable}"], label=f"cable {cable}")
     rows[1].plot(state["t_s"], state[f"velocity_m_s_{cable}"])
     rows[2].plot(known["t_s"], known[f"tension_n_{cable}"])
 rows[3].plot(moving["t_s"], error_mm)
-for axes, label in zip(rows, ("length [m]", "velocity [m/s]", "tension [N]", "off the setpoint [mm]")):
+for axes, label in zip(rows, ("length [m]", "velocity [m/s]", "tension [N]", "off the setpoint [mm]"), strict=True):
     axes.set_ylabel(label)
 rows[0].legend(loc="upper right")
 rows[3].set_xlabel("time [s]")

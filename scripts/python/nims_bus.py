@@ -1,4 +1,4 @@
-"""A sensor of nims in Python: one file, no build.
+"""Publishes the samples of a sensor to nims from Python: one file, no build.
 
     from ctypes import c_double
     from nims_bus import Sample, Sensor
@@ -11,11 +11,13 @@
             moisture, temperature = read_the_probe()
             sensor.send(moisture_percent=moisture, temperature_c=temperature)
 
-The struct is the message: its definition for run files and its type name are derived from it, so the recorder and `nims channel echo`
-know the fields by name at once. Needs the package `iceoryx2` in exactly the version of the robot's programs.
+The struct is the message: its definition for run files and its type name are derived from it, so the recorder and
+`nims channel echo` have the names of its fields. Needs the package `iceoryx2` in exactly the version of the robot's
+programs.
 
-The domain of the robot is the first of: the argument `domain`, `--domain NAME`, the variable NIMS_DOMAIN, the only robot that runs here.
-`nims plug NAME -- python3 FILE` starts it as one of the robot's processes, and tells it NIMS_DOMAIN and NIMS_NAME.
+The domain of the robot is the first of: the argument `domain`, `--domain NAME`, the variable NIMS_DOMAIN, the only
+running robot. `nims plug NAME -- python3 FILE` starts the file as one of the robot's processes, and sets NIMS_DOMAIN
+and NIMS_NAME.
 """
 
 import ctypes
@@ -32,33 +34,34 @@ import iceoryx2
 
 ICEORYX2 = "0.10.0"
 SHARED_MEMORY = "/dev/shm"
-# Bytes of one attribute, and how many a channel or an event has. The definition of a message begins beside its hash at the channel, and goes
-# on at events that exist for nothing else.
+# Bytes of an attribute, and attributes of a channel or an event. The definition of a message begins in the attributes
+# of the channel, after its hash, and continues in those of events that exist only for it.
 ATTRIBUTE_BYTES, ATTRIBUTES = 256, 8
-# As for every channel of a sensor (shared/runtime/messages/src/channels.rs).
+# The same as for every channel of a sensor (shared/runtime/messages/src/channels.rs).
 BUFFER, HISTORY, PUBLISHERS, SUBSCRIBERS, NODES, BORROWS, EVENT_PORTS, SHEET_NODES = 256, 128, 2, 12, 48, 1, 64, 64
-# Large samples are kept by bytes: BUFFER of them, or as many as this holds, but LEAST. Other than in Rust, a publisher here has a place for
-# each sample of each subscriber, so a channel that is made here has fewer of these, and still fewer from LARGE_BYTES on.
+# The buffer holds BUFFER samples or KEPT_BYTES, whichever is less, and at least LEAST samples. Unlike in Rust, a
+# publisher here needs memory for each sample of each subscriber, so a channel created here has fewer subscribers, and
+# still fewer from LARGE_BYTES on.
 KEPT_BYTES, LEAST, LARGE_BYTES, LARGE_SUBSCRIBERS = 16 << 20, 4, 128 << 10, 5
-# A subscriber that does not keep up is this far behind at most, s.
+# Largest lag of a subscriber, s.
 LAG_S = 2.5
-# Shared memory that is left to the robot, and what a channel takes beside its samples, bytes.
+# Shared memory reserved for the robot, and what a channel needs beside its samples, bytes.
 MARGIN_BYTES, CHANNEL_BYTES = 4 << 20, 1 << 20
 PRIMITIVES = {
     ctypes.c_double: "float64", ctypes.c_float: "float32",
     ctypes.c_int8: "int8", ctypes.c_int16: "int16", ctypes.c_int32: "int32", ctypes.c_int64: "int64",
     ctypes.c_uint8: "uint8", ctypes.c_uint16: "uint16", ctypes.c_uint32: "uint32", ctypes.c_uint64: "uint64",
 }
-# What readers of run files trip over as the name of a field.
+# Names of fields that readers of run files reject.
 RESERVED = {"name", "type", "fields", "encode", "decode"}
 
 
 class SensorError(Exception):
-    """What is wrong, and what to do, in one sentence."""
+    """One sentence: what is wrong, and what to do."""
 
 
 class Header(ctypes.Structure):
-    """Begins every sample."""
+    """The first field of every sample."""
 
     _fields_ = [
         ("life", ctypes.c_uint64),
@@ -71,7 +74,7 @@ class Header(ctypes.Structure):
 
 
 class _WithHeader(type(ctypes.Structure)):
-    """Puts the header in front of the fields, and a filling behind them that C would put there unseen."""
+    """Adds the header before the fields, and explicit padding after them in place of hidden padding."""
 
     def __new__(mcs, name, bases, body):
         if bases != (ctypes.Structure,) and "_fields_" in body:
@@ -95,17 +98,17 @@ class Sample(ctypes.Structure, metaclass=_WithHeader):
 
     @classmethod
     def type_name(cls):
-        """What both ends of a channel compare: it ends in a hash of the definition."""
+        """The type name that both ends of a channel compare; it ends in a hash of the definition."""
         return f"nims_msgs/{cls.__name__}/{_hash(cls.definition()):08x}"
 
 
 def _lines(struct, nested):
     text, end = "", 0
     if not re.fullmatch(r"[A-Z][A-Za-z0-9]*", struct.__name__):
-        raise SensorError(f"call the struct `{struct.__name__}` by a CamelCase name")
+        raise SensorError(f"the name of the struct `{struct.__name__}` is not in CamelCase: rename it")
     for name, kind in struct._fields_:
         if not re.fullmatch(r"[a-z](?:[a-z0-9]|_(?=[a-z0-9]))*", name) or keyword.iskeyword(name) or name in RESERVED:
-            raise SensorError(f"call the field `{name}` of `{struct.__name__}` by another lower_case name: readers refuse this one")
+            raise SensorError(f"the field `{name}` of `{struct.__name__}` has a name that readers reject: use another lower_case name")
         at = getattr(struct, name).offset
         if at != end:
             raise SensorError(
@@ -121,7 +124,7 @@ def _lines(struct, nested):
                 nested[element.__name__] = ""
                 nested[element.__name__] = _lines(element, nested)
         else:
-            raise SensorError(f"the field `{name}` of `{struct.__name__}` is no number, array of numbers or struct of those")
+            raise SensorError(f"the field `{name}` of `{struct.__name__}` is not a number, array of numbers or struct of those")
         text += f"{ros}{length} {name}\n"
     if end != ctypes.sizeof(struct):
         raise SensorError(f"there are {ctypes.sizeof(struct) - end} hidden bytes at the end of `{struct.__name__}`: fill them with a field pad0")
@@ -140,7 +143,7 @@ class Sensor:
     """Publishes samples of one type on `sensor/NAME`."""
 
     def __init__(self, name, message, domain=None, rate_hz=None):
-        """`rate_hz`: samples a second, if that is known: the channel then keeps no more than it needs."""
+        """`rate_hz`: samples per second, if known; limits the buffer of the channel."""
         _need_version()
         self.channel = f"sensor/{name}"
         self._message, self._seq, self._ended = message, 0, False
@@ -154,7 +157,7 @@ class Sensor:
         scope = config.global_cfg
         scope.prefix = iceoryx2.FileName.new(self._prefix)
         scope.root_path = iceoryx2.Path.new(root)
-        # The robot's own programs clean up after the dead, and know what has to be removed first.
+        # The robot's own programs clean up after dead processes, in the necessary order.
         scope.node.cleanup_dead_nodes_on_creation = False
         scope.node.cleanup_dead_nodes_on_destruction = False
         scope.service.cleanup_dead_nodes_on_open = False
@@ -175,11 +178,11 @@ class Sensor:
         except Exception as error:
             if "IncompatibleTypes" in str(error):
                 raise SensorError(
-                    f"`{self.channel}` carries other fields than `{message.type_name()}` has: a changed type needs a new name, because the old channel"
-                    f" is still held, e.g. by the recorder: call it e.g. `{name}-2`"
+                    f"`{self.channel}` has other fields than `{message.type_name()}`: a changed type needs a new name, because the old channel"
+                    f" is still open, e.g. in the recorder: use e.g. `{name}-2`"
                 ) from None
             raise SensorError(f"`{self.channel}` cannot be published: {error}; other sensors of this name may run") from None
-        # Whoever looks for new channels, above all the recorder, is told.
+        # Wakes the processes that look for new channels, above all the recorder.
         self._event("system/channels").notify()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._end)
@@ -199,9 +202,9 @@ class Sensor:
         return self._builder().subscriber_max_buffer_size(self._buffer).history_size(self._history)
 
     def _reserve(self):
-        """Takes the memory of what has just been made: a page that is missing when it is touched ends the process, and those that listen.
+        """Allocates the memory of new files: a page that is missing on access ends this process and its subscribers.
 
-        Between making and this, for about a millisecond, another user of the machine can still take it."""
+        Between the creation and this call, for about a millisecond, another user can still take the memory."""
         for entry in os.scandir(SHARED_MEMORY):
             if not entry.name.startswith(self._prefix) or entry.name in self._reserved:
                 continue
@@ -216,9 +219,9 @@ class Sensor:
                 finally:
                     os.close(file)
             except FileNotFoundError:
-                pass  # its owner has just removed it
+                pass  # just removed by its owner
             except PermissionError:
-                self._reserved.discard(entry.name)  # half made; its maker reserves it, or the next time this is called
+                self._reserved.discard(entry.name)  # being created; reserved by its creator, or by the next call
             except OSError as error:
                 raise SensorError(f"`{self.channel}` cannot be published: shared memory has no room for it ({error.strerror})") from None
 
@@ -231,7 +234,7 @@ class Sensor:
         ]
         attributes = _attributes(text[:first], [("schema.hash", f"{_hash(text):08x}")])
         last = None
-        for _ in range(200):  # another process may be making, or unmaking, the channel in the same instant
+        for _ in range(200):  # another process may be creating or removing the channel at the same time
             for attempt in (lambda: self._builder().open(), lambda: self._sized().create_with_attributes(attributes)):
                 try:
                     return attempt()
@@ -256,7 +259,7 @@ class Sensor:
         return service.notifier_builder().create()
 
     def _sheet(self, name, text):
-        """A continuation of the definition, held open as long as the sensor lives."""
+        """A continuation of the definition, held open while the sensor runs."""
         builder = lambda: self._node.service_builder(iceoryx2.ServiceName.new(name)).event().max_notifiers(1).max_listeners(1).max_nodes(SHEET_NODES)
         last = None
         for _ in range(200):
@@ -269,7 +272,7 @@ class Sensor:
         raise last
 
     def running(self):
-        """False once the process was asked to end."""
+        """False after SIGINT or SIGTERM."""
         self._publisher.update_connections()
         if time.monotonic() > self._reserve_at:
             self._reserve_at = time.monotonic() + 1.0
@@ -322,18 +325,18 @@ def _quality(size, rate_hz):
 
 
 def _need_room(channel, size):
-    """Refuses what shared memory has no room for, before anything is made."""
+    """Raises an error if shared memory has no room for the channel, before anything is created."""
     room = os.statvfs(SHARED_MEMORY)
     free, needed = room.f_bavail * room.f_frsize, size + CHANNEL_BYTES + MARGIN_BYTES
     if room.f_blocks and free < needed:
         raise SensorError(
-            f"`{channel}` needs {needed / 1e6:.1f} MB of shared memory, and {free / 1e6:.1f} MB are left: make the samples smaller, say their"
+            f"`{channel}` needs {needed / 1e6:.1f} MB of shared memory, and {free / 1e6:.1f} MB are free: make the samples smaller, give their"
             " rate_hz, or make /dev/shm larger"
         )
 
 
 def _fill(array, values, name):
-    """Copies values into an array of a sample: in one go where they are bytes or an array of the same numbers (numpy, array, ctypes)."""
+    """Copies values into an array of a sample: at once for bytes and arrays of the same type (numpy, array, ctypes)."""
     kind = array._type_
     try:
         view = memoryview(values)
@@ -343,7 +346,7 @@ def _fill(array, values, name):
     same = plain and kind in PRIMITIVES and _same_number(view, kind)
     given = view.nbytes // view.itemsize if plain and view.itemsize else len(values)
     if given > len(array):
-        raise SensorError(f"the field `{name}` has room for {len(array)} numbers, and {given} were given")
+        raise SensorError(f"the field `{name}` holds {len(array)} numbers, but {given} were given")
     if same:
         ctypes.memmove(array, (ctypes.c_char * view.nbytes).from_buffer(view) if not view.readonly else bytes(view), view.nbytes)
     else:
@@ -351,7 +354,7 @@ def _fill(array, values, name):
 
 
 def _same_number(view, kind):
-    """Whether a buffer holds numbers that lie in memory as this type does."""
+    """Whether the numbers of a buffer have the memory layout of this type."""
     code = view.format.lstrip("@=<")
     if len(code) != 1 or view.itemsize != ctypes.sizeof(kind):
         return False
@@ -361,7 +364,7 @@ def _same_number(view, kind):
 
 
 def _patiently(make):
-    """A predecessor that was killed holds its place until the robot's supervisor has cleaned up after it."""
+    """Retries: a killed predecessor keeps its place until the supervisor has cleaned up."""
     for _ in range(200):
         try:
             return make()
@@ -380,7 +383,7 @@ def _need_version():
 
     found = version("iceoryx2")
     if found != ICEORYX2:
-        raise SensorError(f"the package iceoryx2 is {found}, and the robot's programs speak {ICEORYX2}: pip install iceoryx2=={ICEORYX2}")
+        raise SensorError(f"the package iceoryx2 is {found}, but the robot's programs need {ICEORYX2}: pip install iceoryx2=={ICEORYX2}")
 
 
 def _root(domain):
@@ -396,5 +399,5 @@ def _root(domain):
     running = [str(path.parent) for path in Path(SHARED_MEMORY).glob(f"nims-{os.geteuid()}-*/running.json")]
     if len(running) != 1:
         found = ", ".join(path.removeprefix(beginning) for path in running)
-        raise SensorError(f"several robots run ({found}): say which with --domain NAME" if running else "no robot runs here: start one with `nims up SYSTEM.toml`")
+        raise SensorError(f"several robots run ({found}): choose one with --domain NAME" if running else "no robot runs here: start one with `nims up SYSTEM.toml`")
     return running[0]

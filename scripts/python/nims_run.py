@@ -1,4 +1,4 @@
-"""Reads a run of nims into NumPy: every channel as one structured array, by its own definition in the file; all files of a run as one.
+"""Reads a run of nims into NumPy: every channel of all files as one structured array, by its definition in the file.
 
     from nims_run import Run
     run = Run("runs/2026-05-04T09-30-00Z-demo3")
@@ -6,11 +6,12 @@
     state["length_m"][:, 0]          # first cable, m
     run.seconds(state)               # s since the run began
 
-Samples of nims are fixed-size, so nothing is decoded message by message: the message index of each chunk says where the samples
-of a channel are, and they are taken out all at once. That holds for what the visualization process draws too: its texts become bytes, its lists
-arrays. Needs `numpy`, `mcap` and `zstandard`.
+Samples of nims have a fixed size, so they are not decoded one by one: the message index of each chunk locates the
+samples of a channel, and they are copied at once. Messages of the visualization process are read too: their texts become
+bytes, their lists arrays. Needs `numpy`, `mcap` and `zstandard`.
 """
 
+import itertools
 import mmap
 import re
 import struct
@@ -27,29 +28,29 @@ PRIMITIVES = {
     "int8": "i1", "int16": "<i2", "int32": "<i4", "int64": "<i8",
     "float32": "<f4", "float64": "<f8",
 }
-# opcode, record length, channel, sequence, log time, publish time; then four bytes that say how the data are encoded
+# opcode, record length, channel, sequence, log time, publish time; then four bytes for the encoding
 MESSAGE_HEAD = 1 + 8 + 2 + 4 + 8 + 8
 CDR_HEAD = 4
-# The end of that: a sample that a later file of the run repeats is known by its number and its sampling time.
+# The end of that head: a sample that a later file repeats is identified by its number and its publish time.
 TIMES = np.dtype([("sequence", "<u4"), ("log_time", "<u8"), ("publish_time", "<u8")])
-# Samples per channel in which a file may repeat what stands at the end of the one before.
+# Samples per channel at the start of a file that may repeat the end of the previous file.
 REPEATS = 1024
 RECOVERED = "-recovered"
 FIELD = re.compile(r"^([A-Za-z][\w/]*)(?:\[(\d*)\])?\s+([a-z]\w*)$")
-# Before a message's times: its record's length; what that counts beside the data.
+# Position of the record's length before a message's times; bytes of the record beside the data.
 LENGTH_AT, LENGTH_HEAD = 8 + 2 + 4 + 8 + 8, 2 + 4 + 8 + 8 + CDR_HEAD
 CONSTANT = re.compile(r"^(\w+)\s+([A-Z][A-Z0-9_]*)\s*=\s*(-?\d+)$")
 
 
 class RunError(Exception):
-    """What is wrong with a run, and what to do."""
+    """One sentence: what is wrong with a run, and what to do."""
 
 
 class Definition:
     """A ROS 2 definition: the NumPy type of a sample, and the names of values.
 
-    Where it has texts or lists, `body` is a sample, and the type is that of samples whose texts and lists are as long as in this one;
-    `lengths` is where they say so.
+    If it has texts or lists, `body` is a sample, and the type is that of samples with texts and lists of the same lengths;
+    `lengths` are the positions of these lengths.
     """
 
     def __init__(self, text, body=None):
@@ -67,7 +68,7 @@ class Definition:
         self.dtype, _, _ = self._struct(own, 0, record=True)
 
     def _struct(self, text, at, record=False):
-        """The type of a struct that may begin at `at`, where it begins, and where it ends."""
+        """The type of a struct placed at or after `at`, where it begins, and where it ends."""
         begin, names, types, offsets, waiting = 0 if record else None, [], [], [], []
         for line in _lines(text):
             constant = CONSTANT.match(line)
@@ -76,7 +77,7 @@ class Definition:
                 continue
             field = FIELD.match(line)
             if not field:
-                raise RunError(f"the definition line `{line}` is none that nims writes: read this channel with mcap-ros2-support")
+                raise RunError(f"the definition line `{line}` is not in the form that nims writes: read this channel with mcap-ros2-support")
             kind, count, name = field[1], field[2], field[3]
             dtype, start, at = self._field(kind, count, at)
             if record and waiting:
@@ -99,7 +100,7 @@ class Definition:
     def _one(self, kind, at):
         if kind == "string":
             at, length = self._length(at)
-            # with its zero, which NumPy leaves out
+            # with its terminating zero, which NumPy omits
             return (np.dtype(f"S{length}"), at, at + length) if length else (None, at, at)
         if kind in PRIMITIVES:
             dtype = np.dtype(PRIMITIVES[kind])
@@ -116,10 +117,10 @@ class Definition:
         first, begin = elements[0]
         if kind in PRIMITIVES:
             return np.dtype((first, (many,))), begin, begin + many * first.itemsize
-        strides = {later[1] - earlier[1] for earlier, later in zip(elements, elements[1:])}
+        strides = {later[1] - earlier[1] for earlier, later in itertools.pairwise(elements)}
         if all(dtype == first for dtype, _ in elements) and strides <= {first.itemsize}:
             return np.dtype((first, (many,))), begin, end
-        # of different shapes: each has its number for a name
+        # of different shapes: each is named by its number
         named = {"names": [str(n + 1) for n in range(many)], "formats": [dtype for dtype, _ in elements],
                  "offsets": [start - begin for _, start in elements], "itemsize": end - begin}
         return np.dtype(named), begin, end
@@ -136,7 +137,7 @@ def _lines(text):
 
 
 def _is_open(text, texts):
-    """Whether a type has texts or lists of its own."""
+    """Whether a type itself contains texts or lists."""
     fields = [FIELD.match(line) for line in _lines(text) if not CONSTANT.match(line)]
     return any(field and (field[1] == "string" or field[2] == "") for field in fields)
 
@@ -150,7 +151,7 @@ class Run:
         if not self.files:
             raise RunError(f"{path} holds no finished .mcap file: if the recorder was cut off, `nims recover {path}` restores it")
         for file in path.glob("*.mcap.part") if path.is_dir() else []:
-            warnings.warn(f"{file} is not finished and left out: if nobody records it now, `nims recover {path}` restores it")
+            warnings.warn(f"{file} is not finished and is skipped: unless it is being recorded, `nims recover {path}` restores it", stacklevel=2)
         self._maps, self._summaries, self.definitions, self.counts = [], [], {}, {}
         for file in self.files:
             with file.open("rb") as stream:
@@ -167,14 +168,14 @@ class Run:
         self._chunks = {}
 
     def _begin(self):
-        """When the recorder was started: the clock of the run."""
+        """The start of the recorder, from which the run counts, UNIX ns."""
         with self.files[0].open("rb") as stream:
             about = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
         begin = about.get("run", {}).get("t0_unix_ns")
         return int(begin) if begin else min(summary.statistics.message_start_time for summary in self._summaries)
 
     def _name_of(self, channel, schema):
-        """The name of a channel; behind an @ the hash of its type, if it had another type before."""
+        """The name of a channel, followed by @ and the hash of its type if it had another type before."""
         name = channel.topic.removeprefix("/")
         if self.definitions.setdefault(name, schema).data != schema.data:
             name += "@" + (channel.metadata.get("type", "").rpartition("/")[2] or schema.name)
@@ -187,14 +188,14 @@ class Run:
         return sorted(self.definitions)
 
     def definition(self, name):
-        """What a sample of this channel is."""
+        """The definition of this channel's samples."""
         text = self._schema(name).data.decode()
         if not any(_is_open(part, {}) for part in re.split(r"^=+\n(?:MSG:.*\n)?", text, flags=re.MULTILINE)):
             return Definition(text)
         for file in range(len(self.files)):
             for raw, begins, _ in self._messages(file, name):
                 return Definition(text, raw[begins[0] : begins[0] + _body_bytes(raw, begins)[0]])
-        raise RunError(f"`{name}` has texts or lists and no samples, which would say how long they are")
+        raise RunError(f"`{name}` has texts or lists but no samples, so their lengths are unknown")
 
     def names(self, name, field):
         """The names of a field's values, e.g. `{0: "MODE_DISARMED", ..}`."""
@@ -239,7 +240,7 @@ class Run:
                 record = np.dtype([("log_time_ns", "<u8"), ("sample", alike.dtype)])
                 size = alike.dtype.itemsize
                 if begins[which].max() + size > len(raw):
-                    raise RunError(f"{self.files[file]}: samples of `{name}` are shorter than their definition says")
+                    raise RunError(f"{self.files[file]}: samples of `{name}` are shorter than their definition")
                 piece = np.empty(len(which), record)
                 piece["log_time_ns"] = entries["log_time"][which]
                 bodies = raw[begins[which][:, None] + np.arange(size)]
@@ -255,14 +256,14 @@ class Run:
     def _chunk(self, file, chunk):
         key = (file, chunk.chunk_start_offset)
         if key not in self._chunks:
-            # A few chunks are remembered: the channels of a run are usually read one after the other.
+            # Cached, because the channels of a run are usually read one after the other.
             if len(self._chunks) >= 512:
                 self._chunks.clear()
             self._chunks[key] = _uncompressed(self._maps[file], chunk)
         return self._chunks[key]
 
     def seconds(self, samples):
-        """When each sample was recorded, s since the run began."""
+        """Time of each sample, s since the run began."""
         return (samples["log_time_ns"].astype(np.int64) - self.begin_ns) * 1e-9
 
     def columns(self, name, numbers_from=1):
@@ -275,14 +276,14 @@ class Run:
 
 
 def _files_of(folder):
-    """In the order of their writing; where a damaged file has been recovered, that one in its place."""
+    """The files in the order of writing; a recovered file replaces its damaged original."""
     files = {file.stem: file for file in folder.glob("*.mcap")}
-    bare = {stem.removesuffix(RECOVERED): stem for stem in sorted(files)}  # `run-recovered` comes behind `run`
+    bare = {stem.removesuffix(RECOVERED): stem for stem in sorted(files)}  # `run-recovered` sorts after `run`
     return [files[bare[stem]] for stem in sorted(bare)]
 
 
 def _joined(parts, places=None):
-    """One after the other, or each at its places. Texts become as long as the longest; fields stay where they are if they can."""
+    """Concatenates parts, or puts each at its places. Texts take the longest length; fields keep their offsets if possible."""
     kinds = {part.dtype for part in parts}
     if len(kinds) > 1:
         try:
@@ -297,7 +298,7 @@ def _joined(parts, places=None):
 
 
 def _groups(definition, raw, begins):
-    """Samples whose texts and lists are as long as one another's, with their numbers."""
+    """Groups of samples whose texts and lists have the same lengths, with their indices."""
     rest = np.arange(len(begins))
     if definition.is_fixed:
         yield definition, rest
@@ -314,13 +315,13 @@ def _groups(definition, raw, begins):
 
 
 def _body_bytes(raw, begins):
-    """Bytes of each sample, by the lengths of their records."""
+    """Size of each sample in bytes, from the length of its record."""
     words = raw[(begins - CDR_HEAD - LENGTH_AT)[:, None] + np.arange(8)]
     return words.copy().view("<u8")[:, 0].astype(np.int64) - LENGTH_HEAD
 
 
 def _flat(record):
-    """The type of a record whose sample's fields stand beside its time."""
+    """The type of a record with the sample's fields beside its time."""
     sample, at = record["sample"], record.fields["sample"][1]
     return np.dtype({
         "names": ["log_time_ns", *sample.names],

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""A sensor: rename the struct, give it your fields (with units in their names), and read your device where it says so."""
+"""A sensor: rename the struct, define your fields (with units in their names), and read your device in read_device."""
 
 import os
 import time
@@ -7,7 +7,7 @@ from ctypes import c_double
 
 from nims_bus import Sample, Sensor
 
-NAME = os.environ.get("NIMS_NAME", "example")  # the channel is sensor/NAME; `nims plug NAME` says the name
+NAME = os.environ.get("NIMS_NAME", "example")  # the channel is sensor/NAME; `nims plug NAME` sets it
 RATE_HZ = 10.0
 
 
@@ -16,7 +16,7 @@ class Example(Sample):
 
 
 def read_device(count):
-    """Here your device is read."""
+    """Reads your device."""
     return 0.1 * count, [count, count + 1, count + 2, count + 3]
 
 

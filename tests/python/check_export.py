@@ -71,7 +71,7 @@ for file in sorted(run.glob("*.mcap"), key=lambda file: file.stem):
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         about = {record.name: record.metadata for record in reader.iter_metadata()}
         begin_ns = int(about["run"]["t0_unix_ns"])
-        for schema, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
+        for _, channel, message, decoded in reader.iter_decoded_messages(log_time_order=False):
             name = channel.topic.removeprefix("/")
             key = (message.sequence, message.publish_time)
             if key in seen.setdefault(name, set()):
@@ -93,7 +93,7 @@ for channel, rows in expected.items():
     assert set(columns) == {"t_s", *rows[0]}, f"{channel}: {set(columns) ^ {'t_s', *rows[0]}}"
     for number, row in enumerate(rows):
         where = f"{channel} sample {number}"
-        parquet = dict(zip(columns, from_parquet[number]))
+        parquet = dict(zip(columns, from_parquet[number], strict=True))
         t_s = (row["log_time_ns"] - begin_ns) * 1e-9
         assert abs(float(from_csv[number]["t_s"]) - t_s) < 2e-9 and abs(parquet["t_s"] - t_s) < 1e-9, where
         for name, value in row.items():

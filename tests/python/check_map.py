@@ -63,7 +63,7 @@ def check_globe(features, table, samples):
         return north * math.cos(azimuth) + east * math.sin(azimuth), north * math.sin(azimuth) - east * math.cos(azimuth)
 
     assert len(features) == len(table), (len(features), len(table))
-    for feature, row in zip(features, table):
+    for feature, row in zip(features, table, strict=True):
         corners = feature["geometry"]["coordinates"][0]
         assert corners[0] == corners[-1] and len(corners) == 5
         centre = np.mean([place(*corner) for corner in corners[:4]], axis=0)

@@ -13,7 +13,7 @@ from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "python"))
-from nims_run import Run  # noqa: E402
+from nims_run import Run
 
 
 def same(sample, message, where):
@@ -26,10 +26,10 @@ def same(sample, message, where):
             continue
         if ours.dtype.names and ours.dtype.names[0] == "1":  # a list of elements that are not alike
             assert len(theirs) == len(ours.dtype.names), f"{where}.{field}"
-            compared += sum(same(ours[name], other, f"{where}.{field}") for name, other in zip(ours.dtype.names, theirs))
+            compared += sum(same(ours[name], other, f"{where}.{field}") for name, other in zip(ours.dtype.names, theirs, strict=True))
             continue
         if ours.dtype.names:
-            pairs = [(ours, theirs)] if ours.ndim == 0 else zip(ours, theirs)
+            pairs = [(ours, theirs)] if ours.ndim == 0 else zip(ours, theirs, strict=True)
             for one, other in pairs:
                 compared += same(one, other, f"{where}.{field}")
             continue
@@ -69,7 +69,7 @@ for name, samples in ours.items():
     others = theirs.get(name, [])
     assert len(samples) == len(others), f"{name}: {len(samples)} samples and {len(others)}"
     fields = [field for field in samples.dtype.names if field != "log_time_ns"]
-    for sample, (log_time, decoded) in zip(samples, others):
+    for sample, (log_time, decoded) in zip(samples, others, strict=True):
         assert sample["log_time_ns"] == log_time, name
         values += same(sample[fields], decoded, name)
 assert values > 0, "nothing was compared"

@@ -315,7 +315,7 @@ def energy(anchors, a, b, mu, mass, speed, motor, method, limits, n):
     force = np.zeros(a.size)
     force[-1] = mass * G
     power = []
-    for p, tangent in zip(points, tangents):
+    for p, tangent in zip(points, tangents, strict=True):
         j = rows(anchors, p)
         if len(anchors) == 4 and a.size == 3:
             t = four(-j.T, force, limits, method)

@@ -46,7 +46,7 @@ def wait_for_rest(drive, address):
     for _ in range(50):
         time.sleep(0.1)
         now = encoders(drive, address)
-        if all(abs(a - b) <= 2 for a, b in zip(last, now)):
+        if all(abs(a - b) <= 2 for a, b in zip(last, now, strict=True)):
             return now
         last = now
     raise SystemExit(f"unit {address:#x} does not come to rest: {last}")
@@ -164,7 +164,7 @@ def silence(drive):
     stopped = encoders(drive, FIRST)
     time.sleep(0.1)
     later = encoders(drive, FIRST)
-    check(all(abs(a - b) <= 2 for a, b in zip(stopped, later)), "the watchdog did not stop the motors", stopped, later)
+    check(all(abs(a - b) <= 2 for a, b in zip(stopped, later, strict=True)), "the watchdog did not stop the motors", stopped, later)
     check(drive.SetTimeout(FIRST, 0.0), "watchdog off")
 
 

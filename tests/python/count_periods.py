@@ -164,7 +164,7 @@ def main(run):
         if period != authority.period or mine[1:] != counted or sum(counted) != authority.periods:
             where = {"life": told.header.life, "cycle": told.header.cycle}
             different.append({**where, "period": [period, authority.period], "counts": [mine[1:], counted]})
-    found = dict(zip(NAMES[1:], total[1:]))
+    found = dict(zip(NAMES[1:], total[1:], strict=True))
     found["unsteered"] = sum(total[COMPUTER:])
     found["all"] = found["steered"] + found["unsteered"]
     print(json.dumps({**found, "lives": lives, "cycles": len(cycles), "different": len(different), "first": different[:3]}))

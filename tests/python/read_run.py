@@ -39,7 +39,7 @@ def difference(found, values):
     """Where two lists differ first: a map has thousands of cells, and one of them tells enough."""
     if len(found) != len(values):
         return f"has {len(found)} values, not {len(values)}"
-    apart = [at for at, (one, other) in enumerate(zip(found, values)) if one != other]
+    apart = [at for at, (one, other) in enumerate(zip(found, values, strict=True)) if one != other]
     return f"differs in {len(apart)} of {len(values)} values, first in {apart[0]}: {found[apart[0]]}, not {values[apart[0]]}"
 
 

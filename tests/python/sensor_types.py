@@ -5,7 +5,7 @@ from ctypes import c_double, c_uint8
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "scripts" / "python"))
-from nims_bus import Sample, SensorError  # noqa: E402
+from nims_bus import Sample, SensorError
 
 
 class Spot(Sample):

@@ -53,7 +53,7 @@ def check_heights(rng, solve):
         for _ in range(200):
             step = 1e-3 * (1 + np.abs(w))
             # r is quadratic in w, so the central difference is exact.
-            j = np.array([(residual(w + e) - residual(w - e)) / (2 * h) for h, e in zip(step, np.diag(step))]).T
+            j = np.array([(residual(w + e) - residual(w - e)) / (2 * h) for h, e in zip(step, np.diag(step), strict=True)]).T
             move = np.linalg.lstsq(np.r_[j, math.sqrt(damping) * np.eye(n)], np.r_[-r, np.zeros(n)], rcond=None)[0]
             tried = residual(w + move)
             if tried @ tried <= r @ r:

@@ -8,7 +8,7 @@ use anyhow::Result;
 use config::{ControlLaw, ControllerSection, EstimatorMethod, EstimatorSection, SystemFile};
 use controller::{ControllerConfig, Law};
 use estimator::EstimatorConfig;
-use messages::{Message, OperatorRequest, SLOT_NAMES};
+use messages::{Message, Request, SLOT_NAMES, Slot, SlotRole};
 use runlog::{Attachment, ChannelId, ChannelSpec, RunClock, RunWriter};
 
 use crate::lockstep::{Chain, Cycle, Lockstep, Slots};
@@ -36,7 +36,7 @@ impl Tape {
         let attachment = |name: &str, path: &Path| -> Result<Attachment> {
             Ok(Attachment { name: name.into(), media_type: "application/toml".into(), data: fs::read(path)? })
         };
-        let attachments = [attachment("box.toml", system_path)?, attachment("robot.toml", &robot)?];
+        let attachments = [attachment("system.toml", system_path)?, attachment("robot.toml", &robot)?];
         let clock = RunClock { t0_unix_ns: BEGAN_UNIX_NS, t0_mono_ns: 0 };
         let writer = RunWriter::create(path, clock, &Default::default(), &attachments)?;
         Ok(Self { writer, channels: HashMap::new(), beat: 0 })
@@ -100,8 +100,8 @@ impl Tape {
     }
 }
 
-/// A flight with all that happens in one: zeroing, arming, moving, a swap of the controllers, a pause, the death of the estimator in
-/// charge, a stop.
+/// A flight with all that happens in one: zeroing, arming, moving, a swap of the controllers, a pause, the death of the
+/// estimator in charge, a stop.
 ///
 /// # Errors
 /// What is wrong with the files, or with the flight.
@@ -121,25 +121,24 @@ pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<
     let share = |percent: u64| cycles * percent / 100;
     for cycle in 1..=cycles {
         if cycle == 3 {
-            lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            lockstep.request(Request::ZeroAt { position_m: [x, y, z] });
         } else if cycle == 5 {
-            lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]);
+            lockstep.request(Request::Arm);
         } else if cycle == 10 {
             lockstep.run(&mission)?;
         } else if cycle == share(10) {
             lockstep.slots_mut().start_controller(1, &controller);
             lockstep.slots_mut().start_estimator(1, &estimator, estimator.method);
         } else if cycle == share(50) {
-            // Of the controllers, to slot b.
-            lockstep.request(OperatorRequest::VERB_SWAP, [0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            lockstep.request(Request::Swap { role: SlotRole::Controller, slot: Slot::B });
         } else if cycle == share(65) {
             lockstep.slots_mut().kill(messages::ESTIMATORS, 0, false);
         } else if cycle == share(75) {
-            lockstep.request(OperatorRequest::VERB_PAUSE, [0.0; 8]);
+            lockstep.request(Request::Pause);
         } else if cycle == share(85) {
-            lockstep.request(OperatorRequest::VERB_RESUME, [0.0; 8]);
+            lockstep.request(Request::Resume);
         } else if cycle == share(95) {
-            lockstep.request(OperatorRequest::VERB_STOP, [0.0; 8]);
+            lockstep.request(Request::Stop);
         }
         let now = lockstep.cycle()?;
         tape.cycle(&now, lockstep.slots())?;
@@ -147,8 +146,8 @@ pub fn fly(path: &Path, system_path: &Path, case: &Case, cycles: u64) -> Result<
     tape.finish()
 }
 
-/// A copy of a system file of `configs/systems` (`name`, without its ending) and of its robot file in `folder`, with other words in it, such as
-/// `("controller", "law", "preview")`.
+/// A copy of a system file of `configs/systems` (`name`, without its ending) and of its robot file in `folder`, with
+/// other words in it, such as `("controller", "law", "preview")`.
 ///
 /// # Errors
 /// What is wrong with the files.
@@ -164,7 +163,7 @@ pub fn box_with(folder: &Path, name: &str, words: &[(&str, &str, &str)]) -> Resu
             section.insert((*key).into(), (*word).into());
         }
     }
-    let path = folder.join("box.toml");
+    let path = folder.join("system.toml");
     fs::write(&path, toml::to_string(&table)?)?;
     Ok(path)
 }

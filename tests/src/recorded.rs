@@ -1,7 +1,7 @@
 //! Runs of any length with all that a report shows: missions in lockstep, their truth, a sensor.
 
 use anyhow::Result;
-use messages::{OperatorRequest, PlanStatus, Reading, TruthNode, put_text};
+use messages::{PlanStatus, Reading, Request, TruthNode, put_text};
 use std::path::Path;
 
 use crate::lockstep::{Cycle, Lockstep};
@@ -13,7 +13,8 @@ const SLOW_CYCLES: u64 = 10;
 /// Cycles at rest before the mission is flown again.
 const REST_CYCLES: u64 = 50;
 
-/// Flies the mission again and again for so many seconds and writes what there is to be recorded. `truth`: as the virtual box does.
+/// Flies the mission again and again for so many seconds and writes what there is to be recorded. `truth`: as the
+/// virtual box does.
 ///
 /// # Errors
 /// What went wrong.
@@ -27,8 +28,8 @@ pub fn record(path: &Path, system_path: &Path, case: &Case, seconds: f64, truth:
     let mut rest = 0;
     for number in 1..=cycles {
         match number {
-            10 => lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            20 => lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]),
+            10 => lockstep.request(Request::ZeroAt { position_m: [x, y, z] }),
+            20 => lockstep.request(Request::Arm),
             _ => {}
         }
         if rest == REST_CYCLES {

@@ -1,11 +1,14 @@
-//! Swaps and deaths at instants of a mission: the flight is forked at each, and what happens is compared with what must hold.
+//! Swaps and deaths at instants of a mission: the flight is forked at each, and what happens is compared with what must
+//! hold.
 
 use anyhow::{Context, Result, ensure};
 use cable_control::law::PFeedforward;
 use config::{EstimatorMethod, EstimatorSection};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
-use messages::{CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
+use messages::{
+    CABLES, CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, PlanStatus, Request, SLOTS, Slot, SlotRole,
+};
 
 use crate::lockstep::{Chain, Cycle, Lockstep};
 use crate::scenarios::Case;
@@ -38,10 +41,11 @@ pub struct Tally {
     pub unsteered: u64,
     /// Blows after which the other slot was not in charge, or the robot did not go on.
     pub failed: u64,
-    /// How much more a cable's velocity changed within a cycle than it does in the undisturbed flight, as a share of the robot's
-    /// acceleration limit x period; of what the arbiter chose, before motor-io's own limits.
+    /// How much more a cable's velocity changed within a cycle than it does in the undisturbed flight, as a share of
+    /// the robot's acceleration limit x period; of what the arbiter chose, before motor-io's own limits.
     pub step_share: f64,
-    /// Largest change in a cycle, with what the undisturbed flight changes, and of that flight alone; in the same measure.
+    /// Largest change in a cycle, with what the undisturbed flight changes, and of that flight alone; in the same
+    /// measure.
     pub whole_share: [f64; 2],
     /// Cycles in which motor-io's limits changed what was asked for, and in which they do so in the undisturbed flight.
     pub limited: [u64; 2],
@@ -132,9 +136,7 @@ fn strike(
     let lead = usize::from(now.authority.in_charge[role]);
     match blow {
         Blow::SwapControllers | Blow::SwapEstimators => {
-            let mut args = [0.0; 8];
-            (args[0], args[1]) = (role as f64, (1 - lead) as f64);
-            lockstep.request(OperatorRequest::VERB_SWAP, args);
+            lockstep.request(Request::Swap { role: SlotRole::ALL[role], slot: Slot::ALL[1 - lead] });
         }
         Blow::KillController | Blow::KillEstimator => lockstep.slots_mut().kill(role, lead, unheard),
     }

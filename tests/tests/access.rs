@@ -5,7 +5,7 @@
 #[path = "live/robot/mod.rs"]
 mod robot;
 
-use messages::{MotorAuthority, OperatorRequest};
+use messages::{MotorAuthority, Request};
 use robot::{Robot, program};
 use std::fs;
 use std::os::unix::fs::MetadataExt;
@@ -44,8 +44,8 @@ fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
     let habit = rustix::process::umask(rustix::fs::Mode::empty());
     let mut robot = Robot::up("");
     rustix::process::umask(habit);
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    robot.ask("motor-io", Request::Arm);
+    robot.ask("motor-io", Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
     robot.fly();
     let root = robot.domain.root().to_owned();
     let mut shared = Vec::new();
@@ -76,8 +76,7 @@ fn what_a_robot_makes_is_its_users_alone_and_no_other_user_moves_it() {
     assert_eq!(open(&kept), [""; 0]);
 
     if !rustix::process::geteuid().is_root() {
-        println!("not root: no other user to try it as");
-        return;
+        return notes::left_out("what another user can do to the robot", "only root can act as another user");
     }
     // Where the programs can be read by everybody, a stranger has them too.
     let copy = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! What was recorded of a flight, fed again to fresh deciding parts, allocates nothing. That it gives the same bits is for `replay`.
+//! What was recorded of a flight, fed again to fresh deciding parts, allocates nothing. That it gives the same bits is
+//! for `replay`.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 #[path = "../../shared/robot/cable-robot/tests/mathematics/counting/mod.rs"]
@@ -12,7 +13,7 @@ use config::EstimatorSection;
 use controller::Law;
 use counting::allocations;
 use estimator::{Estimator, Method};
-use messages::OperatorRequest;
+use messages::Request;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep};
 use nims_tests::scenarios::{self, Case};
 use planner::mission::PathShape;
@@ -35,12 +36,12 @@ fn flight(robot: &'static str, shape: PathShape, law: Option<Law>, method: &str)
     let mut cycles = Vec::new();
     for cycle in 1..=1200 {
         match cycle {
-            10 => lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            20 => lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]),
+            10 => lockstep.request(Request::ZeroAt { position_m: [x, y, z] }),
+            20 => lockstep.request(Request::Arm),
             50 => drop(lockstep.run(&mission).unwrap()),
-            500 => lockstep.request(OperatorRequest::VERB_PAUSE, [0.0; 8]),
-            700 => lockstep.request(OperatorRequest::VERB_RESUME, [0.0; 8]),
-            1000 => lockstep.request(OperatorRequest::VERB_STOP, [0.0; 8]),
+            500 => lockstep.request(Request::Pause),
+            700 => lockstep.request(Request::Resume),
+            1000 => lockstep.request(Request::Stop),
             _ => {}
         }
         cycles.push(lockstep.cycle().unwrap());

@@ -1,4 +1,5 @@
-//! `nims bench`: every figure is there, the counts add up, and nothing is left of it, however it ends. What the figures are is for people.
+//! `nims bench`: every figure is there, the counts add up, and nothing is left of it, however it ends. What the figures
+//! are is for people.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 

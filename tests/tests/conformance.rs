@@ -28,7 +28,8 @@ fn program(name: &str) -> PathBuf {
     program
 }
 
-/// Tries, where this computer had no time for the box: the box leaves such time out, and a client goes by its own clock.
+/// Tries, where this computer had no time for the box: the box leaves such time out, and a client goes by its own
+/// clock.
 const TRIES: usize = 4;
 
 #[test]

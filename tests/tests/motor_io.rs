@@ -2,7 +2,7 @@
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain};
-use messages::{MotorAuthority, MotorState, OperatorRequest as R, put_text, text_of};
+use messages::{GotoPath, MotorAuthority, MotorState, Request, text_of};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
@@ -38,7 +38,7 @@ impl Place {
     }
 
     fn system_file(&self) -> PathBuf {
-        self.folder.path().join("box.toml")
+        self.folder.path().join("system.toml")
     }
 
     fn command(&self, name: &str) -> Command {
@@ -115,31 +115,27 @@ impl Eyes {
         self.until("all units", |state, _| state.unit_ok[..2] == [1, 1]);
     }
 
-    fn ask(&mut self, verb: u8, args: &[f64]) -> (bool, String) {
-        let mut request = R { verb, ..R::default() };
-        request.args[..args.len()].copy_from_slice(args);
+    fn ask(&mut self, request: Request) -> (bool, String) {
         let client = self.client.get_or_insert_with(|| self.bus.client("motor-io").unwrap());
-        let answer = client.ask(&request, LONG).unwrap();
+        let answer = client.ask(&request.encode().unwrap(), LONG).unwrap();
         (answer.accepted == 1, text_of(&answer.answer))
     }
 
-    fn demand(&mut self, verb: u8, args: &[f64]) {
-        let (accepted, sentence) = self.ask(verb, args);
+    fn demand(&mut self, request: Request) {
+        let (accepted, sentence) = self.ask(request);
         assert!(accepted, "{sentence}");
     }
 
     /// Breaks something in the motor box, or puts it right.
     fn fault(&mut self, text: &str) {
-        let mut request = R { verb: R::VERB_FAULT, ..R::default() };
-        put_text(&mut request.text, text);
+        let request = Request::Fault { text: text.to_owned() }.encode().unwrap();
         let answer = self.bus.client("motor-box").unwrap().ask(&request, LONG).unwrap();
         assert_eq!(answer.accepted, 1, "{}", text_of(&answer.answer));
     }
 
     /// Asks the planner, until it has seen enough to say yes.
     fn go(&mut self, to: [f64; 3]) {
-        let mut request = R { verb: R::VERB_GOTO, ..R::default() };
-        request.args[..3].copy_from_slice(&to);
+        let request = Request::Goto { to_m: to, path: GotoPath::Line, speed_m_s: None }.encode().unwrap();
         let give_up = Instant::now() + LONG;
         loop {
             let answer = self.bus.client("planner").and_then(|mut client| client.ask(&request, LONG));
@@ -158,7 +154,7 @@ impl Eyes {
     fn reset(&mut self) {
         let give_up = Instant::now() + LONG;
         loop {
-            let (accepted, sentence) = self.ask(R::VERB_RESET, &[]);
+            let (accepted, sentence) = self.ask(Request::Reset);
             if accepted {
                 return;
             }
@@ -181,11 +177,11 @@ fn a_line_is_jogged_by_the_distance_through_the_real_protocol() {
     let io = place.start("motor-io");
     let mut eyes = place.eyes("test");
     eyes.up();
-    eyes.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
-    eyes.demand(R::VERB_ARM, &[]);
+    eyes.demand(Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
+    eyes.demand(Request::Arm);
     let (before, _) = eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
     assert_eq!(before.position_known, MotorState::POSITION_KNOWN);
-    eyes.demand(R::VERB_JOG, &[2.0, -0.05]);
+    eyes.demand(Request::Jog { cable: 2, distance_m: -0.05 });
     eyes.until("jogging", |_, authority| authority.mode == MotorAuthority::MODE_JOGGING);
     let wanted = before.length_m[1] - 0.05;
     let (after, authority) = eyes.until("the end of the jog", |state, authority| {
@@ -193,7 +189,7 @@ fn a_line_is_jogged_by_the_distance_through_the_real_protocol() {
     });
     assert_eq!(authority.faults, 0);
     assert!((after.length_m[0] - before.length_m[0]).abs() < 0.002);
-    eyes.demand(R::VERB_DISARM, &[]);
+    eyes.demand(Request::Disarm);
     assert!(io.end());
 }
 
@@ -204,9 +200,9 @@ fn after_sigkill_the_position_is_from_before_and_nothing_is_armed() {
     let io = place.start("motor-io");
     let mut eyes = place.eyes("test");
     eyes.up();
-    eyes.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
-    eyes.demand(R::VERB_ARM, &[]);
-    eyes.demand(R::VERB_JOG, &[1.0, -0.04]);
+    eyes.demand(Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
+    eyes.demand(Request::Arm);
+    eyes.demand(Request::Jog { cable: 1, distance_m: -0.04 });
     eyes.until("the jog", |_, authority| authority.mode == MotorAuthority::MODE_JOGGING);
     let (before, _) = eyes.until("the end of the jog", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
     // Kept at most twice a second.
@@ -215,14 +211,14 @@ fn after_sigkill_the_position_is_from_before_and_nothing_is_armed() {
 
     let _io = place.start("motor-io");
     eyes.up();
-    let (state, authority) = eyes
-        .until("the restored position", |state, _| state.position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    let (state, authority) =
+        eyes.until("the restored position", |state, _| state.position_known == MotorState::POSITION_RESTORED);
     assert_eq!((authority.mode, authority.faults), (MotorAuthority::MODE_DISARMED, 0));
     for cable in 0..3 {
         // The unit went on counting, and an unpowered line may creep.
         assert!((state.length_m[cable] - before.length_m[cable]).abs() < 0.05, "{}", state.length_m[cable]);
     }
-    eyes.demand(R::VERB_CONFIRM_POSITION, &[]);
+    eyes.demand(Request::ConfirmPosition);
     eyes.until("the confirmed position", |state, _| state.position_known == MotorState::POSITION_KNOWN);
 }
 
@@ -233,21 +229,21 @@ fn a_box_that_dies_is_a_fault_and_its_return_moves_nothing() {
     let _io = place.start("motor-io");
     let mut eyes = place.eyes("test");
     eyes.up();
-    eyes.demand(R::VERB_ARM, &[]);
+    eyes.demand(Request::Arm);
     eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
     box_process.kill();
     let (_, authority) = eyes.until("the fault", |_, authority| authority.mode == MotorAuthority::MODE_FAULTED);
     // A hiccup of this machine at that moment is named too.
     assert_eq!(authority.faults & messages::faults::HARD, MotorAuthority::FAULT_LOST_UNIT);
     // The refusal names the port, and what comes from it.
-    let (accepted, sentence) = eyes.ask(R::VERB_RESET, &[]);
+    let (accepted, sentence) = eyes.ask(Request::Reset);
     assert!(!accepted && sentence.contains("/drive0: "), "{sentence}");
     let _box = place.start("motor-box");
     eyes.up();
     let (_, authority) = eyes.until("its return", |state, _| state.unit_ok[..2] == [1, 1]);
     assert_eq!(authority.mode, MotorAuthority::MODE_FAULTED);
     let give_up = Instant::now() + LONG;
-    while !eyes.ask(R::VERB_RESET, &[]).0 {
+    while !eyes.ask(Request::Reset).0 {
         assert!(Instant::now() < give_up, "the reset is refused for ever");
         std::thread::sleep(Duration::from_millis(50));
     }
@@ -261,8 +257,8 @@ fn a_plug_pulled_and_put_back_while_holding_costs_no_position() {
     let _io = place.start("motor-io");
     let mut eyes = place.eyes("test");
     eyes.up();
-    eyes.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
-    eyes.demand(R::VERB_ARM, &[]);
+    eyes.demand(Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
+    eyes.demand(Request::Arm);
     let (before, _) = eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
     eyes.fault("unplug 1");
     let (_, authority) = eyes.until("the fault", |_, authority| authority.mode == MotorAuthority::MODE_FAULTED);
@@ -286,8 +282,8 @@ fn a_unit_that_restarts_in_a_motion_stops_the_robot_and_asks_for_a_confirmation(
     let _others = ["estimator", "controller", "planner"].map(|name| place.start(name));
     let mut eyes = place.eyes("test");
     eyes.up();
-    eyes.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
-    eyes.demand(R::VERB_ARM, &[]);
+    eyes.demand(Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
+    eyes.demand(Request::Arm);
     eyes.go([5.4, 3.6, 0.7]);
     eyes.until("the motion", |_, authority| {
         authority.mode == MotorAuthority::MODE_FOLLOWING && authority.plan_rate == 1.0
@@ -298,8 +294,8 @@ fn a_unit_that_restarts_in_a_motion_stops_the_robot_and_asks_for_a_confirmation(
     assert_eq!((authority.mode, authority.fault_unit[0]), (MotorAuthority::MODE_FAULTED, 1));
     eyes.reset();
     let (state, _) = eyes.until("holding", |_, authority| authority.mode == MotorAuthority::MODE_HOLDING);
-    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
-    eyes.demand(R::VERB_CONFIRM_POSITION, &[]);
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
+    eyes.demand(Request::ConfirmPosition);
     eyes.until("the confirmed position", |state, _| state.position_known == MotorState::POSITION_KNOWN);
     eyes.go([4.8, 3.0, 0.4]);
     eyes.until("a new motion", |_, authority| authority.mode == MotorAuthority::MODE_FOLLOWING);
@@ -323,7 +319,7 @@ fn a_second_one_is_refused_in_one_sentence() {
     let output = place.command("motor-io").output().unwrap();
     assert_eq!(output.status.code(), Some(2));
     assert!(one_sentence(&output).contains("motor-io"));
-    eyes.demand(R::VERB_ARM, &[]);
+    eyes.demand(Request::Arm);
 }
 
 #[test]

@@ -1,4 +1,5 @@
-//! `nims new-sensor`: what it writes runs as it is; the one in Python is recorded by a recorder that was there before it.
+//! `nims new-sensor`: what it writes runs as it is; the one in Python is recorded by a recorder that was there before
+//! it.
 
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 

@@ -1,4 +1,4 @@
-//! The controller process: computes cable velocities from estimate and motion, with the law of the system file.
+//! The controller, with the law that the system file names; see the library.
 
 use std::process::ExitCode;
 

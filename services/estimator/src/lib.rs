@@ -1,12 +1,12 @@
-//! The estimator: computes position and velocity of the node and the cable tensions from motor states.
+//! Computes the node estimate from the motor state: position, velocity and cable tensions.
 //!
 //! Invariants:
-//! * [`Estimator::step`] is pure: no clock, no input or output, no allocation. The same samples give the same bits.
+//! * [`Estimator::step`] is pure: no clock, no I/O, no allocation. The same samples give the same bits.
 //! * An estimate is `valid` only if every cable was read in this cycle or at most [`BRIDGED_CYCLES`] before, motor-io
-//!   knows the position, and all numbers are finite. An invalid estimate contains only the measured lengths.
-//! * A method is a [`CableEstimator`]: it computes length and velocity of one cable from its readings and commands. A
-//!   standard method is a row in `method.rs`, the only place that names it. A custom method is a separate program
-//!   ([`process::main_with`]), which the system file starts instead of this one or in the other slot.
+//!   knows the position, and every number is finite. An invalid estimate carries only what was measured.
+//! * A method is a [`CableEstimator`]: the readings and commands of one cable to its length and velocity. A standard
+//!   method is a row in `method.rs`. A custom method is a separate program ([`process::main_with`]) that the system
+//!   file names in place of this one or beside it.
 #![forbid(unsafe_code)]
 
 mod cable_estimator;

@@ -1,4 +1,4 @@
-//! The estimator process: computes node estimates from motor states, with the method of the system file.
+//! The estimator, with the method that the system file names; see the library.
 
 use std::process::ExitCode;
 

@@ -238,7 +238,7 @@ fn an_estimate_from_unknown_or_implausible_lengths_is_not_valid() {
             let estimate = estimator(robot, method).step(&state, None);
             assert_eq!((estimate.valid, estimate.position_m), (0, [0.0; 3]), "{state:?}");
         }
-        let old = MotorState { position_known: MotorState::POSITION_FROM_BEFORE_THE_CUT, ..good };
+        let old = MotorState { position_known: MotorState::POSITION_RESTORED, ..good };
         assert_eq!(estimator(robot, method).step(&old, None).valid, 1, "shown, but not used for motions");
     }
 }

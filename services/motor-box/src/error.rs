@@ -1,46 +1,60 @@
-//! Why the box cannot be built or go on.
+//! Failures of the box.
 
 use thiserror::Error;
 
-use crate::settings::ConfigError;
-
-/// What went wrong in the box.
+/// Reason why the box cannot be built or continue.
 #[derive(Debug, Error)]
 pub enum BoxError {
-    /// The configuration.
+    /// The configuration cannot be used.
     #[error(transparent)]
     Config(#[from] ConfigError),
-    /// The physics.
+    /// The plant rejects its configuration.
     #[error("the plant: {0}")]
     Plant(#[from] plant::PlantError),
-    /// A port.
+    /// A port failed.
     #[error(transparent)]
     Serial(#[from] serial::Error),
     /// A port that does not exist.
     #[error("there is no port {}; accepted: 1 to {count}", .port.saturating_add(1))]
     NoSuchPort {
-        /// Index asked for, from 0.
+        /// Requested index, from 0.
         port: usize,
-        /// Ports there are.
+        /// Number of ports.
         count: usize,
     },
     /// A unit that does not exist.
     #[error("there is no unit with the address {address} on port {}", .port.saturating_add(1))]
     NoSuchUnit {
-        /// Index of the port asked for, from 0.
+        /// Requested port, from 0.
         port: usize,
-        /// Address asked for.
+        /// Requested address.
         address: u8,
     },
-    /// The file beside a port.
+    /// The file beside a port cannot be used.
     #[error("the file beside {}, in which the box tells what it leaves out of its time, cannot be made: {error}", .link.display())]
     Time {
-        /// The port.
+        /// Name of the port.
         link: std::path::PathBuf,
-        /// What the system said.
+        /// Error of the system.
         error: std::io::Error,
     },
     /// Waiting for bytes failed.
     #[error("cannot wait for bytes on the ports: {0}")]
     Wait(std::io::Error),
+}
+
+/// Reason why a system file cannot be used for the virtual motor box.
+#[derive(Debug, Clone, PartialEq, Error)]
+pub enum ConfigError {
+    /// The file is for real hardware.
+    #[error(
+        "the system file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
+    )]
+    NoSection,
+    /// The ground file cannot be used.
+    #[error("{0}")]
+    Ground(String),
+    /// A port that is not in the domain's folder.
+    #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
+    NotOurPort(String),
 }

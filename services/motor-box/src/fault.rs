@@ -1,86 +1,86 @@
-//! What can be broken on request, and how the request is written.
+//! Faults on request, and the text of a request.
 
 use std::str::FromStr;
 
 use thiserror::Error;
 
-/// Something that breaks, or is put right. Ports and cables are numbered from 0 here, and from 1 where people write them.
+/// A fault or its repair. Ports and cables are numbered from 0 here, and from 1 in requests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum BoxFault {
-    /// Motors, lines, encoders, supply.
+    /// A fault of motors, cables, encoders or supply.
     Plant(plant::Fault),
-    /// A port's plug is pulled: its name goes away.
+    /// Unplugs a port: its name disappears.
     Unplug {
-        /// Which port.
+        /// Index of the port.
         port: usize,
     },
-    /// It is plugged in again.
+    /// Plugs a port in again.
     Plug {
-        /// Which port.
+        /// Index of the port.
         port: usize,
     },
-    /// Bits turn over on a port's wire.
+    /// Inverts bits on a port's wire.
     Noise {
-        /// Which port.
+        /// Index of the port.
         port: usize,
-        /// Probability for each byte; 0 puts it right.
+        /// Probability for each byte; 0: no fault.
         probability: f64,
     },
-    /// Nothing that the units on a port say gets through.
+    /// Drops all answers of the units on a port.
     Silence {
-        /// Which port.
+        /// Index of the port.
         port: usize,
-        /// Silent, or right again.
+        /// True: silent.
         on: bool,
     },
-    /// Answers of the units on a port come later than they should.
+    /// Delays the answers of the units on a port.
     Late {
-        /// Which port.
+        /// Index of the port.
         port: usize,
-        /// By how much, s; 0 puts it right.
+        /// Delay, s; 0: no fault.
         delay_s: f64,
     },
-    /// A unit loses its supply for a while and begins again, its encoders at zero.
+    /// A unit loses its supply for a while and restarts with its encoders at zero.
     Reboot {
-        /// Which port.
+        /// Index of the port.
         port: usize,
-        /// Which unit on it.
+        /// Address of the unit.
         address: u8,
-        /// For how long, s.
+        /// Duration, s.
         for_s: f64,
     },
-    /// What a unit answers is lost for a while; it still does what it is told.
+    /// Drops the answers of a unit for a while; it still executes commands.
     Mute {
-        /// Which port.
+        /// Index of the port.
         port: usize,
-        /// Which unit on it.
+        /// Address of the unit.
         address: u8,
-        /// For how long, s.
+        /// Duration, s.
         for_s: f64,
     },
-    /// The stop button on a unit's own input is pressed: the unit lets its motors go, and says so when it is asked for its status.
+    /// Presses the stop button on a unit's own input: the unit releases its motors and reports it in its status.
     Estop {
-        /// Which port.
+        /// Index of the port.
         port: usize,
-        /// Which unit on it.
+        /// Address of the unit.
         address: u8,
-        /// Pressed, or released again.
+        /// True: pressed.
         on: bool,
     },
 }
 
-/// One kind of fault, as it is asked for.
+/// One kind of fault in requests.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Kind {
-    /// First word.
+    /// First word of the request.
     pub name: &'static str,
-    /// Words behind it.
+    /// Arguments.
     pub arguments: &'static str,
-    /// What happens.
+    /// Effect, for the help text.
     pub what: &'static str,
 }
 
-/// Every kind there is. Cables, ports and units are as in the system file.
+/// Every kind. Cables, ports and units are numbered as in the system file.
 pub const KINDS: [Kind; 14] = [
     kind("noise", "PORT PROBABILITY", "each byte on the wire, both ways, has a bit turned over with this probability"),
     kind("silence", "PORT", "nothing that the units on the port say gets through; they still hear"),
@@ -110,13 +110,13 @@ const fn kind(name: &'static str, arguments: &'static str, what: &'static str) -
     Kind { name, arguments, what }
 }
 
-/// A unit without supply or voice comes back after this time if none is said, s: more than its lines are given up after.
+/// Default duration of a unit's fault, s: longer than the time after which a unit counts as lost.
 const AWAY_S: f64 = 0.5;
 
-/// Longest time that a fault can be asked for, s.
+/// Longest duration of a fault, s.
 const LONGEST_S: f64 = 3600.0;
 
-/// A request that is no fault.
+/// A request that is not a fault.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[error(
     "\"{text}\" is not a fault of the motor box: write one of {}; behind most of them `off` puts it right, `for SECONDS` later; \
@@ -131,12 +131,12 @@ fn forms() -> String {
     KINDS.map(|kind| format!("{} {}", kind.name, kind.arguments)).join(", ")
 }
 
-/// A fault, and whether it passes.
+/// A fault with its duration.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FaultRequest {
-    /// What breaks, or is put right.
+    /// The fault or repair.
     pub fault: BoxFault,
-    /// It is put right after this time, s.
+    /// Time after which it is repaired, s.
     pub for_s: Option<f64>,
 }
 
@@ -150,7 +150,7 @@ impl FromStr for FaultRequest {
 }
 
 impl BoxFault {
-    /// What puts it right again, in a box with this supply, V. `None` for what happens in a moment or is a repair itself.
+    /// Repair of the fault, in a box with this supply, V. `None` for a momentary fault or a repair.
     #[must_use]
     pub fn repair(&self, supply_v: f64) -> Option<Self> {
         use plant::Fault;
@@ -187,9 +187,9 @@ fn parse(words: &[&str]) -> Option<FaultRequest> {
         ref words => parse_one(words)?,
     };
     match fault {
-        // Their time is their own.
+        // These end on their own.
         BoxFault::Reboot { .. } | BoxFault::Mute { .. } => Some(FaultRequest { fault, for_s: None }),
-        // A time is for what can be put right.
+        // Only a fault with a repair can have a duration.
         _ if for_s.is_some() && fault.repair(0.0).is_none() => None,
         _ => Some(FaultRequest { fault, for_s }),
     }
@@ -202,7 +202,7 @@ fn parse_one(words: &[&str]) -> Option<BoxFault> {
         ["slip", cable, "off"] => BoxFault::Plant(Fault::IdlerSlip { cable: index(cable)?, share: 0.0 }),
         ["slip", cable, share] => BoxFault::Plant(Fault::IdlerSlip { cable: index(cable)?, share: fraction(share)? }),
         ["jump", cable, counts] => {
-            // No encoder of this size counts further than its register in one jump.
+            // A jump cannot exceed the encoder's register.
             let counts = i64::from(counts.parse::<i32>().ok()?);
             BoxFault::Plant(Fault::EncoderJump { cable: index(cable)?, counts })
         }
@@ -223,12 +223,12 @@ fn parse_one(words: &[&str]) -> Option<BoxFault> {
     })
 }
 
-/// Counted from 1 by people.
+/// Converts a number that counts from 1.
 fn index(word: &str) -> Option<usize> {
     word.parse::<usize>().ok()?.checked_sub(1)
 }
 
-/// On, if it is not said otherwise.
+/// Parses `on` or `off`; the default is on.
 fn switch(words: &[&str]) -> Option<bool> {
     match words {
         [] | ["on"] => Some(true),
@@ -241,12 +241,12 @@ fn fraction(word: &str) -> Option<f64> {
     word.parse().ok().filter(|value| (0.0..=1.0).contains(value))
 }
 
-/// Zero to a thousand: volts or seconds.
+/// Parses volts or seconds, 0 to 1000.
 fn amount(word: &str) -> Option<f64> {
     word.parse().ok().filter(|value| (0.0..=1000.0).contains(value))
 }
 
-/// 128, or 0x80.
+/// Parses an address, 128 or 0x80.
 fn address_of(word: &str) -> Option<u8> {
     match word.strip_prefix("0x") {
         Some(digits) => u8::from_str_radix(digits, 16).ok(),

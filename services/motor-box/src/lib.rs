@@ -1,13 +1,15 @@
-//! The virtual motor control box: winches, cables and node that speak the real bytes on pseudo-terminals.
+//! The virtual motor control box: winches, cables and node behind drive units that use the real protocol on
+//! pseudo-terminals.
 //!
-//! Where the hardware would be, there is [`Machine`]: drive units that understand packet serial, and the physics they turn.
-//! [`Wire`] gives each serial port a name and the speed of a real wire, and [`MotorBox`] lets it all live in real time. Whatever
-//! talks to the box cannot tell it from hardware, and needs not know that it is there. Sensors on the node have ports beside the drives'.
+//! [`Machine`] stands for the hardware: drive units with their protocol, and the physics that they drive. [`Wire`]
+//! gives each serial port a name and the speed of a real wire, and [`MotorBox`] runs all of it in real time. A program
+//! cannot tell the box from hardware. Sensors on the node have ports beside the drives'.
 //!
 //! # Invariants
-//! * Nothing in the control loop may read what the box publishes: truth is for evaluation.
+//! * Nothing in the control loop reads the truth that the box publishes: it is for evaluation.
 //! * [`Machine`] has no clock; time is an argument. The same bytes at the same times give the same answers.
-//! * The box lives at most 20 ms at once: where the computer stands still, so does the box; and where it has no time for motor-io.
+//! * The box advances by at most 20 ms at once: its time stops while the computer has no processor for the box or for
+//!   motor-io.
 #![forbid(unsafe_code)]
 
 mod device;

@@ -2,7 +2,7 @@
 
 use plant::{MotorInput, Plant, SpeedGains};
 use roboclaw::codec::{Motor, Pid, Write};
-use roboclaw::unit::{Measured, Target, Unit, UnitLine, UnitOptions};
+use roboclaw::unit::{Measured, Target, Unit, UnitBus, UnitOptions};
 use roboclaw::{Packet, Status};
 use serial::{Device, Paced};
 
@@ -10,16 +10,16 @@ use crate::BoxError;
 use crate::fault::BoxFault;
 use crate::settings::{BoxConfig, UnitConfig};
 
-/// Longest time the drives keep one target, ns: ramps and watchdogs are looked at this often.
+/// Longest time for which the drives keep one target, ns: ramps and watchdogs are evaluated this often.
 const STEP_NS: u64 = 5_000_000;
 
-/// Gains are 16.16 fixed-point numbers on the wire.
+/// One in the 16.16 fixed-point gains on the wire.
 const FIXED_POINT: f64 = 65_536.0;
 
-/// Part of the current limit at which a unit warns.
+/// Share of the current limit from which a unit warns.
 const WARN_AT: f64 = 0.95;
 
-/// A current limit of nothing would be a motor that cannot move; the smallest a unit can be told, A.
+/// Least current limit, A, the resolution of the setting: with 0 a motor could not move.
 const MIN_CURRENT_A: f64 = 0.01;
 
 const MOTORS: [Motor; 2] = [Motor::One, Motor::Two];
@@ -27,28 +27,29 @@ const MOTORS: [Motor; 2] = [Motor::One, Motor::Two];
 /// Board temperature, degrees Celsius: a closed box on a mild day.
 const BOARD_C: f64 = 31.0;
 
-/// Which winch a motor of a unit turns.
+/// Winch of a motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 struct Winch {
     cable: usize,
-    /// -1 where the wiring makes the count fall as line pays out.
+    /// -1 where the count falls as cable pays out.
     sign: f64,
 }
 
-/// One serial line with its units.
+/// Units on one serial port.
 #[derive(Debug, Clone)]
 struct Bank {
-    line: UnitLine,
+    bus: UnitBus,
     winches: Vec<[Option<Winch>; 2]>,
-    /// Whether the stop button of each unit is pressed.
+    /// State of each unit's stop button; true: pressed.
     stopped: Vec<bool>,
-    /// Settings that the plant has been given, to see when a program changes them.
+    /// Settings that the plant has, to detect changes by a program.
     applied: Vec<[(Pid, f64); 2]>,
 }
 
-/// All units of the box and the plant; time is given to it.
+/// All units of the box and the plant; time is an argument.
 ///
-/// Units tell motors what to do and ask what encoders say; the plant knows nothing of units, and they nothing of it.
+/// The machine carries the units' targets to the plant and the plant's readings to the units; neither depends on the
+/// other.
 #[derive(Debug, Clone)]
 pub struct Machine {
     plant: Plant,
@@ -58,10 +59,10 @@ pub struct Machine {
 }
 
 impl Machine {
-    /// Everything at rest at time 0, motors released, the speed loops tuned to motors and encoders.
+    /// Creates a machine at rest at time 0, motors released, the speed loops tuned to motors and encoders.
     ///
     /// # Errors
-    /// The plant makes no sense.
+    /// The plant rejects its configuration.
     pub fn new(config: &BoxConfig) -> Result<Self, BoxError> {
         let plant = Plant::new(config.plant.clone())?;
         let inputs = vec![MotorInput::RELEASED; plant.cable_count()];
@@ -80,36 +81,36 @@ impl Machine {
                     .collect();
                 let units = port.units.iter().map(|unit| unit_of(unit, config.turnaround_ns)).collect();
                 let stopped = vec![false; port.units.len()];
-                let mut bank = Bank { line: UnitLine::new(units), applied: Vec::new(), winches, stopped };
+                let mut bank = Bank { bus: UnitBus::new(units), applied: Vec::new(), winches, stopped };
                 bank.commission(&plant, config.plant.motor.current_limit_a);
                 bank
             })
             .collect();
         let mut machine = Self { plant, banks, inputs, now_ns: 0 };
         machine.measure();
-        machine.listen()?;
+        machine.apply_targets()?;
         Ok(machine)
     }
 
-    /// The physics: truth.
+    /// The physics, which is the truth.
     pub fn plant(&self) -> &Plant {
         &self.plant
     }
 
     /// Units on a port.
     pub fn units(&self, port: usize) -> &[Unit] {
-        self.banks.get(port).map_or(&[], |bank| bank.line.units())
+        self.banks.get(port).map_or(&[], |bank| bank.bus.units())
     }
 
-    /// How far it has come, ns.
+    /// Time that the machine has reached, ns.
     pub fn now_ns(&self) -> u64 {
         self.now_ns
     }
 
-    /// Lives on until `now_ns`; a time that is already past changes nothing.
+    /// Advances to `now_ns`; a time in the past has no effect.
     ///
     /// # Errors
-    /// None that a configuration can bring about: the plant refuses what is not finite.
+    /// The plant rejects numbers that are not finite; no configuration causes that.
     pub fn advance(&mut self, now_ns: u64) -> Result<(), BoxError> {
         while self.now_ns < now_ns {
             let step_ns = (now_ns - self.now_ns).min(STEP_NS);
@@ -117,29 +118,29 @@ impl Machine {
             self.now_ns += step_ns;
             self.measure();
             for bank in &mut self.banks {
-                bank.line.advance(self.now_ns);
+                bank.bus.advance(self.now_ns);
             }
-            self.listen()?;
+            self.apply_targets()?;
         }
         Ok(())
     }
 
-    /// A byte has reached the units on a port at `at_ns`; an answer goes onto `answer`.
+    /// Receives a byte on a port at `at_ns`; the answer goes onto `answer`.
     ///
     /// # Errors
     /// As [`Machine::advance`].
     pub fn receive(&mut self, port: usize, at_ns: u64, byte: u8, answer: &mut Paced) -> Result<(), BoxError> {
         self.advance(at_ns)?;
         if let Some(bank) = self.banks.get_mut(port) {
-            bank.line.receive(at_ns, byte, answer);
+            bank.bus.receive(at_ns, byte, answer);
         }
-        self.listen()
+        self.apply_targets()
     }
 
-    /// Breaks something in machine or units; what concerns the ports' plugs and wires is the box's.
+    /// Applies a fault of the machine or its units. Faults of plugs and wires belong to [`MotorBox`](crate::MotorBox).
     ///
     /// # Errors
-    /// There is no such part.
+    /// The part does not exist.
     pub fn apply(&mut self, fault: BoxFault) -> Result<(), BoxError> {
         match fault {
             BoxFault::Plant(fault) => self.plant.apply(fault)?,
@@ -150,7 +151,7 @@ impl Machine {
             }
             BoxFault::Estop { port, address, on } => {
                 let found = self.banks.get_mut(port).and_then(|bank| {
-                    let unit = bank.line.units().iter().position(|unit| unit.address() == address)?;
+                    let unit = bank.bus.units().iter().position(|unit| unit.address() == address)?;
                     bank.stopped.get_mut(unit)
                 });
                 *found.ok_or(BoxError::NoSuchUnit { port, address })? = on;
@@ -162,17 +163,17 @@ impl Machine {
             | BoxFault::Late { .. } => {}
         }
         self.measure();
-        self.listen()
+        self.apply_targets()
     }
 
     fn unit_mut(&mut self, port: usize, address: u8) -> Result<&mut Unit, BoxError> {
-        let units = self.banks.get_mut(port).map(|bank| bank.line.units_mut());
+        let units = self.banks.get_mut(port).map(|bank| bank.bus.units_mut());
         units
             .and_then(|units| units.iter_mut().find(|unit| unit.address() == address))
             .ok_or(BoxError::NoSuchUnit { port, address })
     }
 
-    /// Plant to units: what the sensors say.
+    /// Copies sensor readings from the plant to the units.
     fn measure(&mut self) {
         for bank in &mut self.banks {
             for (unit, winches) in bank.winches.iter().enumerate() {
@@ -185,7 +186,7 @@ impl Machine {
                     let Some(Winch { cable, sign }) = *winch else { continue };
                     measured.counts[motor] = self.plant.counts(cable) * sign as i64;
                     measured.speeds_counts_s[motor] = self.plant.averaged_speed_counts_s(cable) * sign;
-                    // On the wire a current is positive where it drives the count up: the other way than it pulls.
+                    // On the wire a current is positive in the direction of rising counts; a pull acts the other way.
                     let current_a = -self.plant.measured_current_a(cable) * sign;
                     measured.currents_a[motor] = current_a;
                     measured.duties[motor] = self.plant.duty(cable) * sign;
@@ -194,21 +195,21 @@ impl Machine {
                         measured.status.0 |= [Status::OVER_CURRENT_1, Status::OVER_CURRENT_2][motor];
                     }
                 }
-                bank.line.measure(unit, &measured);
+                bank.bus.measure(unit, &measured);
             }
         }
     }
 
-    /// Units to plant: targets, and settings that have changed.
-    fn listen(&mut self) -> Result<(), BoxError> {
+    /// Copies targets and changed settings from the units to the plant.
+    fn apply_targets(&mut self) -> Result<(), BoxError> {
         for bank in &mut self.banks {
-            let units = bank.line.units().iter().zip(&bank.winches).zip(&mut bank.applied);
+            let units = bank.bus.units().iter().zip(&bank.winches).zip(&mut bank.applied);
             for ((unit, winches), applied) in units {
                 for (winch, motor) in winches.iter().zip(MOTORS) {
                     let Some(Winch { cable, sign }) = *winch else { continue };
                     self.inputs[cable] = match unit.target(motor) {
                         Target::Speed(speed) => MotorInput::Speed(speed * sign),
-                        // Adding zero turns the -0 of a reversed winch into the 0 that means released.
+                        // Adding zero turns the -0 of a reversed winch into the 0 of a released motor.
                         Target::Duty(duty) => MotorInput::Duty(duty * sign + 0.0),
                     };
                     let settings = (unit.velocity_pid(motor), unit.max_current_a(motor));
@@ -225,26 +226,26 @@ impl Machine {
 }
 
 impl Bank {
-    /// Tunes the units as an installer would, over the line, and has them keep it.
+    /// Tunes the units over the bus, as an installer would, and stores the settings in them.
     fn commission(&mut self, plant: &Plant, current_limit_a: f64) {
         let mut nobody = Paced::new(0);
-        let mut tell = |line: &mut UnitLine, packet: Packet| {
+        let mut tell = |bus: &mut UnitBus, packet: Packet| {
             for &byte in packet.iter() {
-                line.receive(0, byte, &mut nobody);
+                bus.receive(0, byte, &mut nobody);
             }
         };
         for (unit, winches) in self.winches.iter().enumerate() {
-            let address = self.line.units()[unit].address();
+            let address = self.bus.units()[unit].address();
             for (winch, motor) in winches.iter().zip(MOTORS) {
                 let Some(winch) = winch else { continue };
-                tell(&mut self.line, Write::VelocityPid(motor, pid_of(plant.gains(winch.cable))).encode(address));
+                tell(&mut self.bus, Write::VelocityPid(motor, pid_of(plant.gains(winch.cable))).encode(address));
                 let centiamps = (current_limit_a * 100.0).round() as u32;
-                tell(&mut self.line, Write::MaxCurrent(motor, centiamps).encode(address));
+                tell(&mut self.bus, Write::MaxCurrent(motor, centiamps).encode(address));
             }
-            tell(&mut self.line, Write::Save.encode(address));
+            tell(&mut self.bus, Write::Save.encode(address));
         }
         let settings = |unit: &Unit| MOTORS.map(|motor| (unit.velocity_pid(motor), unit.max_current_a(motor)));
-        self.applied = self.line.units().iter().map(settings).collect();
+        self.applied = self.bus.units().iter().map(settings).collect();
     }
 }
 
@@ -267,7 +268,7 @@ fn gains_of(pid: Pid) -> SpeedGains {
         p: f64::from(pid.p) / FIXED_POINT,
         i: f64::from(pid.i) / FIXED_POINT,
         d: f64::from(pid.d) / FIXED_POINT,
-        // A unit takes any number; none at all would divide by nothing.
+        // A unit accepts any number; 0 would divide by zero.
         full_speed_counts_s: f64::from(pid.counts_s_at_full_duty.max(1)),
     }
 }

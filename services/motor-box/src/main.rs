@@ -7,13 +7,13 @@ use std::process::ExitCode;
 use clap::Parser;
 use runtime::{BadInput, Chassis, CommonArgs};
 
-/// The virtual motor control box: drive units on pseudo-terminals, with winches, lines and a node behind them.
+/// The virtual motor control box: drive units on pseudo-terminals, with winches, cables and a node behind them.
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Args {
     #[command(flatten)]
     common: CommonArgs,
-    /// Only the ports, in this folder: no bus, no truth.
+    /// Only create the ports in this folder, without bus and truth.
     #[arg(long, value_name = "FOLDER")]
     ports_only: Option<PathBuf>,
 }

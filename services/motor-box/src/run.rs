@@ -1,4 +1,4 @@
-//! The box in real time: wires, machine and clock brought together.
+//! The box in real time: wires, machine and clock.
 
 use plant::ground::Ground;
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
@@ -11,16 +11,15 @@ use crate::settings::BoxConfig;
 use crate::time::{BoxTime, Kept};
 use crate::wire::Wire;
 
-/// Longest time between two looks at the motors, ns. The physics has its own, finer steps; this bounds how late a watchdog
-/// can be.
+/// Longest step of the machine, ns. The physics has its own, finer steps; this bounds the delay of a watchdog.
 const TICK_NS: u64 = 5_000_000;
 
-/// Between two housekeepings of the wires, ns.
+/// Period of the wires' maintenance, ns.
 const MAINTAIN_NS: u64 = 50_000_000;
 
-/// Shortest sleep that is asked for, ns: less is over before the call returns.
+/// Shortest sleep, ns: less has passed before the call returns.
 const SHORTEST_SLEEP_NS: u64 = 1_000;
-/// The same while the box's time stands, ns: what is due comes no nearer.
+/// Shortest sleep while the box's time stands still, ns: nothing becomes due meanwhile.
 const STANDING_SLEEP_NS: u64 = 1_000_000;
 
 /// The running box.
@@ -32,9 +31,9 @@ pub struct MotorBox {
     ground: Ground,
     time: BoxTime,
     maintained_ns: u64,
-    /// What is put right by itself, and when on the machine's clock, ns.
+    /// Pending repairs and their times on the machine's clock, ns.
     repairs: Vec<(u64, BoxFault)>,
-    /// The configured supply, V.
+    /// Configured supply, V.
     supply_v: f64,
 }
 
@@ -42,7 +41,7 @@ impl MotorBox {
     /// Builds the machine and publishes its ports.
     ///
     /// # Errors
-    /// The machine makes no sense, or a port cannot be made.
+    /// The machine's configuration cannot be used, or a port cannot be created.
     pub fn new(config: &BoxConfig) -> Result<Self, BoxError> {
         let machine = Machine::new(config)?;
         let wires = config
@@ -66,25 +65,25 @@ impl MotorBox {
         })
     }
 
-    /// The machine: truth, and what the units were told.
+    /// The machine with its truth and units.
     pub fn machine(&self) -> &Machine {
         &self.machine
     }
 
-    /// The real clock (CLOCK_MONOTONIC, ns) when the machine was last looked at.
+    /// Time of the last step on the real clock (CLOCK_MONOTONIC), ns.
     pub fn real_ns(&self) -> u64 {
         self.time.real_ns()
     }
 
-    /// Time left out so far because the computer had none for the box, or for the program that drives it.
+    /// Time left out so far because the computer had no processor for the box or for the program that drives it.
     pub fn kept(&self) -> Kept {
         self.time.kept()
     }
 
-    /// Breaks something, for as long as it says, or puts it right. What was to be put right later in the same place is forgotten.
+    /// Applies a fault for its duration, or a repair. A pending repair of the same part is cancelled.
     ///
     /// # Errors
-    /// There is no such part.
+    /// The part does not exist.
     pub fn request(&mut self, request: &FaultRequest) -> Result<(), BoxError> {
         self.apply(request.fault)?;
         let repair = request.fault.repair(self.supply_v);
@@ -103,10 +102,10 @@ impl MotorBox {
         Ok(())
     }
 
-    /// Breaks something, or puts it right.
+    /// Applies a fault or a repair.
     ///
     /// # Errors
-    /// There is no such part.
+    /// The part does not exist.
     pub fn apply(&mut self, fault: BoxFault) -> Result<(), BoxError> {
         match fault {
             BoxFault::Unplug { port } => self.wire_mut(port)?.unplug(),
@@ -119,14 +118,14 @@ impl MotorBox {
         Ok(())
     }
 
-    /// The drives' ports come first, in the order of the system file, and then those of the devices.
+    /// The wires: the drives' ports in the order of the system file, then those of the devices.
     fn wire_mut(&mut self, port: usize) -> Result<&mut Wire, BoxError> {
         let count = self.wires.len() + self.devices.len();
         let devices = self.devices.iter_mut().map(|device| &mut device.wire);
         self.wires.iter_mut().chain(devices).nth(port).ok_or(BoxError::NoSuchPort { port, count })
     }
 
-    /// Lives until `until_ns` on the real clock (CLOCK_MONOTONIC), or until a signal interrupts the wait.
+    /// Runs until `until_ns` on the real clock (CLOCK_MONOTONIC), or until a signal interrupts the wait.
     ///
     /// # Errors
     /// A pseudo-terminal failed.
@@ -150,7 +149,7 @@ impl MotorBox {
         }
     }
 
-    /// Brings clock, wires and machine up to now.
+    /// Advances clock, wires and machine to the present.
     fn catch_up(&mut self) -> Result<(), BoxError> {
         self.time.pass(serial::monotonic_ns());
         let now_ns = self.time.now_ns();
@@ -181,7 +180,7 @@ impl MotorBox {
         Ok(())
     }
 
-    /// Sleeps until a program writes, or for `sleep_ns`; false if a signal came in between.
+    /// Sleeps until a program writes, or for `sleep_ns`; returns false after a signal.
     fn wait(&self, sleep_ns: u64) -> Result<bool, BoxError> {
         let timeout =
             Timespec { tv_sec: (sleep_ns / 1_000_000_000) as i64, tv_nsec: (sleep_ns % 1_000_000_000) as i64 };

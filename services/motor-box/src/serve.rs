@@ -1,28 +1,29 @@
-//! The box as a process: its ports beside the bus, truth published, faults on request.
+//! The box as a process: ports, published truth, faults on request.
 
 use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
 use config::SystemFile;
-use messages::{OperatorRequest, TruthNode, text_of};
+use messages::{OperatorRequest, Request, TruthNode};
 use runtime::{BadInput, Chassis};
 use tracing::{info, warn};
 
 use crate::{BoxConfig, BoxError, FaultRequest, Kept, Machine, MotorBox};
 
-/// Between two samples of truth, ns: as often as the control cycle.
+/// Period of samples of truth, ns: that of the control cycle.
 const TRUTH_NS: u64 = 10_000_000;
 
-/// Time left out that is worth a word, ns,
+/// Least time left out that is logged, ns.
 const WORTH_A_WORD_NS: u64 = 50_000_000;
-/// and how often one is said, ns.
+/// Least time between two such log lines, ns.
 const WORD_NS: u64 = 1_000_000_000;
 
-/// Lives until it is asked to end: ports in the domain's folder, `truth/node` a hundred times a second, faults on request.
+/// Runs until it is told to end: ports in the domain's folder, `truth/node` a hundred times a second, faults on
+/// request.
 ///
 /// # Errors
-/// The system file is not for a virtual box, or something failed.
+/// The system file is not for a virtual box, or a port or the bus failed.
 pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
     let config = configuration(chassis.system_file()?, chassis.bus().domain().root())?;
     let mut motor_box = MotorBox::new(&config).map_err(bad_configuration)?;
@@ -35,7 +36,7 @@ pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
     while chassis.running() {
         motor_box.run_until(next_ns)?;
         if motor_box.real_ns() < next_ns {
-            // A signal.
+            // Interrupted by a signal.
             continue;
         }
         chassis.pass_begin();
@@ -49,13 +50,13 @@ pub fn serve(chassis: &mut Chassis) -> anyhow::Result<()> {
         }
         chassis.pass_end();
         chassis.idle()?;
-        // On from where it is after a pause: samples missed cannot be caught up with.
+        // Missed samples are not made up for after a pause.
         next_ns = (next_ns + TRUTH_NS).max(motor_box.real_ns());
     }
     Ok(())
 }
 
-/// Lives without a bus until SIGINT or SIGTERM: only the ports of `system_file`, in `folder`.
+/// Runs without a bus until SIGINT or SIGTERM: only the ports of `system_file`, in `folder`.
 ///
 /// # Errors
 /// As [`serve`].
@@ -68,7 +69,7 @@ pub fn ports_only(system_file: &Path, folder: &Path) -> anyhow::Result<()> {
     let mut motor_box = MotorBox::new(&config).map_err(bad_configuration)?;
     let mut notice = Notice::default();
     while !stop.load(Ordering::Relaxed) {
-        // The longest that a signal between the check and the wait can go unnoticed.
+        // Bounds the delay of a signal that arrives between the check and the wait.
         motor_box.run_until(motor_box.real_ns() + 100_000_000)?;
         if let Some(sentence) = notice.sentence(&motor_box) {
             eprintln!("motor-box: {sentence}");
@@ -77,7 +78,7 @@ pub fn ports_only(system_file: &Path, folder: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-/// What has been said of the time that did not pass in the box.
+/// Log of the time that the box left out.
 #[derive(Default)]
 struct Notice {
     said: Kept,
@@ -85,7 +86,7 @@ struct Notice {
 }
 
 impl Notice {
-    /// A sentence once in [`WORD_NS`], if there is something to say.
+    /// Returns a log line at most once in [`WORD_NS`], if time was left out.
     fn sentence(&mut self, motor_box: &MotorBox) -> Option<String> {
         let now_ns = motor_box.real_ns();
         if now_ns < self.said_ns + WORD_NS {
@@ -111,7 +112,7 @@ fn configuration(system_file: &SystemFile, folder: &Path) -> anyhow::Result<BoxC
     Ok(BoxConfig::from_files(system_file, &robot, folder).map_err(|error| BadInput(error.to_string()))?)
 }
 
-/// A plant that cannot be is the fault of the files.
+/// Turns a rejected plant into bad input: the files describe it.
 fn bad_configuration(error: BoxError) -> anyhow::Error {
     match error {
         BoxError::Plant(plant) => {
@@ -144,14 +145,15 @@ fn fill<T>(into: &mut [T], from: impl IntoIterator<Item = T>) {
 }
 
 fn obey(motor_box: &mut MotorBox, request: &OperatorRequest) -> (u8, String) {
-    if request.verb != OperatorRequest::VERB_FAULT {
-        return (OperatorRequest::BAD_INPUT, "the motor box takes faults only".to_owned());
-    }
-    let text = text_of(&request.text);
+    let text = match Request::decode(request) {
+        Ok(Request::Fault { text }) => text,
+        Ok(_) => return (OperatorRequest::BAD_INPUT, "the motor box takes faults only".to_owned()),
+        Err(error) => return (OperatorRequest::BAD_INPUT, error.to_string()),
+    };
     let done = match text.parse::<FaultRequest>() {
         Ok(fault) => motor_box.request(&fault).map_err(|error| match error {
             BoxError::Serial(_) | BoxError::Wait(_) => (OperatorRequest::REFUSED, error.to_string()),
-            // Parts that are not there.
+            // Parts that do not exist.
             _ => (OperatorRequest::BAD_INPUT, error.to_string()),
         }),
         Err(error) => Err((OperatorRequest::BAD_INPUT, error.to_string())),

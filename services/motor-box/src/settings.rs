@@ -1,42 +1,29 @@
-//! From the configuration files to the machine that stands in for the hardware.
+//! Configuration of the virtual box from the system file and the robot file.
 
 use std::path::{Path, PathBuf};
 
-use config::{DeviceKind as Speaks, DeviceSection, FieldSection, GroundFile, MotorBoxSection, RobotFile, SystemFile};
+use config::{
+    DeviceKind as Speaks, DeviceSection, DriveProtocol, FieldSection, GroundFile, MotorBoxSection, RobotFile,
+    SystemFile,
+};
 use plant::PlantConfig;
 use plant::ground::{Cavity, Cylinder, Field, Ground, Peak, Prism};
 use plant::line::IdlerConfig;
 use plant::motor::MotorConfig;
-use thiserror::Error;
 
 use crate::device::{DeviceConfig, DeviceKind};
+pub use crate::error::ConfigError;
 
-/// What stands for the domain's folder in a port's path.
+/// Placeholder for the domain's folder in a port's path.
 const DOMAIN: &str = "{domain}";
 
-/// A drive limits at a multiple of the current that its motor stands for long; three times is usual for brushed motors.
+/// Current limit of a drive as a multiple of its motor's continuous current; three is usual for brushed motors.
 const PEAK_CURRENT_RATIO: f64 = 3.0;
-
-/// A system file that is not, or not only, for the virtual motor box.
-#[derive(Debug, Clone, PartialEq, Error)]
-pub enum ConfigError {
-    /// Real hardware is configured.
-    #[error(
-        "the system file has no [motor_box] section, so its drives are real ones: add the section, or do not start motor-box"
-    )]
-    NoSection,
-    /// The ground.
-    #[error("{0}")]
-    Ground(String),
-    /// A port that is not in the domain's folder.
-    #[error("motor_io.ports path = \"{0}\" is not a port of the virtual motor box: it has to begin with {{domain}}/")]
-    NotOurPort(String),
-}
 
 /// One drive unit.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnitConfig {
-    /// Packet serial address, 0x80 to 0x87.
+    /// Address of the unit on its port.
     pub address: u8,
     /// Cables (from 0) on motor 1 and motor 2.
     pub cables: [Option<usize>; 2],
@@ -47,34 +34,35 @@ pub struct UnitConfig {
 pub struct PortConfig {
     /// Name under which programs open it.
     pub link: PathBuf,
-    /// Speed of the wire, bits per second.
+    /// Baud rate of the wire.
     pub baud: u32,
     /// Units on the wire.
     pub units: Vec<UnitConfig>,
 }
 
-/// The whole virtual motor box.
+/// Configuration of the virtual motor box.
 #[derive(Debug, Clone, PartialEq)]
 pub struct BoxConfig {
     /// The physics.
     pub plant: PlantConfig,
-    /// Per cable: the encoder counts down as line pays out.
+    /// Per cable: the count falls as cable pays out.
     pub reversed: Vec<bool>,
-    /// The ports.
+    /// Serial ports of the drives.
     pub ports: Vec<PortConfig>,
-    /// Time a unit takes to answer, ns.
+    /// Time that a unit takes to answer, ns.
     pub turnaround_ns: u64,
     /// Sensors on the node.
     pub devices: Vec<DeviceConfig>,
-    /// What they look at.
+    /// Ground under the node, which the sensors measure.
     pub ground: Ground,
 }
 
 impl BoxConfig {
-    /// The box that `system_file` and its `robot` describe (both as [`SystemFile::load`] checked them), with its ports in `folder`.
+    /// Configuration from `system_file` and its `robot` (both checked by [`SystemFile::load`]), with its ports in
+    /// `folder`.
     ///
     /// # Errors
-    /// The system file is for real hardware, wholly or in part.
+    /// The system file is for real hardware, or some of its ports are.
     pub fn from_files(system_file: &SystemFile, robot: &RobotFile, folder: &Path) -> Result<Self, ConfigError> {
         let section = system_file.motor_box.as_ref().ok_or(ConfigError::NoSection)?;
         let counts_per_m = &system_file.motor_io.counts_per_m;
@@ -156,7 +144,7 @@ fn field(section: &FieldSection) -> Field {
     Field { base: section.base, slope_per_m: section.slope_per_m, peak }
 }
 
-/// What a ground file describes.
+/// Ground of a ground file.
 #[must_use]
 pub fn ground_of(file: &GroundFile) -> Ground {
     let cylinders = file.cylinder.iter().map(|section| Cylinder {
@@ -187,6 +175,10 @@ fn port_configs(system_file: &SystemFile, folder: &Path) -> Result<Vec<PortConfi
             .map(|rest| rest.trim_start_matches('/'))
             .filter(|rest| !rest.is_empty() && !rest.contains(".."))
             .ok_or_else(|| ConfigError::NotOurPort(port.path.clone()))?;
+        match port.protocol {
+            // The only family whose units `machine` has.
+            DriveProtocol::Roboclaw => {}
+        }
         let units = port
             .units
             .iter()

@@ -1,4 +1,4 @@
-//! The machine without real time: its ports as the far ends of in-process pipes.
+//! The machine in simulated time: its ports as the far ends of in-process pipes.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -11,27 +11,27 @@ use crate::Machine;
 pub struct Shared(Arc<Mutex<Machine>>);
 
 impl Shared {
-    /// Shares `machine` out.
+    /// Makes `machine` available to several pipes.
     pub fn new(machine: Machine) -> Self {
         Self(Arc::new(Mutex::new(machine)))
     }
 
-    /// One port of it, to be the far end of a [`serial::Pipe`].
+    /// A port of it as the far end of a [`serial::Pipe`].
     pub fn socket(&self, port: usize) -> Socket {
         Socket { machine: self.clone(), port }
     }
 
-    /// The machine, for looking at truth and for faults.
+    /// The machine, for its truth and for faults.
     pub fn lock(&self) -> MutexGuard<'_, Machine> {
-        // A test that panicked elsewhere leaves a machine that is as good as any.
+        // A test that panicked elsewhere leaves a consistent machine.
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
 /// One port of a shared machine.
 ///
-/// Pipes have clocks of their own. The machine goes by the one that is ahead; a byte from another one arrives when the machine
-/// sees it.
+/// Each pipe has its own clock. The machine follows the one that is ahead; a byte from another pipe arrives when the
+/// machine receives it.
 #[derive(Debug)]
 pub struct Socket {
     machine: Shared,
@@ -40,7 +40,7 @@ pub struct Socket {
 
 impl Device for Socket {
     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced) {
-        // The machine refuses only what is not a number, and no packet can say that.
+        // The machine rejects only numbers that are not finite, and no packet can hold one.
         let _ = self.machine.lock().receive(self.port, now_ns, byte, reply);
     }
 

@@ -1,9 +1,11 @@
-//! The box's time: the machine's, less what the computer kept from the box or from the program that drives it.
+//! The box's time: that of the computer, less the time for which the box or the program that drives it had no
+//! processor.
 //!
-//! Iron does not wait for a computer, and a virtual box that did not either would report as its own fault what is the computer's. So
-//! time does not pass in the box while the box itself has no processor, and while a program that goes by [`serial::LeftOut`] (motor-io)
-//! wants one and gets none, as the kernel counts it. A program that was stopped, has ended, or has closed the port stops nothing: the
-//! watchdogs of the units run on, as on iron. So they do for a program that does not say who it is.
+//! Hardware does not wait for a computer. A virtual box that does not wait either would report delays of the computer
+//! as faults of the drives. Time therefore does not pass in the box while the box itself has no processor, nor while a
+//! program that uses [`serial::LeftOut`] (motor-io) waits for one, as the kernel counts it. A program that was stopped,
+//! has ended, or has closed the port stops nothing: the units' watchdogs continue, as on hardware. The same holds for a
+//! program that does not use the file.
 
 use std::path::Path;
 
@@ -12,65 +14,66 @@ use serial::{LeftOut, Program};
 
 use crate::BoxError;
 
-/// A box that wakes up later than it wanted to by less than this is not late, ns: every wake-up takes some. It lives through no more at
-/// once. Shared machines stand still for a quarter of a second now and then, and everything on them with it; a box that caught up
-/// would find that its drives had heard nothing for so long, and stop them. And one that caught up with some milliseconds would have
-/// missed an exchange in which its drives were asked in time.
+/// Longest delay of a wake-up that counts as ordinary, ns, and longest time that the box advances at once. Shared
+/// machines stop for a quarter of a second now and then, with everything on them. A box that made up for it would find
+/// that its drives had received nothing for that long, and stop them; after some milliseconds it would have missed an
+/// exchange that was in time.
 const HICCUP_NS: u64 = 2_000_000;
 
-/// A program that waits for a processor for less than this is not late, ns: every wake-up takes some.
+/// Longest wait of a program for a processor that counts as ordinary, ns.
 const NOTICED_NS: u64 = 2_000_000;
 
-/// Most that is made up for later, ns: a wait is seen when it has begun, so that the box has lived through its first milliseconds.
+/// Most of a wait that is left out later, ns: a wait is detected after it has begun, when the box has advanced by its
+/// first milliseconds.
 const MOST_OWED_NS: u64 = 20_000_000;
 
-/// Between two looks at the threads of a program, ns.
+/// Period of checks of a program's threads, ns.
 const LOOK_NS: u64 = 2_000_000;
 
-/// Between two looks for who the program is, ns.
+/// Period of checks which program uses the port, ns.
 const MEET_NS: u64 = 10_000_000;
 
-/// Time that was left out, by what the computer had no time for.
+/// Time that was left out, by its cause.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Kept {
-    /// The box itself, ns.
+    /// The box had no processor, ns.
     pub box_ns: u64,
-    /// The program that drives it, ns.
+    /// The program that drives it had no processor, ns.
     pub program_ns: u64,
 }
 
 impl Kept {
-    /// All of it, ns.
+    /// Sum of both, ns.
     #[must_use]
     pub fn total_ns(&self) -> u64 {
         self.box_ns + self.program_ns
     }
 }
 
-/// The box's clock.
+/// Clock of the box.
 #[derive(Debug)]
 pub struct BoxTime {
     /// The box's time, ns.
     now_ns: u64,
-    /// The real clock when that was true, ns.
+    /// Time on the real clock at that moment, ns.
     real_ns: u64,
     kept: Kept,
-    /// A program's waits that the box has lived through, ns.
+    /// Waits of a program through which the box has advanced, ns.
     owed_ns: u64,
     looked_ns: u64,
     met_ns: u64,
-    /// Length of the last sleep as it was asked for, ns; unlimited before the first.
+    /// Requested length of the last sleep, ns; unlimited before the first.
     asked_ns: u64,
-    /// What the programs were told of the next wake-up, ns on the real clock.
+    /// Next wake-up as written for the programs, ns on the real clock.
     wakes_ns: u64,
     ends: Vec<FarEnd>,
 }
 
 impl BoxTime {
-    /// A clock at 0 for a box with these ports.
+    /// Creates a clock at 0 for a box with these ports.
     ///
     /// # Errors
-    /// A file beside a port cannot be made.
+    /// A file beside a port cannot be created.
     pub fn new<'a>(links: impl Iterator<Item = &'a Path>) -> Result<Self, BoxError> {
         let end = |link: &Path| match LeftOut::create(link) {
             Ok(file) => Ok(FarEnd::new(file)),
@@ -97,7 +100,7 @@ impl BoxTime {
         self.now_ns
     }
 
-    /// The real clock (CLOCK_MONOTONIC, ns) when that was true.
+    /// Time on the real clock (CLOCK_MONOTONIC) at that moment, ns.
     #[must_use]
     pub fn real_ns(&self) -> u64 {
         self.real_ns
@@ -109,7 +112,8 @@ impl BoxTime {
         self.kept
     }
 
-    /// The box will sleep for `asked_ns`; `busy`: until it has to send or take in bytes on a line, and not only to be asked.
+    /// Records that the box will sleep for `asked_ns`; `busy`: until bytes are due on a wire, and not only until a
+    /// program writes.
     pub fn sleep(&mut self, asked_ns: u64, busy: bool) {
         self.asked_ns = asked_ns;
         let wakes_ns = if busy { self.real_ns + asked_ns } else { 0 };
@@ -119,13 +123,13 @@ impl BoxTime {
         }
     }
 
-    /// Whether time stands at this moment, because a program waits for a processor.
+    /// True while time stands still because a program waits for a processor.
     #[must_use]
     pub fn stands(&self) -> bool {
         self.ends.iter().any(FarEnd::waits)
     }
 
-    /// Lets the time pass until `real_ns` on the real clock.
+    /// Advances to `real_ns` on the real clock.
     pub fn pass(&mut self, real_ns: u64) {
         let passed_ns = real_ns - self.real_ns;
         self.real_ns = real_ns;
@@ -139,14 +143,14 @@ impl BoxTime {
         }
         let lived_ns = passed_ns.min(self.asked_ns.saturating_add(HICCUP_NS));
         let program_ns = lived_ns.min(self.owed_ns);
-        // What the box did not live through is made up for already.
+        // Time that the box did not advance through is already left out.
         self.owed_ns = (self.owed_ns - program_ns).saturating_sub(passed_ns - lived_ns).min(MOST_OWED_NS);
         let before = self.kept;
         self.kept.box_ns += passed_ns - lived_ns;
         self.kept.program_ns += program_ns;
         self.now_ns += lived_ns - program_ns;
         if self.kept != before {
-            // A program that cannot learn of it takes it for lateness, as it does on iron.
+            // Without the file a program counts the time as a delay, as with hardware.
             self.ends.iter().for_each(|end| drop(end.file.tell(self.kept.total_ns())));
         }
     }
@@ -165,17 +169,17 @@ impl FarEnd {
         Self { file, program: None, threads: [None, None] }
     }
 
-    /// Looks who it is.
+    /// Reads which program uses the port.
     fn meet(&mut self) {
         let program = self.file.program();
         if program != self.program {
             self.program = program;
             let watch = |tid| Thread::of(tid).ok().map(Waiting::new);
-            self.threads = program.map_or([None, None], |program| [watch(program.main), watch(program.line)]);
+            self.threads = program.map_or([None, None], |program| [watch(program.main), watch(program.port)]);
         }
     }
 
-    /// How long a thread of it has waited for a processor since the last look, ns.
+    /// Time that a thread of it has waited for a processor since the last check, ns.
     fn waited_ns(&mut self, now_ns: u64) -> u64 {
         let waited = self.threads.iter_mut().flatten().map(|thread| thread.waited_ns(now_ns));
         waited.max().unwrap_or(0)
@@ -186,15 +190,15 @@ impl FarEnd {
     }
 }
 
-/// A thread, and the wait that it is in.
+/// A thread and its present wait.
 #[derive(Debug)]
 struct Waiting {
     thread: Thread,
-    /// What the kernel has counted so far, ns.
+    /// Wait that the kernel has counted so far, ns.
     delay_ns: Option<u64>,
-    /// The wait so far, ns.
+    /// Present wait so far, ns.
     wait_ns: u64,
-    /// It is long enough to count, and all of it that comes does.
+    /// The wait is long enough to count, with all of its continuation.
     noticed: bool,
 }
 
@@ -216,7 +220,7 @@ impl Waiting {
         counts_ns
     }
 
-    /// What of a wait counts when it has become so much longer.
+    /// Part of a wait that counts when it has become this much longer.
     fn count(&mut self, more_ns: u64) -> u64 {
         self.wait_ns += more_ns;
         if self.noticed {
@@ -250,7 +254,7 @@ mod tests {
         time.sleep(5 * MS, false);
         time.pass(real_ns + 7 * MS);
         assert_eq!((time.now_ns(), time.kept()), (7 * MS, Kept::default()));
-        // It may be woken up earlier than it asked for.
+        // A wake-up can come before the end of the sleep.
         time.pass(real_ns + 8 * MS);
         assert_eq!((time.now_ns(), time.kept()), (8 * MS, Kept::default()));
         time.pass(real_ns + 308 * MS);
@@ -267,7 +271,7 @@ mod tests {
         assert_eq!((time.now_ns(), time.kept().program_ns), (0, 5 * MS));
         time.pass(real_ns + 10 * MS);
         assert_eq!((time.now_ns(), time.kept().program_ns), (3 * MS, 7 * MS));
-        // the box waited as well: the same milliseconds are not left out twice
+        // The box waited as well: the same milliseconds are not left out twice.
         time.owed_ns = 100 * MS;
         time.sleep(18 * MS, false);
         time.pass(real_ns + 110 * MS);

@@ -1,4 +1,4 @@
-//! One serial wire on a pseudo-terminal: bytes take their time in both directions.
+//! One serial wire on a pseudo-terminal, with the delays of a real wire in both directions.
 
 use std::collections::VecDeque;
 use std::os::fd::BorrowedFd;
@@ -6,35 +6,35 @@ use std::path::Path;
 
 use serial::{Error, Jack, Paced, Pty, Random, byte_time_ns};
 
-/// A wire, its far end open for programs under a name that stays.
+/// A wire whose far end programs open under a stable name.
 ///
-/// A pseudo-terminal hands bytes over at once, so both directions are held back here until a real wire would have
-/// delivered them. Bytes to the units arrive one by one; an answer is handed over as a whole when its last byte is due,
-/// because nobody can use half of it and every hand-over wakes a process.
+/// A pseudo-terminal delivers bytes at once, so both directions are delayed here until a real wire would have delivered
+/// them. Bytes to the units arrive one by one. An answer is delivered as a whole when its last byte is due, because
+/// half of it is of no use and every delivery wakes a process.
 #[derive(Debug)]
 pub struct Wire {
     jack: Jack,
     byte_ns: u64,
     to_units: Paced,
-    /// When the last byte on its way to the units arrives, ns.
+    /// Time of arrival of the last byte to the units, ns.
     to_units_done_ns: u64,
     from_units: Paced,
     answers: VecDeque<(u64, usize)>,
     answer_bytes: VecDeque<u8>,
-    /// Fault: nothing that the units say gets through.
+    /// Fault: the units' answers are dropped.
     pub silent: bool,
-    /// Fault: answers come later by this, ns.
+    /// Fault: delay of answers, ns.
     pub late_ns: u64,
-    /// Fault: probability for each byte, in both directions, that one of its bits turns over.
+    /// Fault: probability for each byte, in both directions, that one of its bits is inverted.
     pub noise: f64,
     random: Random,
 }
 
 impl Wire {
-    /// A wire published at `link`.
+    /// Creates a wire and publishes it at `link`.
     ///
     /// # Errors
-    /// The pseudo-terminal cannot be made or published.
+    /// The pseudo-terminal cannot be created or published.
     pub fn new(link: &Path, baud: u32, seed: u64) -> Result<Self, Error> {
         let mut jack = Jack::new(link);
         jack.plug()?;
@@ -53,13 +53,13 @@ impl Wire {
         })
     }
 
-    /// The descriptor to wait on for bytes from a program; none while it is unplugged.
+    /// Descriptor to wait on for bytes from a program; `None` while it is unplugged.
     pub fn descriptor(&self) -> Option<BorrowedFd<'_>> {
         use std::os::fd::AsFd;
         self.jack.pty().map(Pty::as_fd)
     }
 
-    /// Takes what a program wrote: it begins to travel at `now_ns`.
+    /// Takes bytes that a program wrote; their transit begins at `now_ns`.
     ///
     /// # Errors
     /// The pseudo-terminal failed.
@@ -80,12 +80,12 @@ impl Wire {
         }
     }
 
-    /// The next byte that has reached the units by `now_ns`, with its time of arrival.
+    /// Takes the next byte that has reached the units by `now_ns`, with its time of arrival.
     pub fn next_for_units(&mut self, now_ns: u64) -> Option<(u64, u8)> {
         self.to_units.pop(now_ns)
     }
 
-    /// Lets `speak` put an answer on the wire.
+    /// Calls `speak`, which puts an answer on the wire.
     pub fn answer<R>(&mut self, speak: impl FnOnce(&mut Paced) -> R) -> R {
         let result = speak(&mut self.from_units);
         let mut bytes = 0;
@@ -101,7 +101,7 @@ impl Wire {
         result
     }
 
-    /// Hands over the answers that have arrived by `now_ns`. What does not fit because nobody reads is lost.
+    /// Delivers the answers that have arrived by `now_ns`. Bytes that do not fit because no program reads are lost.
     ///
     /// # Errors
     /// The pseudo-terminal failed.
@@ -129,21 +129,22 @@ impl Wire {
         Ok(())
     }
 
-    /// When this wire next needs attention without a program writing anything, ns.
+    /// Time of the next event that is not caused by a program, ns.
     pub fn next_ns(&self) -> Option<u64> {
         let to_units = (!self.to_units.is_empty()).then_some(self.to_units_done_ns);
         let from_units = self.answers.front().map(|&(done_ns, _)| done_ns);
         [to_units, from_units].into_iter().flatten().min()
     }
 
-    /// Housekeeping, some times a second: a killed program's lock on the terminal is lifted.
+    /// Lifts a killed program's lock on the terminal; called some times a second.
     pub fn maintain(&self) {
         if let Some(pty) = self.jack.pty() {
             pty.release_exclusive();
         }
     }
 
-    /// Pulls the plug: the name goes away, and whoever has the port open finds it gone. What was on its way is lost.
+    /// Unplugs the wire: the name disappears, and a program that has the port open finds it gone. Bytes in transit are
+    /// lost.
     pub fn unplug(&mut self) {
         self.jack.unplug();
         self.to_units.clear();
@@ -152,10 +153,10 @@ impl Wire {
         self.answer_bytes.clear();
     }
 
-    /// Plugs it in again, under the same name.
+    /// Plugs the wire in again, under the same name.
     ///
     /// # Errors
-    /// The pseudo-terminal cannot be made or published.
+    /// The pseudo-terminal cannot be created or published.
     pub fn plug(&mut self) -> Result<(), Error> {
         if self.jack.pty().is_none() {
             self.jack.plug()?;
@@ -164,7 +165,7 @@ impl Wire {
     }
 }
 
-/// Turns over one bit of each byte with the given probability.
+/// Inverts one bit of each byte with the given probability.
 fn spoil(bytes: &mut [u8], probability: f64, random: &mut Random) {
     if probability <= 0.0 {
         return;

@@ -7,7 +7,7 @@ use std::process::{Child, Command};
 use std::time::Duration;
 
 use bus::{Bus, Domain, clock};
-use messages::{OperatorRequest, TruthNode, put_text, text_of};
+use messages::{OperatorRequest, Request, TruthNode, text_of};
 use motor_box::FaultRequest;
 use serial::{Port, Transport};
 
@@ -73,8 +73,7 @@ fn it_publishes_truth_and_takes_faults() {
 
     let mut client = bus.client("motor-box").unwrap();
     let mut ask = |text: &str| {
-        let mut request = OperatorRequest { verb: OperatorRequest::VERB_FAULT, ..OperatorRequest::default() };
-        put_text(&mut request.text, text);
+        let request = Request::Fault { text: text.to_owned() }.encode().unwrap();
         client.ask(&request, Duration::from_secs(5)).unwrap()
     };
     let nonsense = ask("explode 1");

@@ -1,40 +1,40 @@
-//! Answers to requests, in a fixed place: the loop does not allocate.
+//! Answers to requests, in place, because the loop does not allocate.
 
 use arrayvec::ArrayString;
 use messages::{MORE, parted};
 use std::fmt::Write;
 
-/// Longest answer, bytes: what `operator/request` has room for.
+/// Longest answer, bytes: the room in `operator/request`.
 pub const SENTENCE: usize = 512;
 
 /// One sentence.
 pub type Sentence = ArrayString<SENTENCE>;
 
-/// What became of a request.
+/// Result of a request.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Answer {
-    /// Of the request.
+    /// Number of the request.
     pub id: u64,
-    /// Of the request.
+    /// Verb of the request.
     pub verb: u8,
-    /// Whether it is being done, or done: one of the numbers of [`OperatorRequest`](messages::OperatorRequest) for its `accepted`.
+    /// One of [`OperatorRequest`](messages::OperatorRequest)'s constants for its field `accepted`.
     pub accepted: u8,
-    /// What happens, or why not and what to do.
+    /// What happens, or why it does not and what to do.
     pub sentence: Sentence,
 }
 
 impl Answer {
-    /// It is being done, or done.
+    /// Returns true if the request is accepted.
     #[must_use]
     pub fn is_accepted(&self) -> bool {
         self.accepted == messages::OperatorRequest::ACCEPTED
     }
 }
 
-/// Longest text that is looked at to find the end of a sentence, bytes.
+/// Longest text searched for the end of a sentence, bytes.
 const DRAFT: usize = 4 * SENTENCE;
 
-/// A sentence from format arguments; one that does not fit loses what stands before its cure: see [`parted`].
+/// Formats a sentence. One that is too long loses the part before its cure: see [`parted`].
 #[must_use]
 pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
     struct Cut<'a>(&'a mut ArrayString<DRAFT>);
@@ -49,12 +49,12 @@ pub fn sentence(text: std::fmt::Arguments<'_>) -> Sentence {
         }
     }
     let mut draft = ArrayString::new();
-    // Cut never fails.
+    // `Cut` never fails.
     let _ = Cut(&mut draft).write_fmt(text);
     let mut sentence = Sentence::new();
     let (end, from) = if draft.len() > SENTENCE { parted(&draft, SENTENCE) } else { (draft.len(), draft.len()) };
     let parts = [&draft[..end], if from > end { MORE } else { "" }, &draft[from..]];
-    // They fit: `parted` has left room for all three.
+    // `parted` leaves room for all three.
     parts.iter().for_each(|part| sentence.push_str(part));
     sentence
 }

@@ -1,20 +1,20 @@
-//! What a line may do by what was commanded of its drive lately: anything beyond that has another cause.
+//! Envelope of cable velocities explained by recent commands; motion outside it has another cause.
 
 use crate::settings::CoreConfig;
 use messages::CABLES;
 
-/// Time constant with which an old command stops being an envelope for motion: drives lag by up to 0.16 s.
+/// Decay time constant of past commands in the envelope, s: drives lag by up to 0.16 s.
 const EXCUSE_S: f64 = 0.3;
-/// Velocity beyond what commands envelope, m/s and share of the limit: encoder steps and overshoot of the drive's loop.
+/// Tolerance around the envelope, m/s and share of the limit: encoder steps and overshoot of the drive's loop.
 const TOLERANCE_M_S: f64 = 0.03;
 const TOLERANCE_SHARE: f64 = 0.25;
 
-/// The velocities that commands of the recent past envelope, line by line.
+/// Velocities explained by recent commands, per cable.
 #[derive(Debug, Clone)]
 pub struct CommandedEnvelope {
     low_m_s: [f64; CABLES],
     high_m_s: [f64; CABLES],
-    /// Cycles for which the drive has held or moved its line.
+    /// Cycles for which the drive has held or moved its cable.
     driven: [u32; CABLES],
     keep: f64,
     tolerance_m_s: f64,
@@ -22,7 +22,7 @@ pub struct CommandedEnvelope {
 }
 
 impl CommandedEnvelope {
-    /// Nothing was commanded yet, and nothing is driven.
+    /// No commands so far; no cable is driven.
     #[must_use]
     pub fn new(config: &CoreConfig) -> Self {
         Self {
@@ -35,24 +35,28 @@ impl CommandedEnvelope {
         }
     }
 
-    /// One cycle: what was sent, whether the drive holds or moves the line at all, and whether it has replied. One that has not may still
-    /// follow an older command, so that none of them is forgotten.
+    /// Records one cycle: the velocity sent, whether the drive holds or moves the cable, and whether it has replied. A
+    /// drive that has not replied may still follow an older command, so the envelope keeps it.
     pub fn note(&mut self, cable: usize, sent_m_s: f64, driven: bool, replied: bool) {
         let keep = if replied { self.keep } else { 1.0 };
         let (low, high) = (self.low_m_s[cable], self.high_m_s[cable]);
         self.low_m_s[cable] = sent_m_s.min(sent_m_s + (low - sent_m_s) * keep);
         self.high_m_s[cable] = sent_m_s.max(sent_m_s + (high - sent_m_s) * keep);
+        debug_assert!(
+            (self.low_m_s[cable]..=self.high_m_s[cable]).contains(&sent_m_s),
+            "the envelope of cable {cable} does not contain its command of {sent_m_s} m/s"
+        );
         self.driven[cable] = if driven { self.driven[cable].saturating_add(1) } else { 0 };
     }
 
-    /// Least and largest velocity of the line that is still explained, m/s.
+    /// Least and largest explained velocity of the cable, m/s.
     #[must_use]
     pub fn velocity_m_s(&self, cable: usize) -> [f64; 2] {
         [self.low_m_s[cable] - self.tolerance_m_s, self.high_m_s[cable] + self.tolerance_m_s]
     }
 
-    /// The same of a length that was not read all the time: a drive may have stood still meanwhile. None where the line was free not
-    /// long ago, and hands or its own pull may have moved it.
+    /// Range of the average velocity over a time without readings, in which the drive may have been at rest. `None` if
+    /// the cable was free recently and may have been moved by hand or by its tension.
     #[must_use]
     pub fn drift_m_s(&self, cable: usize) -> Option<[f64; 2]> {
         let [low, high] = self.velocity_m_s(cable);

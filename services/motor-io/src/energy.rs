@@ -1,9 +1,9 @@
-//! Electrical power and loss per cable, and their integrals. Drives report currents that are averaged over milliseconds: the heat
-//! of their ripple is not in the loss.
+//! Electrical power and loss per cable, and their integrals. Drives report currents averaged over milliseconds, so the
+//! loss does not include the heat of their ripple.
 
 use messages::{CABLES, Energy};
 
-/// Integrates what the drives report.
+/// Integrator of power and loss.
 #[derive(Debug, Clone, Default)]
 pub struct EnergyMeter {
     energy_j: [f64; CABLES],
@@ -11,8 +11,8 @@ pub struct EnergyMeter {
 }
 
 impl EnergyMeter {
-    /// One cycle: `passed_s` seconds at this current (A, positive pulls the line in), drive output (-1 to 1, positive pays out),
-    /// supply voltage (V) and armature resistance (ohm).
+    /// Adds a cycle: `passed_s` seconds at this current (A, positive pulls the cable in), drive output (-1 to 1,
+    /// positive pays out), supply voltage (V) and armature resistance (ohm).
     pub fn add(
         &mut self,
         cables: usize,
@@ -23,10 +23,11 @@ impl EnergyMeter {
         let mut energy = Energy { cable_count: cables as u8, ..Energy::default() };
         for i in 0..cables {
             let (current_a, duty, supply_v) = drive(i);
-            // The two count in opposite directions; a motor that is driven takes power, one that is dragged gives some back.
+            // Current and output have opposite signs; a driven motor takes power, a dragged one returns some.
             energy.power_w[i] = -duty * supply_v * current_a;
             energy.loss_w[i] = current_a * current_a * resistance_ohm;
             self.energy_j[i] += energy.power_w[i] * passed_s;
+            debug_assert!(energy.loss_w[i] >= 0.0, "cable {i} loses {} W", energy.loss_w[i]);
             self.loss_j[i] += energy.loss_w[i] * passed_s;
         }
         energy.energy_j = self.energy_j;

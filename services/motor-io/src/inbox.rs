@@ -1,15 +1,16 @@
-//! Collects what arrives between two cycles into the one [`MotorInput`] that the core sees.
+//! Collects what arrives between two cycles into the [`MotorInput`] that the core receives.
 
 use crate::core::REQUESTS;
 use crate::setpoint::Setpoints;
 use messages::{
-    CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, SLOTS, UNITS,
+    CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, Request, RequestBody,
+    SLOTS, UNITS,
 };
 
 /// ```
 /// use motor_io::inbox::Inbox;
 /// let mut inbox = Inbox::new(3, 2);
-/// inbox.request(7, messages::OperatorRequest::VERB_ARM, &[0.0; 8]);
+/// inbox.request(7, &messages::Request::Arm.body());
 /// let input = inbox.begin(1, 10_000_000, 10_050_000); // then core.decide(input)
 /// input.unit[0] = messages::MotorInput::UNIT_OK; //        the drives' replies, then core.observe(input)
 /// inbox.finish();
@@ -22,23 +23,23 @@ pub struct Inbox {
 }
 
 impl Inbox {
-    /// For a robot of so many cables and drive units.
+    /// For a robot with this many cables and drive units.
     #[must_use]
     pub fn new(cables: usize, units: usize) -> Self {
         let mut input = MotorInput { cable_count: cables as u8, unit_count: units as u8, ..MotorInput::default() };
-        // Not yet read, which is something else than 0 V.
+        // NaN: not read yet.
         input.supply_v = [f64::NAN; UNITS];
         Self { input, setpoints: Setpoints::default(), requests: 0 }
     }
 
-    /// The life that begins: every sample of the chain carries it from here on.
+    /// Sets the life that begins; every sample of the control chain carries it.
     #[must_use]
     pub fn of_life(mut self, life: u64) -> Self {
         self.input.header.life = life;
         self
     }
 
-    /// For the first cycle: the epoch to begin with, and where the lines were in the last life of this process.
+    /// Sets the input of the first cycle: the epoch, and the lengths and counts stored by the previous life.
     pub fn first(&mut self, epoch: u32, restored: Option<([f64; CABLES], [i64; CABLES])>) {
         self.input.first_epoch = epoch;
         if let Some((lengths_m, counts)) = restored {
@@ -48,13 +49,13 @@ impl Inbox {
         }
     }
 
-    /// A controller's command; the newest of a cycle counts.
+    /// Adds a controller's command; the newest one of a cycle counts.
     pub fn command(&mut self, slot: usize, command: &MotorCommand) {
         self.input.command[slot] = *command;
         self.input.command_arrived[slot] = 1;
     }
 
-    /// An estimator's estimate. What belongs to another life displaces none of this one.
+    /// Adds an estimate. One of another life does not replace one of this life.
     pub fn estimate(&mut self, slot: usize, estimate: &NodeEstimate) {
         let life = self.input.header.life;
         if estimate.header.life != life && self.input.estimate_life[slot] == life {
@@ -68,7 +69,7 @@ impl Inbox {
         self.input.estimate_tension_n[slot * CABLES..][..CABLES].copy_from_slice(&estimate.tension_n);
     }
 
-    /// The planner's motion; `following` is the number of the motion that the robot follows, 0: none.
+    /// Adds the planner's motion; `following` is the number of the motion that the robot follows, 0: none.
     pub fn motion(&mut self, motion: &PlanMotion, following: u32) {
         self.setpoints.take(motion, following);
         let end = |segment: &PlanSegment| segment.start_s + segment.duration_s;
@@ -84,49 +85,50 @@ impl Inbox {
         self.input.planner_beat = motion.beat;
     }
 
-    /// The set point by which the core judges: that of the present plan time.
+    /// Sets the setpoint at the present plan time, by which the core judges.
     pub fn judge_at(&mut self, plan_time_s: f64) {
         self.setpoints.write(plan_time_s, &mut self.input);
     }
 
-    /// The supervisor's beat.
+    /// Adds the supervisor's beat.
     pub fn supervisor(&mut self, beat: u64) {
         self.input.supervisor_beat = beat;
     }
 
-    /// A request; false if this cycle has no room for it.
-    pub fn request(&mut self, id: u64, verb: u8, args: &[f64; 8]) -> bool {
-        self.request_made(id, verb, args, 0)
+    /// Adds a request; false if this cycle has no room for it.
+    pub fn request(&mut self, id: u64, body: &RequestBody) -> bool {
+        self.request_made(id, body, 0)
     }
 
-    /// The same, of which it is known when it was made, ns.
-    pub fn request_made(&mut self, id: u64, verb: u8, args: &[f64; 8], stamp_ns: u64) -> bool {
+    /// Adds a request that was made at `stamp_ns`; false if this cycle has no room for it.
+    pub fn request_made(&mut self, id: u64, body: &RequestBody, stamp_ns: u64) -> bool {
         let i = self.requests;
         if i == REQUESTS {
             return false;
         }
         self.input.request_id[i] = id;
-        self.input.request_verb[i] = verb;
-        self.input.request_args[i * 8..][..8].copy_from_slice(args);
+        self.input.request[i] = *body;
         self.input.request_stamp_ns[i] = stamp_ns;
         self.requests += 1;
         true
     }
 
-    /// Emergency stops that came on their own way: before all other requests, and one is enough for the robot.
+    /// Adds emergency stops, which arrive before all other requests. One request is enough for the robot.
     pub fn emergency(&mut self, stops: usize, first: &OperatorRequest) {
         self.input.estops = stops as u32;
-        self.request_made(first.id, OperatorRequest::VERB_ESTOP, &first.args, first.header.stamp_ns);
+        self.request_made(first.id, &Request::Estop.body(), first.header.stamp_ns);
     }
 
-    /// True while this cycle has room for another request.
+    /// True if this cycle has room for another request.
     #[must_use]
     pub fn has_room(&self) -> bool {
         self.requests < REQUESTS
     }
 
-    /// The cycle begins: everything that arrived, and room for the drives' replies.
+    /// Begins the cycle: closes the input, with room for the drives' replies.
     pub fn begin(&mut self, cycle: u64, tick_ns: u64, begin_ns: u64) -> &mut MotorInput {
+        debug_assert!(cycle > self.input.header.cycle, "cycle {cycle} after {}", self.input.header.cycle);
+        debug_assert!(begin_ns >= self.input.begin_ns, "a cycle begins before the one before it");
         self.input.header.cycle = cycle;
         self.input.header.stamp_ns = begin_ns;
         self.input.header.oldest_input_ns = begin_ns;
@@ -138,24 +140,23 @@ impl Inbox {
         &mut self.input
     }
 
-    /// The input of the present cycle.
+    /// Input of the present cycle.
     #[must_use]
     pub fn input(&self) -> &MotorInput {
         &self.input
     }
 
-    /// The same, for the drives' replies.
+    /// Input of the present cycle, for the drives' replies.
     pub fn input_mut(&mut self) -> &mut MotorInput {
         &mut self.input
     }
 
-    /// The cycle is over: what arrived has been used.
+    /// Ends the cycle: clears what it has used.
     pub fn finish(&mut self) {
         self.requests = 0;
         self.input.estops = 0;
         self.input.request_id = [0; REQUESTS];
-        self.input.request_verb = [0; REQUESTS];
-        self.input.request_args = [0.0; REQUESTS * 8];
+        self.input.request = [RequestBody::default(); REQUESTS];
         self.input.request_stamp_ns = [0; REQUESTS];
         self.input.command_arrived = [0; SLOTS];
         self.input.first_epoch = 0;

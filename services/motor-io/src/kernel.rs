@@ -1,37 +1,39 @@
-//! What the kernel says of this program and of those that answer it, written into [`MotorInput`] once per cycle.
+//! Evidence from the kernel about motor-io and the processes that answer it, written into
+//! [`MotorInput`] once per cycle.
 //!
-//! The numbers are cumulative over a life of this program, never go back, and 0 where the kernel does not tell.
+//! The numbers are cumulative over a life of motor-io, never decrease, and are 0 where the kernel
+//! does not provide them.
 
 use bus::clock::now_ns;
 use evidence::{Pressure, Thread};
 use messages::{CONTROLLERS, ESTIMATORS, MotorCommand, MotorInput, NodeEstimate, SEATS, SLOTS};
 
-/// The machine's pressure is looked at once in so many cycles: it costs more than a thread, and changes slowly.
+/// Cycles between two readings of the machine's pressure, which cost more than a thread's and change slowly.
 const PRESSURE_EVERY: u64 = 10;
 
-/// See the module's text. Looking does not allocate, but for the first look at another thread.
+/// Reader of the kernel's evidence. It allocates only for the first reading of another thread.
 #[derive(Debug)]
 pub struct Evidence {
     own: Option<Thread>,
     pressure: Option<Pressure>,
     pressure_us: u64,
     seats: [Seat; SEATS],
-    /// Per estimator: the cycle of its last estimate, and when it was published, ns.
+    /// Per estimator: cycle of its newest estimate, and its publication time, ns.
     estimated: [(u64, u64); SLOTS],
 }
 
-/// A controller's or an estimator's thread.
+/// Thread of a controller or an estimator.
 #[derive(Debug, Default)]
 struct Seat {
     number: u32,
     thread: Option<Thread>,
-    /// What the kernel had counted for this thread at the last look, ns.
+    /// The kernel's counter for this thread at the previous reading, ns.
     counted_ns: Option<u64>,
     delay_ns: u64,
 }
 
 impl Evidence {
-    /// For the calling thread.
+    /// Evidence about the calling thread.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -43,18 +45,19 @@ impl Evidence {
         }
     }
 
-    /// A controller answers.
+    /// Records the thread of a controller that answers.
     pub fn command(&mut self, slot: usize, command: &MotorCommand) {
-        self.seats[CONTROLLERS * SLOTS + slot].sits(command.thread);
+        self.seats[CONTROLLERS * SLOTS + slot].set_thread(command.thread);
     }
 
-    /// An estimator answers.
+    /// Records the thread of an estimator that answers.
     pub fn estimate(&mut self, slot: usize, estimate: &NodeEstimate) {
-        self.seats[ESTIMATORS * SLOTS + slot].sits(estimate.thread);
+        self.seats[ESTIMATORS * SLOTS + slot].set_thread(estimate.thread);
         self.estimated[slot] = (estimate.header.cycle, estimate.header.published_ns);
     }
 
-    /// Looks, and writes down what is the case. `published_ns`: when the state of the cycle before was, which is what estimators wait for.
+    /// Reads the evidence and writes it into the input. `published_ns`: publication time of the previous cycle's state,
+    /// for which estimators wait.
     pub fn look(&mut self, box_left_out_ns: u64, published_ns: u64, input: &mut MotorInput) {
         let now_ns = now_ns();
         if input.header.cycle % PRESSURE_EVERY == 1 {
@@ -72,14 +75,15 @@ impl Evidence {
 }
 
 impl Evidence {
-    /// Since when each seat owes an answer to the cycle before, ns: an estimator from the state on, a controller from the first estimate on.
+    /// Time since which each seat owes an answer to the previous cycle, ns: an estimator since the state, a controller
+    /// since the first estimate.
     fn given_ns(&self, published_ns: u64, input: &MotorInput) -> [Option<u64>; SEATS] {
         if published_ns == 0 {
             return [None; SEATS];
         }
         let (life, cycle) = (input.header.life, input.header.cycle);
         let of_last = |of: u64| of.checked_add(1) == Some(cycle);
-        // No estimate is older than the state that it is of, whatever it claims.
+        // No estimate is older than its state, whatever its stamp.
         let estimates = self.estimated.iter().filter(|(of, _)| of_last(*of)).map(|(_, at_ns)| published_ns.max(*at_ns));
         let estimated_ns = estimates.min();
         std::array::from_fn(|seat| match seat.checked_sub(ESTIMATORS * SLOTS) {
@@ -100,7 +104,7 @@ impl Default for Evidence {
 }
 
 impl Seat {
-    fn sits(&mut self, number: u32) {
+    fn set_thread(&mut self, number: u32) {
         if number != self.number {
             self.number = number;
             self.thread = if number == 0 { None } else { Thread::of(number).ok() };
@@ -118,7 +122,7 @@ impl Seat {
     }
 }
 
-/// A thread that has never waited is known to have waited for nothing: 1 ns tells that from a kernel that does not tell.
+/// Distinguishes a thread that has never waited (1 ns) from a kernel that provides no numbers (0).
 fn known(delay_ns: u64) -> u64 {
     delay_ns.max(1)
 }
@@ -144,7 +148,7 @@ mod tests {
         evidence.look(6, 0, &mut input);
         assert_eq!((input.chain_delay_ns, input.pressure_us), (first.chain_delay_ns, first.pressure_us));
         assert!(input.run_delay_ns >= first.run_delay_ns);
-        // No such thread is no reason to forget what the last one had waited.
+        // A number without a thread does not reset what the previous thread had waited.
         evidence.estimate(1, &NodeEstimate { thread: u32::MAX >> 1, ..NodeEstimate::default() });
         evidence.look(6, 0, &mut input);
         assert_eq!(input.chain_delay_ns, first.chain_delay_ns);

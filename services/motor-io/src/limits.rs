@@ -1,15 +1,15 @@
-//! The last gate before the motors: limits on cable velocity and its change.
+//! The last check before the motors: limits on cable velocity and acceleration.
 //!
-//! The whole vector is scaled, never one cable alone: clamping one of the lines that hold one node bends the path and stresses
-//! the others.
+//! The whole vector is scaled, never one cable alone: clamping one of the cables that hold a node bends the path and
+//! stresses the others.
 
 use cable_robot::NodeJacobian;
 use messages::CABLES;
 
-/// The node's own limits at its present position.
+/// Limits of the node at its present position.
 #[derive(Debug, Clone, Copy)]
 pub struct NodeLimit<'a> {
-    /// What changes of the lengths do to the position.
+    /// Change of the position per change of the lengths.
     pub sensitivity: &'a NodeJacobian,
     /// Largest speed of the node, m/s.
     pub speed_m_s: f64,
@@ -23,7 +23,7 @@ impl NodeLimit<'_> {
     }
 }
 
-/// Limits of all cables, and what was sent last.
+/// Limits of all cables, and the velocities sent last.
 #[derive(Debug, Clone)]
 pub struct Limits {
     speed_m_s: f64,
@@ -38,13 +38,13 @@ impl Limits {
         Self { speed_m_s, step_m_s: acceleration_m_s2 * period_s, last: [0.0; CABLES] }
     }
 
-    /// What was sent last, m/s.
+    /// Velocities sent last, m/s.
     #[must_use]
     pub fn last(&self) -> &[f64; CABLES] {
         &self.last
     }
 
-    /// Largest magnitude of what was sent last, m/s.
+    /// Largest magnitude of the velocities sent last, m/s.
     #[must_use]
     pub fn last_speed(&self) -> f64 {
         largest(&self.last)
@@ -56,11 +56,14 @@ impl Limits {
         self.step_m_s
     }
 
-    /// The velocities to send for the wanted ones (finite), and the factor by which the velocity limit scaled them.
+    /// Returns the velocities to send for the wanted ones (finite), and the factor by which the velocity
+    /// limit scaled them.
     ///
-    /// The result lies between the last and the wanted vector, so it keeps the velocity limits too. The position changes meanwhile, and
-    /// with it what the last vector does to the node: where that alone breaks the node's speed limit, all of it is scaled.
+    /// The result lies between the last and the wanted vector, so it also keeps the velocity limits. But the position
+    /// changes between cycles, and with it the node's velocity for the same vector: if that alone exceeds the node's
+    /// speed limit, the result is scaled.
     pub fn toward(&mut self, wanted: &[f64; CABLES], node: Option<&NodeLimit<'_>>) -> ([f64; CABLES], f64) {
+        debug_assert!(wanted.iter().all(|v| v.is_finite()), "a wanted velocity is not finite: {wanted:?}");
         let within = |size: f64, limit: f64| if size > limit { limit / size } else { 1.0 };
         let factor = within(largest(wanted), self.speed_m_s);
         let factor = node.map_or(factor, |node| factor.min(within(node.size(wanted), node.speed_m_s)));
@@ -82,10 +85,11 @@ impl Limits {
                 self.last = self.last.map(|v| v * shrink);
             }
         }
+        debug_assert!(factor > 0.0 && factor <= 1.0, "the velocity vector is scaled by {factor}");
         (self.last, factor)
     }
 
-    /// Zero at once, whatever it takes: for the emergency stop.
+    /// Sets the velocities to zero at once, regardless of the limits: for the emergency stop.
     pub fn zero(&mut self) {
         self.last = [0.0; CABLES];
     }

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 struct Args {
     #[command(flatten)]
     common: CommonArgs,
-    /// Folder in which the position is kept over restarts. Default: `state` beside the folder of the runs.
+    /// Folder that keeps the position over restarts. Default: `state` beside the folder of the runs.
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
 }

@@ -1,15 +1,14 @@
-//! Which motion is being followed, and when it is over.
+//! The motion that the robot follows, and when it ends.
 
 use messages::MotorInput;
 
-/// The motion that the robot follows, or could go on with.
+/// State of the motion that the robot follows or can resume.
 #[derive(Debug, Clone, Default)]
 pub struct Motion {
     id: u32,
     end_s: f64,
     known_s: f64,
     segment: u32,
-    suspended: bool,
     planner_gone: bool,
     orphaned: u32,
     beat: u64,
@@ -17,7 +16,7 @@ pub struct Motion {
 }
 
 impl Motion {
-    /// 0: none.
+    /// Number of the motion; 0: none.
     #[must_use]
     pub fn id(&self) -> u32 {
         self.id
@@ -29,18 +28,12 @@ impl Motion {
         self.segment
     }
 
-    /// The robot holds in the middle of it.
-    #[must_use]
-    pub fn suspended(&self) -> bool {
-        self.suspended
-    }
-
-    /// What plan/motion says this cycle: the end may move, as the planner adds segments.
+    /// Reads plan/motion of this cycle: the end may move, as the planner adds segments.
     pub fn note(&mut self, input: &MotorInput) {
         if self.id == 0 {
             return;
         }
-        // A planner that counts its beats anew is another one, whatever number its motion has.
+        // A planner that restarts counting its beats is another one, whatever the number of its motion.
         if input.planner_beat < self.beat {
             self.beat = u64::MAX; // for the rest of this motion
         }
@@ -56,7 +49,7 @@ impl Motion {
         }
     }
 
-    /// True if plan/motion holds a motion from rest that is still to be made, in this epoch, at this plan time.
+    /// Returns true if plan/motion offers a motion from rest that is not done yet, in this epoch, at this plan time.
     #[must_use]
     pub fn offered(&self, input: &MotorInput, epoch: u32, plan_time_s: f64, tolerance_s: f64) -> bool {
         let finite =
@@ -75,20 +68,21 @@ impl Motion {
             && input.motion_start_s >= plan_time_s - tolerance_s
     }
 
-    /// The offered motion is the robot's from now on.
+    /// Begins the offered motion.
     pub fn begin(&mut self, input: &MotorInput) {
+        debug_assert!(self.id == 0, "motion {} begins before motion {} is over", input.motion, self.id);
+        debug_assert!(input.motion != 0 && input.motion_segment != 0, "a motion or a segment has no number");
         self.id = input.motion;
         self.segment = input.motion_segment;
-        self.suspended = false;
         self.beat = input.planner_beat;
         self.note(input);
     }
 
-    /// True if a command for this segment belongs to this motion.
+    /// Returns true if a command for this segment belongs to this motion.
     #[must_use]
     pub fn has(&self, segment: u32) -> bool {
-        // The controller keeps the motion it follows when its planner is gone. A planner numbers the segments of a motion one after the
-        // other; one that was started anew has others, and whoever follows those is not heard.
+        // The controller keeps the motion it follows when its planner is gone. A planner numbers the segments of a
+        // motion consecutively; a restarted one uses other numbers, and commands for those are rejected.
         segment != 0
             && (!self.planner_gone || segment == self.segment || segment == self.segment.wrapping_add(1).max(1))
     }
@@ -99,42 +93,32 @@ impl Motion {
         self.orphaned
     }
 
-    /// A command for this segment is used.
+    /// Records the segment of the command in use.
     pub fn follow(&mut self, segment: u32) {
+        debug_assert!(segment != 0, "a command without a segment is followed");
         self.segment = segment;
     }
 
-    /// True once everything that is known of it has been flown: the setpoint is at rest.
+    /// Returns true once the known part of the motion is over: the setpoint is at rest.
     #[must_use]
     pub fn ended(&self, plan_time_s: f64) -> bool {
         plan_time_s >= self.end_s.min(self.known_s)
     }
 
-    /// It ended before its end: the planner did not go on.
+    /// Returns true if the motion ended early, because the planner did not continue it.
     #[must_use]
     pub fn cut_short(&self, tolerance_s: f64) -> bool {
         self.known_s + tolerance_s < self.end_s
     }
 
-    /// The robot holds, and may go on later.
-    pub fn suspend(&mut self) {
-        self.suspended = self.id != 0;
-    }
-
-    /// It goes on.
-    pub fn resume(&mut self) {
-        self.suspended = false;
-    }
-
-    /// It is over, or given up, at this plan time.
+    /// Ends the motion, or gives it up, at this plan time.
     pub fn finish(&mut self, plan_time_s: f64) {
         if self.id != 0 {
-            // Whatever starts before this moment of the plan clock is part of it.
+            // A motion that starts before this plan time is the same one.
             self.finished = Some((self.id, plan_time_s));
         }
         self.id = 0;
         self.segment = 0;
-        self.suspended = false;
         self.planner_gone = false;
         self.orphaned = 0;
     }

@@ -1,19 +1,19 @@
-//! Where motor-io itself believes the node is, and how fast its commands move it.
+//! Position of the node by motor-io's own lengths, and the velocity with which commands move it.
 //!
-//! motor-io judges motions by this and not by an estimate: an estimator may be late, wrong, or of another life. It is the elastic
-//! equilibrium of its own lengths at rest, computed once a cycle without allocation.
+//! motor-io judges motions by this position and not by an estimate, because an estimator may be late, wrong, or of
+//! another life. It is the elastic equilibrium of the lengths at rest, computed once per cycle without allocation.
 
 use cable_robot::{CableVec, Jacobian, NodeJacobian, Robot, Vector3, elastic};
 use messages::CABLES;
 
-/// See the module's text.
+/// Position of the node, if it is known.
 #[derive(Debug, Clone)]
 pub struct Node {
     robot: Robot,
     known: Option<Known>,
 }
 
-/// A position and what lengths do to it.
+/// A position and its sensitivity to the lengths.
 #[derive(Debug, Clone, Copy)]
 struct Known {
     position_m: Vector3<f64>,
@@ -21,13 +21,13 @@ struct Known {
 }
 
 impl Node {
-    /// Somewhere.
+    /// Position unknown.
     #[must_use]
     pub fn new(robot: Robot) -> Self {
         Self { robot, known: None }
     }
 
-    /// Takes in this cycle's unstretched lengths, m; `known`: they mean something.
+    /// Computes the position for this cycle's unstretched lengths, m; `known`: they are valid.
     pub fn observe(&mut self, lengths_m: &[f64; CABLES], known: bool) {
         let guess = self.known.map(|known| known.position_m);
         self.known = known.then_some(()).and_then(|()| {
@@ -40,25 +40,25 @@ impl Node {
         });
     }
 
-    /// Where the node is, m; `None`: unknown, or the lengths fit no position.
+    /// Position of the node, m; `None`: unknown, or the lengths fit no position.
     #[must_use]
     pub fn position_m(&self) -> Option<Vector3<f64>> {
         self.known.map(|known| known.position_m)
     }
 
-    /// What small changes of the lengths do to the position.
+    /// Change of the position per change of the lengths.
     #[must_use]
     pub fn sensitivity(&self) -> Option<&NodeJacobian> {
         self.known.as_ref().map(|known| &known.sensitivity)
     }
 
-    /// How fast these cable velocities move the node, m/s.
+    /// Velocity of the node for these cable velocities, m/s.
     #[must_use]
     pub fn velocity_of(&self, cables_m_s: &[f64]) -> Option<Vector3<f64>> {
         self.known.map(|known| known.sensitivity.node_velocity(cables_m_s))
     }
 
-    /// The cable velocities that move the node like this, m/s: (14), the lines taken as rigid.
+    /// Cable velocities for this velocity of the node, m/s: equation (14), with rigid cables.
     #[must_use]
     pub fn cables_for(&self, velocity_m_s: &Vector3<f64>) -> Option<[f64; CABLES]> {
         let jacobian = Jacobian::at(self.robot.anchors(), &self.known?.position_m).ok()?;

@@ -1,30 +1,48 @@
-//! Encoder counts to line lengths: zero points, jumps, and how far the position can be trusted.
+//! Encoder counts to cable lengths: zero points, jumps, and how far the position can be trusted.
+//!
+//! This is the only place that judges whether a count is credible, by `OVER_SPEED` and `JUMP_MARGIN_M`. A count
+//! beyond them is used only when the next one agrees with it, and then the position needs confirmation.
 
 use crate::settings::CoreConfig;
+use drives::CountBound;
 use messages::{CABLES, MotorState};
 
-/// No line is faster than this many times the fastest cable.
-const JUMP_FACTOR: f64 = 1.5;
-/// A count may change by so much more than what its line can do in the time that passed before it is taken for a glitch: a few encoder
-/// steps and the spring of an idler wheel, m.
+/// Fastest credible cable, as a multiple of the robot's cable speed limit.
+///
+/// A count is stamped with the time of its request and read later: a cable at its limit whose count is read half a
+/// period late moves 1.5 times as far as its stamps allow. Drives need no further allowance: in the golden run no cable
+/// is faster than its largest command. A restart of a unit or a flipped high bit exceeds the bound by far.
+const OVER_SPEED: f64 = 1.5;
+/// Credible motion in no time, m: a few encoder steps and the spring of an idler wheel.
 const JUMP_MARGIN_M: f64 = 0.005;
-/// After a unit was away, its line may have moved by this much before somebody has to look, m.
+/// Motion of a cable while its unit was lost, m, above which the position needs confirmation.
 const RETURN_TOLERANCE_M: f64 = 0.005;
-/// Time over which a measured velocity is taken, ns.
+/// Time over which a velocity is measured, ns.
 const VELOCITY_WINDOW_NS: u64 = 50_000_000;
-/// Readings kept for it: enough for 250 cycles per second.
+/// Readings kept for a velocity: enough for 250 cycles per second.
 const HISTORY: usize = 16;
 
-/// What one reading of one cable came to.
+/// Credible motion of a unit's counts, for its cables (from 1): the bound of [`Odometry::read`] in counts.
+///
+/// The unit's driver does not judge counts by it. It holds back the first sample beyond it, to find out whether the
+/// unit restarted.
+#[must_use]
+pub(crate) fn count_bound(config: &CoreConfig, cables: &[usize]) -> CountBound {
+    let counts = cables.iter().filter_map(|cable| config.counts_per_m.get(cable.wrapping_sub(1)));
+    let finest = counts.fold(0.0, |most: f64, counts| most.max(counts.abs()));
+    CountBound { counts_s: OVER_SPEED * config.cable_speed_m_s * finest, margin: JUMP_MARGIN_M * finest }
+}
+
+/// Verdict on one reading of one cable.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reading {
-    /// Taken.
+    /// Credible and used.
     Good,
-    /// Not credible; not used. The next one decides.
+    /// Not credible and not used; the next one decides.
     Doubtful,
-    /// The count has jumped, and stays there: the length goes on from the last good one and needs confirmation.
+    /// The count has jumped and stays there: the length continues from the last good one and needs confirmation.
     Jumped,
-    /// The unit is back, and the line has moved in the meantime: the length needs confirmation.
+    /// The unit is back, and the cable has moved meanwhile: the length needs confirmation.
     MovedWhileAway,
 }
 
@@ -43,7 +61,7 @@ struct Cable {
     held: usize,
 }
 
-/// See the module's text.
+/// Lengths and velocities of all cables from their counts.
 #[derive(Debug, Clone)]
 pub struct Odometry {
     cables: [Cable; CABLES],
@@ -52,14 +70,14 @@ pub struct Odometry {
     fastest_m_s: f64,
     position: u8,
     restore: Option<([f64; CABLES], [i64; CABLES])>,
-    /// Cables whose unit has counted on since the last life of this process.
+    /// Cables whose unit has been counting since the last life of motor-io.
     alive: [bool; CABLES],
-    /// What is known is only what was restored.
+    /// The lengths were restored, and not confirmed since.
     only_restored: bool,
 }
 
 impl Odometry {
-    /// Lengths unknown.
+    /// Odometry with unknown lengths.
     #[must_use]
     pub fn new(config: &CoreConfig) -> Self {
         Self {
@@ -74,26 +92,26 @@ impl Odometry {
         }
     }
 
-    /// Lengths and counts from before this process started; used as soon as every cable has been read.
+    /// Sets lengths and counts of the last life; used as soon as every cable has been read.
     pub fn restore(&mut self, lengths_m: [f64; CABLES], counts: [i64; CABLES]) {
         if lengths_m[..self.count].iter().all(|l| l.is_finite()) {
             self.restore = Some((lengths_m, counts));
         }
     }
 
-    /// Cables whose unit was running already when this process first spoke to it.
+    /// Sets the cables whose unit was running before this process first addressed it.
     pub fn alive(&mut self, alive: [bool; CABLES]) {
         self.alive = alive;
     }
 
-    /// True while the lengths are those from before, and nobody has confirmed them or set others.
+    /// True while the lengths are restored ones that were neither confirmed nor set.
     #[must_use]
     pub fn only_restored(&self) -> bool {
         self.only_restored
     }
 
-    /// Takes one cable's reading. `away`: its unit had been lost until now; `drift_m_s`: least and largest velocity that its commands
-    /// explain, None where nothing holds the line.
+    /// Judges and uses one cable's reading. `away`: its unit was lost until now; `drift_m_s`: least and largest
+    /// velocity that its commands explain, `None` where nothing holds the cable.
     pub fn read(
         &mut self,
         cable: usize,
@@ -111,7 +129,7 @@ impl Odometry {
             return Reading::Good;
         }
         let passed_s = sampled_ns.saturating_sub(it.sampled_ns) as f64 * 1e-9;
-        let fastest_m_s = JUMP_FACTOR * self.fastest_m_s;
+        let fastest_m_s = OVER_SPEED * self.fastest_m_s;
         let [low_m_s, high_m_s] = drift_m_s.unwrap_or([-fastest_m_s, fastest_m_s]);
         let explained = low_m_s * passed_s - JUMP_MARGIN_M..=high_m_s * passed_s + JUMP_MARGIN_M;
         let moved = metres(counts, it.counts, scale);
@@ -124,7 +142,7 @@ impl Odometry {
             }
             return Reading::Good;
         }
-        // A line could have come here from the last doubtful one: two agree, so the count really is there now.
+        // The cable can have moved here from the last doubtful count: two agree, so the count has jumped.
         let reach = fastest_m_s * passed_s + JUMP_MARGIN_M;
         match it.candidate {
             Some(candidate) if metres(counts, candidate, scale).abs() <= reach => {
@@ -138,7 +156,8 @@ impl Odometry {
         }
     }
 
-    /// The unit's counter began anew (it was rebooted): the length stays, and needs confirmation.
+    /// Restarts the counts of a cable, for instance after a reboot of its unit: the length stays and needs
+    /// confirmation.
     pub fn rebase(&mut self, cable: usize, counts: i64, sampled_ns: u64) {
         let scale = self.counts_per_m[cable];
         let it = &mut self.cables[cable];
@@ -148,10 +167,10 @@ impl Odometry {
         self.doubt();
     }
 
-    /// The lengths may not be right any more, and need confirmation.
+    /// Marks the lengths as in need of confirmation.
     pub fn doubt(&mut self) {
         if self.position == MotorState::POSITION_KNOWN {
-            self.position = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+            self.position = MotorState::POSITION_RESTORED;
         }
     }
 
@@ -160,15 +179,15 @@ impl Odometry {
             return;
         }
         if let Some((lengths_m, counts)) = self.restore.take() {
-            // A unit that was running all the time has counted on; the count of one that was switched on anew says nothing about the
-            // time before, however near to the stored one it may be.
+            // A unit that was running all the time has counted on. The count of a unit that was switched on since says
+            // nothing about the time before, however near it is to the stored one.
             for (i, it) in self.cables.iter_mut().enumerate().take(self.count) {
                 let moved_m = metres(it.counts, counts[i], self.counts_per_m[i]);
                 it.zero_m = lengths_m[i] + if self.alive[i] { moved_m } else { 0.0 };
                 it.zero_counts = it.counts;
                 it.length_m = it.zero_m;
             }
-            self.position = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+            self.position = MotorState::POSITION_RESTORED;
             self.only_restored = true;
         }
     }
@@ -179,7 +198,7 @@ impl Odometry {
         self.cables[..self.count].iter().all(|it| it.seen)
     }
 
-    /// The lengths at this moment are these.
+    /// Sets the present lengths.
     pub fn set(&mut self, lengths_m: &[f64]) {
         for (it, length_m) in self.cables[..self.count].iter_mut().zip(lengths_m) {
             *it = Cable { zero_counts: it.counts, zero_m: *length_m, length_m: *length_m, candidate: None, ..*it };
@@ -189,9 +208,9 @@ impl Odometry {
         self.only_restored = false;
     }
 
-    /// Somebody has looked: the lengths from before are right.
+    /// Confirms the restored lengths.
     pub fn confirm(&mut self) {
-        if self.position == MotorState::POSITION_FROM_BEFORE_THE_CUT {
+        if self.position == MotorState::POSITION_RESTORED {
             self.position = MotorState::POSITION_KNOWN;
             self.only_restored = false;
         }
@@ -203,25 +222,26 @@ impl Odometry {
         self.position
     }
 
-    /// Unstretched line paid out beyond the routed part, m; counted from the start of the process while the position is unknown.
+    /// Unstretched cable paid out beyond the routed part, m; counted from the start of the process while the position
+    /// is unknown.
     #[must_use]
     pub fn length_m(&self, cable: usize) -> f64 {
         self.cables[cable].length_m
     }
 
-    /// Over the last 50 ms, m/s.
+    /// Velocity of a cable over the last 50 ms, m/s.
     #[must_use]
     pub fn velocity_m_s(&self, cable: usize) -> f64 {
         self.cables[cable].velocity_m_s
     }
 
-    /// Last good count.
+    /// Last used count.
     #[must_use]
     pub fn counts(&self, cable: usize) -> i64 {
         self.cables[cable].counts
     }
 
-    /// When it was read, ns.
+    /// Time of the last used count, ns.
     #[must_use]
     pub fn sampled_ns(&self, cable: usize) -> u64 {
         self.cables[cable].sampled_ns
@@ -236,7 +256,7 @@ impl Cable {
         self.newest = (self.newest + 1) % HISTORY;
         self.history[self.newest] = (sampled_ns, counts);
         self.held = (self.held + 1).min(HISTORY);
-        // The oldest reading within the window, or else the one before this.
+        // Oldest reading within the window, or else the previous one.
         let mut back = 1.min(self.held - 1);
         for age in 1..self.held {
             let (then_ns, _) = self.history[(self.newest + HISTORY - age) % HISTORY];

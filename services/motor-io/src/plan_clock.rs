@@ -1,12 +1,12 @@
-//! The plan clock: time as the motion sees it.
+//! The plan clock: time on which motions advance.
 //!
-//! It advances by `rate` x period with every cycle in which the robot follows. Pause, hold, resume, speed override and lost bus
-//! cycles ramp the rate, so that no setpoint ever jumps. It never runs backwards, over the whole life of the process.
+//! Each cycle in which the robot follows advances it by `rate` x period. Pause, hold, resume, speed override and lost
+//! bus cycles ramp the rate, so that no setpoint jumps. It never runs backwards during a life.
 
-/// Lowest speed override: below this a mission would seem to stand still.
+/// Lowest speed override; below it a mission would seem to stand still.
 pub const SLOWEST: f64 = 0.05;
 
-/// See the module's text.
+/// State of the plan clock.
 #[derive(Debug, Clone)]
 pub struct PlanClock {
     time_s: f64,
@@ -18,7 +18,7 @@ pub struct PlanClock {
 }
 
 impl PlanClock {
-    /// At time 0, standing still, full speed chosen.
+    /// Time 0, at standstill, at full speed.
     #[must_use]
     pub fn new(period_s: f64) -> Self {
         Self { time_s: 0.0, rate: 0.0, target: 0.0, speed: 1.0, ease: 1.0, period_s }
@@ -36,19 +36,19 @@ impl PlanClock {
         self.rate
     }
 
-    /// The rate it ramps to.
+    /// Target of the rate.
     #[must_use]
     pub fn target(&self) -> f64 {
         self.target
     }
 
-    /// The speed the operator chose, [`SLOWEST`] to 1.
+    /// Speed override of the operator, [`SLOWEST`] to 1.
     #[must_use]
     pub fn speed(&self) -> f64 {
         self.speed
     }
 
-    /// Chooses the speed; refused (false) outside [`SLOWEST`] to 1.
+    /// Sets the speed override; returns false outside [`SLOWEST`] to 1.
     pub fn set_speed(&mut self, fraction: f64) -> bool {
         let good = (SLOWEST..=1.0).contains(&fraction);
         if good {
@@ -57,12 +57,12 @@ impl PlanClock {
         good
     }
 
-    /// Slows the plan down by this factor, 0 to 1, on top of the chosen speed: something comes near its limit.
+    /// Slows the plan down by this factor, 0 to 1, beyond the speed override: something comes near its limit.
     pub fn set_ease(&mut self, factor: f64) {
         self.ease = factor.clamp(0.0, 1.0);
     }
 
-    /// One cycle of following: ramps towards the chosen speed, or towards standstill, over `ramp_s` from 0 to 1, and advances.
+    /// Advances one cycle: ramps towards the speed override, or to standstill. `ramp_s` is the time from 0 to 1.
     pub fn advance(&mut self, run: bool, ramp_s: f64) {
         self.target = if run { self.speed * self.ease } else { 0.0 };
         let step = self.period_s / ramp_s;
@@ -71,22 +71,24 @@ impl PlanClock {
         } else {
             (self.rate - step).max(self.target)
         };
+        debug_assert!((0.0..=1.0).contains(&self.rate), "the rate {} is outside 0 to 1", self.rate);
         self.time_s += self.rate * self.period_s;
     }
 
-    /// One cycle of an uncontrolled stop: the rate shrinks as the velocities do, so that the setpoint stays near the node.
+    /// Advances one cycle of a stop without a controller: the rate shrinks as the velocities do, so that the setpoint
+    /// stays near the node.
     pub fn shrink(&mut self, factor: f64) {
         self.target = 0.0;
         self.rate *= factor.clamp(0.0, 1.0);
         self.time_s += self.rate * self.period_s;
     }
 
-    /// The node went on by itself for this long, s, while no cycle ran (the machine stood still, the drives did not).
+    /// Advances by this time, s, in which the drives moved the node while no cycle ran.
     pub fn catch_up(&mut self, seconds: f64) {
         self.time_s += self.rate * seconds.max(0.0);
     }
 
-    /// Standstill at once: the velocities are zero already.
+    /// Stops at once; the velocities are zero already.
     pub fn stand(&mut self) {
         self.rate = 0.0;
         self.target = 0.0;

@@ -1,7 +1,7 @@
-//! Where the lines were, kept on disk, so that a power cut does not lose the position silently.
+//! Position file: the cable lengths on disk, so that a power cut does not lose the position.
 //!
-//! A thread of its own writes: the loop hands over a copy and never waits. What comes back after a restart is only a claim, until
-//! somebody confirms it.
+//! A separate thread writes; the loop hands over a copy and never waits. After a restart the stored position needs
+//! confirmation by the operator.
 
 use crate::settings::CoreConfig;
 use config::file;
@@ -17,62 +17,62 @@ use tracing::warn;
 
 /// Shortest time between two writes, ns.
 const PAUSE_NS: u64 = 500_000_000;
-/// Less than this is not worth a write, m.
+/// Least change that is worth a write, m.
 const WORTH_M: f64 = 1e-4;
 /// First line of the file.
 const HEAD: &str = "# Where the lines were when motor-io last looked; written by motor-io.\n";
 
-/// Lengths (m) and encoder counts at one moment.
+/// Lengths (m) and encoder counts at one time.
 pub type Position = ([f64; CABLES], [i64; CABLES]);
 
-/// The file.
+/// Content of the file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PositionFile {
     /// Unstretched length of each cable beyond the routed part, m.
     pub lengths_m: Vec<f64>,
-    /// Encoder count of each cable then.
+    /// Encoder count of each cable at that time.
     pub counts: Vec<i64>,
-    /// Encoder scale then: with another one the counts mean nothing.
+    /// Encoder scale at that time; with another one the counts are meaningless.
     pub counts_per_m: Vec<f64>,
-    /// Anchors then: of another robot the lengths mean nothing.
+    /// Anchors at that time; for another robot the lengths are meaningless.
     pub anchors_m: Vec<[f64; 3]>,
 }
 
-/// Why there is no position to go on from.
+/// Reason why no stored position can be used or kept.
 #[derive(Debug, Error)]
 pub enum PositionError {
-    /// It cannot be read.
+    /// The file cannot be read.
     #[error("{path}: the position from before cannot be read ({why}); zero the robot where it is")]
     Unreadable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The system's or the parser's words.
+        /// Message of the system or the parser.
         why: String,
     },
-    /// It is about something else.
+    /// The file belongs to another robot.
     #[error("{path}: the position from before is of another robot or other encoders; zero the robot where it is")]
     OtherRobot {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
     },
-    /// Two would overwrite each other's.
+    /// Another process keeps the same position.
     #[error("{path}: another motor-io of this robot is running and keeps the position there; end it first")]
     InUse {
-        /// What it holds.
+        /// Path of the lock file.
         path: PathBuf,
     },
-    /// It cannot be written.
+    /// The file cannot be written.
     #[error("{path}: the position cannot be kept ({why}); give a folder that can be written with --state")]
     Unwritable {
-        /// The file.
+        /// Path of the file.
         path: PathBuf,
-        /// The system's words.
+        /// Message of the system.
         why: String,
     },
 }
 
-/// Keeps the position of one robot.
+/// Writer of one robot's position file.
 #[derive(Debug)]
 pub struct Keeper {
     sender: Option<SyncSender<Position>>,
@@ -80,7 +80,7 @@ pub struct Keeper {
     kept: Option<Position>,
     kept_ns: u64,
     cables: usize,
-    /// Held for the life of this process, so that no second one claims the same position.
+    /// Held for the life of this process, so that no second one writes the same file.
     _lock: File,
 }
 
@@ -95,10 +95,10 @@ impl PositionFile {
         }
     }
 
-    /// Reads the position that `folder` holds for the box `name`; `None` if there is none.
+    /// Reads the position of the robot `name` from `folder`; `None` without a file.
     ///
     /// # Errors
-    /// Says why what is there cannot be used.
+    /// The file cannot be read, or belongs to another robot.
     pub fn load(folder: &Path, name: &str, config: &CoreConfig) -> Result<Option<Position>, PositionError> {
         let path = path_of(folder, name);
         let text = match file::read_text_if_there(&path) {
@@ -126,7 +126,7 @@ impl PositionFile {
         Ok(Some((lengths_m, counts)))
     }
 
-    /// Writes it whole or not at all.
+    /// Writes the file as a whole or not at all.
     fn write(&self, path: &Path) -> io::Result<()> {
         let text = toml::to_string(self).map_err(io::Error::other)?;
         file::replace(path, &format!("{HEAD}{text}"))
@@ -138,7 +138,7 @@ fn path_of(folder: &Path, name: &str) -> PathBuf {
 }
 
 impl Keeper {
-    /// Starts the thread that writes into `folder`, which is made if it is not there.
+    /// Starts the thread that writes into `folder`, which is created if missing.
     ///
     /// # Errors
     /// The folder cannot be written.
@@ -177,7 +177,7 @@ impl Keeper {
         Ok(Self { sender: Some(sender), thread: Some(thread), kept: None, kept_ns: 0, cables, _lock: lock })
     }
 
-    /// Hands over the present position, at most twice a second and only if it has changed. Never waits, never allocates.
+    /// Hands over the present position, at most twice a second and only if it has changed. Never waits or allocates.
     pub fn keep(&mut self, position: Option<Position>, now_ns: u64) {
         let Some(position) = position else { return };
         if now_ns.saturating_sub(self.kept_ns) < PAUSE_NS || !self.has_moved(&position) {
@@ -186,7 +186,7 @@ impl Keeper {
         if let Some(sender) = &self.sender {
             match sender.try_send(position) {
                 Ok(()) => (self.kept, self.kept_ns) = (Some(position), now_ns),
-                // Still writing the last one: the next cycle tries again.
+                // The previous write is not finished; the next cycle tries again.
                 Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {}
             }
         }

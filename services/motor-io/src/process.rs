@@ -1,52 +1,52 @@
-//! The process: the core, the drives and the bus, brought together once per period.
+//! The process: core, drives and bus, connected once per period.
 
 use crate::core::{Core, Observation};
 use crate::drives::Drives;
 use crate::inbox::Inbox;
 use crate::kernel::Evidence;
-use crate::position::{Keeper, PositionFile};
-use crate::safety::Mode;
+use crate::position::{Keeper, Position, PositionFile};
 use crate::settings::CoreConfig;
-use bus::clock::{Pacer, SECOND_NS, now_ns};
-use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, estop};
+use bus::clock::{Pacer, SECOND_NS, Tick, now_ns};
+use bus::{Bus, BusError, Call, Publisher, Server, Subscriber, Waiter, estop};
 use config::{RobotFile, SystemFile};
 use messages::{
     Energy, Heartbeat, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState, NodeEstimate, OperatorRequest,
-    PlanMotion, SLOT_NAMES,
+    PlanMotion, Request, RequestBody, SLOT_NAMES,
 };
 use robot_state::sentences::{fault_sentences, faults_of, mode_sentence};
 use runtime::{BadInput, Chassis};
 use std::path::Path;
 use tracing::{info, warn};
 
-/// Share of the period, from its tick, in which the drives have to answer; the rest belongs to estimator and controller.
+/// Fraction of the period, from its scheduled begin, in which the drives must answer; the rest belongs to
+/// estimator and controller.
 const BUS_SHARE: f64 = 0.85;
-/// Share of the period that the drives get at least, however late the cycle began.
+/// Least fraction of the period for the drives, however late the cycle began.
 const BUS_LEAST: f64 = 0.65;
-/// Share of the period for which a command that is not there at the tick is waited for: a hiccup of the machine then costs a
-/// little delay and not a cycle.
+/// Fraction of the period to wait for a late command: a hiccup of the machine then costs a little
+/// delay and not a cycle.
 const GRACE_SHARE: f64 = 0.2;
-/// Share of the period that the chain has for its answer at least, however late the drives were with what it answers to ..
+/// Least fraction of the period for the control chain's answer, however late the drives were ..
 const ANSWER_LEAST: f64 = 0.5;
-/// .. but not longer after the tick than this share: the drives want their time too.
+/// .. but at most until this fraction after the scheduled begin, because the drives need their time too.
 const GRACE_MOST: f64 = 0.4;
-/// The energy changes slowly: every so many seconds.
+/// Time between two samples of the energy, which changes slowly, s.
 const ENERGY_S: f64 = 0.1;
-/// Drives have this long to come up without a word, s; the virtual box makes its ports while this process starts. A port that is not there
-/// by then is an error; a unit that does not answer is waited for, and this process is not ready before.
+/// Time for the drives to appear without a warning, s; the virtual motor box creates its ports while motor-io starts.
+/// After it, a missing port is an error. motor-io waits for a unit that does not answer, and is not ready before.
 const PATIENCE_S: f64 = 5.0;
-/// A robot that is told to end while it moves gets this long to come to rest, s.
+/// Longest wait for a moving robot to come to rest at the end of the process, s.
 const LAST_STOP_S: f64 = 3.0;
 
 impl CoreConfig {
-    /// The configuration of a box and its robot.
+    /// Creates the configuration of a system and its robot.
     ///
     /// # Errors
     /// Names the key that cannot be used.
     pub fn from_files(system_file: &SystemFile, robot_file: &RobotFile) -> Result<Self, BadInput> {
         let section = &system_file.motor_io;
         let robot = robot_file.robot().map_err(|error| BadInput(error.to_string()))?;
-        // The estimate is compared with this: both take the lines for the same.
+        // The estimate is compared with this position, so both use the same stretch.
         let robot = if system_file.estimator.stretch { robot } else { robot.with_rigid_lines() };
         let units: Vec<Vec<usize>> = section
             .ports
@@ -90,10 +90,10 @@ impl CoreConfig {
     }
 }
 
-/// Runs until the chassis is told to end. `state_folder` keeps the position over restarts.
+/// Runs until the chassis ends it. `state_folder` keeps the position over restarts.
 ///
 /// # Errors
-/// [`BadInput`] for what is configured; a sentence naming the port if the drives are not there.
+/// [`BadInput`] for the configuration; a sentence with the port if the drives are missing.
 pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result<()> {
     let system_file = chassis.system_file()?.clone();
     let config = CoreConfig::from_files(&system_file, &system_file.robot_file()?)?;
@@ -109,103 +109,185 @@ pub fn run(chassis: &mut Chassis, state_folder: Option<&Path>) -> anyhow::Result
         warn!("{error}");
         None
     });
-    let mut drives = Drives::open(&system_file, &config, chassis.bus().domain().root())?;
-    let mut ports = Ports::open(chassis.bus())?;
-    // A later life has a larger number; a computer that starts again begins with empty shared memory.
-    let life = now_ns().max(1);
-    let mut inbox = Inbox::new(config.cable_count(), config.unit_count).of_life(life);
-    inbox.first((chassis.incarnation() & 0x3fff_ffff).max(1), restored);
-
-    let period_ns = (config.period_s * 1e9).round() as u64;
-    let share = |share: f64| (config.period_s * 1e9 * share) as u64;
-    let (bus_ns, bus_least_ns) = (share(BUS_SHARE), share(BUS_LEAST));
-    let (grace_ns, answer_least_ns, grace_most_ns) = (share(GRACE_SHARE), share(ANSWER_LEAST), share(GRACE_MOST));
-    let patience = config.cycles(PATIENCE_S).into();
     let last_stop = config.cycles(LAST_STOP_S).into();
-    let energy_every = u64::from(config.cycles(ENERGY_S));
-    let mut core = Core::new(config);
-    let mut reporter = Reporter::default();
-    let mut server = chassis.bus().server(chassis.name())?;
-    let mut emergency = estop::Receiver::open(chassis.bus().domain())?;
-    let mut waiter = chassis.bus().waiter(&["motor/command/a", "motor/command/b"])?;
-    let (mut ready, mut ending, mut published_ns) = (false, 0_u64, 0_u64);
+    let period_ns = (config.period_s * 1e9).round() as u64;
+    let mut process = Process::open(chassis, &system_file, config, restored)?;
+    let mut ending = 0_u64;
     let mut pacer = Pacer::new(period_ns);
-
     for cycle in 1_u64.. {
         let tick = pacer.next();
         chassis.pass_begin();
         if !chassis.running() {
             ending += 1;
-            let moving = matches!(core.mode(), Mode::Following | Mode::Stopping | Mode::Jogging);
-            if !moving || ending > last_stop {
+            if !process.core.moves() || ending > last_stop {
                 break;
             }
             if ending == 1 {
-                inbox.request(0, OperatorRequest::VERB_STOP, &[0.0; 8]);
+                process.inbox.request(0, &Request::Stop.body());
             }
         }
-        // Takes away the wake-ups of the last cycle; from here on a new one is not lost.
-        reporter.bus(waiter.wait_until(Some(0)).map(|_| ()));
-        let awaited = core.awaited_slots();
-        let mut answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);
-        let earliest_ns = tick.woke_ns.saturating_add(grace_ns);
-        // By the tick and not by the wake-up: what begins later than this is the computer's lateness, and never patience.
-        let latest_ns = tick.scheduled_ns.saturating_add(grace_most_ns);
-        let patient_ns = published_ns.saturating_add(answer_least_ns).max(earliest_ns).min(latest_ns);
-        while !answered && core.awaits_command() && now_ns() < patient_ns {
-            reporter.bus(waiter.wait_until(Some(patient_ns)).map(|_| ()));
-            answered = ports.commands((life, cycle), awaited, &mut inbox, &mut reporter);
+        process.wait_for_command(cycle, &tick);
+        let observation = process.cycle(cycle, &tick);
+        keeper.keep(process.core.position(), tick.woke_ns);
+        if !process.ready && process.is_up(cycle, &observation)? {
+            chassis.ready()?;
         }
+        process.inbox.finish();
+        chassis.report_lost(process.ports.lost());
+        chassis.pass_end();
+        process.reporter.bus(chassis.idle().map(|_| ()));
+    }
+    keeper.finish(process.core.position());
+    Ok(())
+}
+
+/// Time limits within a cycle, ns.
+struct Limits {
+    bus_ns: u64,
+    bus_least_ns: u64,
+    grace_ns: u64,
+    answer_least_ns: u64,
+    grace_most_ns: u64,
+}
+
+impl Limits {
+    fn new(period_s: f64) -> Self {
+        let share = |share: f64| (period_s * 1e9 * share) as u64;
+        Self {
+            bus_ns: share(BUS_SHARE),
+            bus_least_ns: share(BUS_LEAST),
+            grace_ns: share(GRACE_SHARE),
+            answer_least_ns: share(ANSWER_LEAST),
+            grace_most_ns: share(GRACE_MOST),
+        }
+    }
+}
+
+/// The core with everything that it exchanges samples with.
+struct Process {
+    core: Core,
+    inbox: Inbox,
+    drives: Drives,
+    ports: Ports,
+    server: Server,
+    emergency: estop::Receiver,
+    waiter: Waiter,
+    reporter: Reporter,
+    life: u64,
+    limits: Limits,
+    /// Cycles for the drives to appear.
+    patience: u64,
+    /// Cycles between two samples of the energy.
+    energy_every: u64,
+    /// All drive units have answered.
+    ready: bool,
+    /// Publication time of the newest state, ns.
+    published_ns: u64,
+}
+
+impl Process {
+    fn open(
+        chassis: &Chassis,
+        system_file: &SystemFile,
+        config: CoreConfig,
+        restored: Option<Position>,
+    ) -> anyhow::Result<Self> {
+        let bus = chassis.bus();
+        let drives = Drives::open(system_file, &config, bus.domain().root())?;
+        for (port, reading) in drives.unwatched() {
+            warn!(
+                "{port}: its drives do not report {reading}, so the faults of a cable that show in it are not detected"
+            );
+        }
+        // A later life has a larger number; after a restart of the computer, the shared memory is empty.
+        let life = now_ns().max(1);
+        let mut inbox = Inbox::new(config.cable_count(), config.unit_count).of_life(life);
+        inbox.first((chassis.incarnation() & 0x3fff_ffff).max(1), restored);
+        Ok(Self {
+            inbox,
+            drives,
+            ports: Ports::open(bus)?,
+            server: bus.server(chassis.name())?,
+            emergency: estop::Receiver::open(bus.domain())?,
+            waiter: bus.waiter(&["motor/command/a", "motor/command/b"])?,
+            reporter: Reporter::default(),
+            life,
+            limits: Limits::new(config.period_s),
+            patience: config.cycles(PATIENCE_S).into(),
+            energy_every: config.cycles(ENERGY_S).into(),
+            ready: false,
+            published_ns: 0,
+            core: Core::new(config),
+        })
+    }
+
+    /// Receives commands; waits for a late one while it is worth it.
+    fn wait_for_command(&mut self, cycle: u64, tick: &Tick) {
+        // Discards the wake-ups of the previous cycle; later ones are not lost.
+        self.reporter.bus(self.waiter.wait_until(Some(0)).map(|_| ()));
+        let (of, awaited) = ((self.life, cycle), self.core.awaited_slots());
+        let mut answered = self.ports.commands(of, awaited, &mut self.inbox, &mut self.reporter);
+        let earliest_ns = tick.woke_ns.saturating_add(self.limits.grace_ns);
+        // Relative to the scheduled begin and not to the wake-up: a later begin is due to the computer, not to waiting.
+        let latest_ns = tick.scheduled_ns.saturating_add(self.limits.grace_most_ns);
+        let patient_ns = self.published_ns.saturating_add(self.limits.answer_least_ns).max(earliest_ns).min(latest_ns);
+        while !answered && self.core.awaits_command() && now_ns() < patient_ns {
+            self.reporter.bus(self.waiter.wait_until(Some(patient_ns)).map(|_| ()));
+            answered = self.ports.commands(of, awaited, &mut self.inbox, &mut self.reporter);
+        }
+    }
+
+    /// Decides, exchanges with the drives, publishes and answers requests.
+    fn cycle(&mut self, cycle: u64, tick: &Tick) -> Observation {
+        let Self { core, inbox, drives, ports, server, emergency, reporter, limits, .. } = self;
         let stops = emergency.take();
         if let Some(first) = stops.first() {
             inbox.emergency(stops.len(), &first.request);
         }
-        let call = ports.gather(core.motion(), &mut inbox, &mut server, &mut reporter);
+        let call = ports.gather(core.motion(), inbox, server, reporter);
         let begin_ns = now_ns();
         inbox.judge_at(core.plan_time_s());
         let input = inbox.begin(cycle, tick.scheduled_ns, begin_ns);
-        ports.evidence.look(drives.left_out_ns(), published_ns, input);
+        ports.evidence.look(drives.left_out_ns(), self.published_ns, input);
         let command = core.decide(input);
-        drives.exchange(
-            cycle,
-            &command,
-            tick.scheduled_ns.saturating_add(bus_ns).max(begin_ns.saturating_add(bus_least_ns)),
-            input,
-        );
+        let until_ns =
+            tick.scheduled_ns.saturating_add(limits.bus_ns).max(begin_ns.saturating_add(limits.bus_least_ns));
+        drives.exchange(cycle, &command, until_ns, input);
         input.end_ns = now_ns();
         let observation = core.observe(input);
-        ports.publish(observation, inbox.input(), cycle % energy_every == 0, &mut reporter);
-        published_ns = now_ns();
-        answer(call, &core, drives.absent(), &mut reporter);
-        answer_stops(&stops, &emergency, &mut server, &core, &mut reporter);
-        if ready || cycle > patience {
+        ports.publish(observation, inbox.input(), cycle.is_multiple_of(self.energy_every), reporter);
+        self.published_ns = now_ns();
+        answer(call, core, drives.absent(), reporter);
+        answer_stops(&stops, emergency, server, core, reporter);
+        if self.ready || cycle > self.patience {
             reporter.look(&observation.authority);
-            // Last: what is still waited for at the start is read from the end of what was said.
-            reporter.drives(&mut drives);
+            // Last: during start-up, the reported errors show what is still missing.
+            reporter.drives(drives);
         }
-        keeper.keep(core.position(), tick.woke_ns);
-        if !ready {
-            let up = observation.state.unit_ok[..usize::from(observation.state.unit_count)].iter().all(|ok| *ok == 1);
-            if up {
-                chassis.ready()?;
-                ready = true;
-                let _ = drives.trouble(); // what was said while the units were being set up
-            } else if cycle >= patience
-                && let Some(error) = drives.lost()
-            {
-                anyhow::bail!("the drives are not there: {error}");
-            }
-        }
-        inbox.finish();
-        chassis.report_lost(ports.lost());
-        chassis.pass_end();
-        reporter.bus(chassis.idle().map(|_| ()));
+        observation
     }
-    keeper.finish(core.position());
-    Ok(())
+
+    /// Returns true in the cycle in which all drive units answer for the first time.
+    fn is_up(&mut self, cycle: u64, observation: &Observation) -> anyhow::Result<bool> {
+        let state = &observation.state;
+        self.ready = state.unit_ok[..usize::from(state.unit_count)].iter().all(|ok| *ok == 1);
+        if self.ready {
+            let _ = self.drives.trouble(); // errors during the set-up of the units
+            for (port, unit) in self.drives.units() {
+                let firmware = unit.firmware.as_ref().map_or("unknown", |firmware| firmware.as_str());
+                let watchdog_ms = unit.watchdog_ms.unwrap_or(0);
+                info!("{port}, {}: firmware {firmware}, watchdog {watchdog_ms} ms", unit.name);
+            }
+        } else if cycle >= self.patience
+            && let Some(error) = self.drives.lost()
+        {
+            anyhow::bail!("the drives are not there: {error}");
+        }
+        Ok(self.ready)
+    }
 }
 
-/// What the process hears and says.
+/// Channels of the process.
 struct Ports {
     commands: [Subscriber<MotorCommand>; 2],
     estimates: [Subscriber<NodeEstimate>; 2],
@@ -217,7 +299,7 @@ struct Ports {
     input: Publisher<MotorInput>,
     energy: Publisher<Energy>,
     evidence: Evidence,
-    /// Kept here so that publishing the input needs no copy on the stack each time.
+    /// Stored here, so that publishing the input needs no copy on the stack.
     sent_input: Box<MotorInput>,
 }
 
@@ -239,8 +321,8 @@ impl Ports {
         })
     }
 
-    /// Takes in commands; true once the controller that is awaited answers the last cycle by the estimate that is awaited. A standby's
-    /// answer may be there before: it is for the case that the other does not come.
+    /// Receives commands; returns true once the awaited controller has answered the previous cycle with the awaited
+    /// estimate. A standby's answer may arrive earlier; it is used only if the other one is missing.
     fn commands(
         &mut self,
         (life, cycle): (u64, u64),
@@ -250,7 +332,7 @@ impl Ports {
     ) -> bool {
         let mut awaited = false;
         for (slot, commands) in self.commands.iter_mut().enumerate() {
-            // What a dead controller left behind arrives first: the answer to the last cycle counts, whenever it comes.
+            // Samples of a dead controller arrive first; the answer to the previous cycle counts, whenever it arrives.
             let mut answered = false;
             while let Some(command) = reporter.take(commands.receive()) {
                 self.evidence.command(slot, &command);
@@ -265,7 +347,7 @@ impl Ports {
         awaited
     }
 
-    /// Takes in everything else that has arrived, and at most one request.
+    /// Receives everything else that has arrived, and at most one request.
     fn gather<'a>(
         &mut self,
         following: u32,
@@ -288,13 +370,13 @@ impl Ports {
         let call = if inbox.has_room() { reporter.take(server.try_next()) } else { None };
         if let Some(call) = &call {
             let request = &call.request;
-            inbox.request_made(request.id, request.verb, &request.args, request.header.stamp_ns);
+            inbox.request_made(request.id, &request.body, request.header.stamp_ns);
         }
         call
     }
 
     fn publish(&mut self, mut observation: Observation, input: &MotorInput, energy: bool, reporter: &mut Reporter) {
-        // First what estimator and controller wait for.
+        // First the samples for which estimator and controller wait.
         reporter.bus(self.state.send(&mut observation.state).map(|_| ()));
         reporter.bus(self.authority.send(&mut observation.authority).map(|_| ()));
         reporter.bus(self.slots.send(&mut observation.slots).map(|_| ()));
@@ -312,12 +394,12 @@ impl Ports {
     }
 }
 
-/// Passes on what the core has answered. Whoever is not allowed to arm because a unit does not answer (`absent`) is told on which port,
-/// and what comes from there; the core knows of no ports.
-fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&roboclaw::Error>, reporter: &mut Reporter) {
+/// Sends the core's answer. If a unit that does not answer (`absent`) prevents arming, the answer names its port, which
+/// the core does not know.
+fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&drives::Error>, reporter: &mut Reporter) {
     let Some(call) = call else { return };
     let Some(answer) =
-        core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.verb)
+        core.answers().iter().find(|answer| answer.id == call.request.id && answer.verb == call.request.body.verb)
     else {
         reporter.bus(call.answer(
             OperatorRequest::BAD_INPUT,
@@ -325,10 +407,10 @@ fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&roboclaw::Error>,
         ));
         return;
     };
-    let asks_for_drives = matches!(answer.verb, OperatorRequest::VERB_ARM | OperatorRequest::VERB_RESET);
+    let asks_for_drives = matches!(answer.verb, RequestBody::VERB_ARM | RequestBody::VERB_RESET);
     let sentence = match absent {
         Some(error) if asks_for_drives && !answer.is_accepted() => {
-            let not_done = if answer.verb == OperatorRequest::VERB_ARM { "armed" } else { "reset" };
+            let not_done = if answer.verb == RequestBody::VERB_ARM { "armed" } else { "reset" };
             format!("Not {not_done}: {error}.")
         }
         _ => answer.sentence.to_string(),
@@ -337,7 +419,7 @@ fn answer(call: Option<Call<'_>>, core: &Core, absent: Option<&roboclaw::Error>,
     reporter.bus(call.answer(answer.accepted, &sentence));
 }
 
-/// The first of the emergency stops has gone to the core; its answer is that of all.
+/// Answers all emergency stops with the core's answer to the first.
 fn answer_stops(
     stops: &[estop::Stop],
     emergency: &estop::Receiver,
@@ -346,7 +428,7 @@ fn answer_stops(
     reporter: &mut Reporter,
 ) {
     let Some(first) = stops.first() else { return };
-    let Some(answer) = core.answers().iter().find(|answer| answer.verb == first.request.verb) else { return };
+    let Some(answer) = core.answers().iter().find(|answer| answer.verb == first.request.body.verb) else { return };
     for stop in stops {
         emergency.answer(stop, answer.accepted, &answer.sentence);
         info!("emergency stop of process {}: {}", stop.request.pid, answer.sentence);
@@ -354,15 +436,16 @@ fn answer_stops(
     }
 }
 
-/// Says what changes, once; and that the bus fails, not more than once a second: a robot that is held must not be dropped
-/// because a sample could not be published.
+/// Logs changes once, and bus errors at most once a second: a sample that could not be published is no reason
+/// to drop the robot.
 #[derive(Debug, Default)]
 struct Reporter {
     mode: u8,
     faults: u32,
     complained_ns: u64,
     troubled_ns: u64,
-    trouble: Option<roboclaw::Error>,
+    conditions_ns: u64,
+    trouble: Option<drives::Error>,
 }
 
 impl Reporter {
@@ -383,14 +466,20 @@ impl Reporter {
         })
     }
 
-    /// Noise comes in bursts, and a line that is gone stays gone: not more than one sentence a second, and the same one again
-    /// only after a minute.
+    /// Logs at most one error a second, and the same one again only after a minute: noise comes in bursts, and a
+    /// missing port stays missing.
     fn drives(&mut self, drives: &mut Drives) {
         let now = now_ns();
+        if now.saturating_sub(self.conditions_ns) > SECOND_NS
+            && let Some(condition) = drives.condition()
+        {
+            self.conditions_ns = now;
+            warn!("{condition}");
+        }
         let Some(trouble) = drives.trouble() else { return };
-        // Where it is known what is the matter with a unit, its way back is no news.
+        // The reason why a unit is missing matters more than its resynchronisation.
         let error = match drives.absent() {
-            Some(absent) if matches!(trouble, roboclaw::Error::Resynchronising { .. }) => absent.clone(),
+            Some(absent) if matches!(trouble, drives::Error::Resynchronising { .. }) => absent.clone(),
             _ => trouble,
         };
         let pause_ns = if self.trouble.as_ref() == Some(&error) { 60 * SECOND_NS } else { SECOND_NS };

@@ -3,13 +3,15 @@
 
 use crate::answer::{Answer, Sentence, sentence};
 use crate::arbiter::role::Refusal;
-use crate::core::{Core, Jog};
+use crate::core::Core;
+use crate::mode::{Jog, Mode, Stop};
 use crate::plan_clock::SLOWEST;
-use crate::safety::Mode;
 use crate::settings::{CoreConfig, JOG_LIMIT_M};
 use cable_robot::{Vector3, elastic, kinematics, tension};
 use messages::faults::{Faults, STOPS};
-use messages::{CONTROLLERS, MotorAuthority, MotorInput, MotorState, OperatorRequest, ROLES, SLOT_NAMES, SLOTS};
+use messages::{
+    CONTROLLERS, MotorAuthority, MotorInput, MotorState, OperatorRequest, Request, RequestBody, SLOT_NAMES,
+};
 use robot_state::sentences::{FaultList, ROLE_NAMES, WhyNot};
 
 /// A number as it was given; huge ones in powers of ten, so that they leave room for the rest of the sentence.
@@ -27,14 +29,10 @@ impl std::fmt::Display for Given {
 
 /// A request older than this was made in another situation, and whoever made it has been told that nobody answered, s.
 const STALE_S: f64 = 5.0;
-/// What is done however late it comes.
-const ALWAYS_ACCEPTED: [u8; 5] = [
-    OperatorRequest::VERB_ESTOP,
-    OperatorRequest::VERB_STOP,
-    OperatorRequest::VERB_HOLD,
-    OperatorRequest::VERB_PAUSE,
-    OperatorRequest::VERB_DISARM,
-];
+/// Whether a request can only bring the robot to rest: such a request is carried out at any age.
+fn brings_to_rest(request: &Request) -> bool {
+    matches!(request, Request::Estop | Request::Stop | Request::Hold | Request::Pause | Request::Disarm)
+}
 
 /// Refused: not now or as bad input, and why.
 type Refused = (u8, Sentence);
@@ -48,38 +46,49 @@ macro_rules! bad { ($($text:tt)*) => { Err((OperatorRequest::BAD_INPUT, sentence
 impl Core {
     /// Does what one request asks for, or says why not.
     /// `age_s`: how long ago it was made. What comes too late makes the robot rest, but never move.
-    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, verb: u8, args: &[f64; 8], age_s: f64) -> Answer {
-        let outcome = match verb {
-            _ if age_s > STALE_S && !ALWAYS_ACCEPTED.contains(&verb) => no!(
+    pub(crate) fn request(&mut self, input: &MotorInput, id: u64, body: &RequestBody, age_s: f64) -> Answer {
+        let verb = body.verb;
+        let outcome = match Request::from_body(body) {
+            Ok(request) if age_s > STALE_S && !brings_to_rest(&request) => no!(
                 "Not done: the request came {age_s:.0} s after it was made, and the robot may be elsewhere by now; ask again."
             ),
-            OperatorRequest::VERB_ARM => self.arm(),
-            OperatorRequest::VERB_DISARM => self.disarm(),
-            OperatorRequest::VERB_HOLD | OperatorRequest::VERB_PAUSE => self.pause(input),
-            OperatorRequest::VERB_STOP => self.stop_request(),
-            OperatorRequest::VERB_ESTOP => self.emergency_stop(),
-            OperatorRequest::VERB_RESET => self.reset(),
-            OperatorRequest::VERB_ZERO_AT => self.zero_at(args),
-            OperatorRequest::VERB_ZERO_LENGTHS => self.zero_lengths(args),
-            OperatorRequest::VERB_CONFIRM_POSITION => self.confirm_position(),
-            OperatorRequest::VERB_JOG => self.start_jog(args),
-            OperatorRequest::VERB_RESUME => self.resume(input),
-            OperatorRequest::VERB_SPEED => self.set_speed(args[0]),
-            OperatorRequest::VERB_SWAP => self.swap(input, args),
-            OperatorRequest::VERB_ADMIT => self.admit(args),
-            OperatorRequest::VERB_GOTO | OperatorRequest::VERB_RUN => {
-                bad!("Motions are planned by the planner; send this request to it.")
-            }
-            OperatorRequest::VERB_FAULT => bad!("Faults are made by the virtual motor box; send this request to it."),
-            other => bad!(
-                "There is no request number {other}; this program and the one that asked are of different versions."
-            ),
+            Ok(request) => self.carry_out(input, &request),
+            Err(error) => bad!("Not done: {error}."),
         };
         let (accepted, sentence) = match outcome {
             Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
             Err(refused) => refused,
         };
         Answer { id, verb, accepted, sentence }
+    }
+
+    fn carry_out(&mut self, input: &MotorInput, request: &Request) -> Outcome {
+        match request {
+            Request::Arm => self.arm(),
+            Request::Disarm => self.disarm(),
+            Request::Hold | Request::Pause => self.pause(input),
+            Request::Stop => self.stop_request(),
+            Request::Estop => self.emergency_stop(),
+            Request::Reset => self.reset(),
+            Request::ZeroAt { position_m } => self.zero_at(Vector3::from(*position_m)),
+            Request::ZeroLengths { lengths_m } => self.zero_lengths(lengths_m),
+            Request::ConfirmPosition => self.confirm_position(),
+            Request::Jog { cable, distance_m } => self.start_jog(usize::from(*cable), *distance_m),
+            Request::Resume => self.resume(input),
+            Request::Speed { rate } => self.set_speed(*rate),
+            Request::Swap { role, slot } => self.swap(input, role.index(), slot.index()),
+            Request::Admit { role, slot } => self.admit(role.index(), slot.index()),
+            Request::Goto { .. } | Request::Run { .. } => {
+                bad!("Motions are planned by the planner; send this request to it.")
+            }
+            Request::Fault { .. } => bad!("Faults are made by the virtual motor box; send this request to it."),
+            Request::StartProcess { .. }
+            | Request::StopProcess { .. }
+            | Request::RestartProcess { .. }
+            | Request::Plug { .. }
+            | Request::Unplug { .. }
+            | Request::Set { .. } => bad!("Processes are managed by the supervisor; send this request to it."),
+        }
     }
 
     fn arm(&mut self) -> Outcome {
@@ -100,7 +109,7 @@ impl Core {
         self.safety.arm();
         match self.odometry.position() {
             MotorState::POSITION_KNOWN => yes!("Armed: the drives hold the lines."),
-            MotorState::POSITION_FROM_BEFORE_THE_CUT => {
+            MotorState::POSITION_RESTORED => {
                 yes!(
                     "Armed: the drives hold the lines; the position is the one kept from before motor-io was started, so look where the node is and confirm it or zero before a motion."
                 )
@@ -110,8 +119,10 @@ impl Core {
     }
 
     fn disarm(&mut self) -> Outcome {
-        match self.safety.mode() {
-            Mode::Following | Mode::Stopping | Mode::Jogging => no!("Not disarmed: the robot moves; stop first."),
+        match *self.safety.mode() {
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
+                no!("Not disarmed: the robot moves; stop first.")
+            }
             Mode::Disarmed => yes!("Already disarmed."),
             _ if self.limits.last_speed() != 0.0 => {
                 no!("Not disarmed: the robot is still coming to rest; try again in a second.")
@@ -128,15 +139,15 @@ impl Core {
     }
 
     fn pause(&mut self, input: &MotorInput) -> Outcome {
-        match self.safety.mode() {
-            Mode::Following => {
-                self.pausing = true;
+        match self.safety.mode_mut() {
+            Mode::Following(following) => {
+                following.pausing = true;
                 yes!(
                     "Pausing: the robot comes to rest on its path and holds; resume goes on, stop gives the motion up."
                 )
             }
-            Mode::Jogging => {
-                self.cancel_jog();
+            Mode::Jogging(jog) => {
+                jog.cancelled = true;
                 yes!("The cable comes to rest and holds.")
             }
             Mode::Holding => {
@@ -145,24 +156,23 @@ impl Core {
                     && self.begins_here(input)
                 {
                     self.motion.begin(input);
-                    self.motion.suspend();
                 }
                 yes!("Already holding.")
             }
-            Mode::Stopping => yes!("Already coming to rest."),
+            Mode::Stopping(_) => yes!("Already coming to rest."),
             Mode::Disarmed => no!("The drives are off, so nothing can be held; arm first."),
             Mode::Faulted | Mode::EmergencyStop => yes!("Already stopped by a fault; reset it to go on."),
         }
     }
 
     fn resume(&mut self, input: &MotorInput) -> Outcome {
-        match self.safety.mode() {
-            Mode::Following if self.pausing => {
-                self.pausing = false;
+        match self.safety.mode_mut() {
+            Mode::Following(following) if following.pausing => {
+                following.pausing = false;
                 yes!("Going on.")
             }
-            Mode::Following => yes!("The motion is running."),
-            Mode::Holding if self.motion.suspended() => {
+            Mode::Following(_) => yes!("The motion is running."),
+            Mode::Holding if self.motion.id() != 0 => {
                 let lost = self.who_is_lost();
                 if lost != 0 {
                     return no!("Not resumed: {}.", FaultList(&Faults { bits: lost, ..Faults::default() }));
@@ -175,44 +185,45 @@ impl Core {
                 if input.motion != self.motion.id() || input.motion_epoch != self.safety.epoch() {
                     return no!("Not resumed: the planner no longer has this motion; stop, then start a new one.");
                 }
-                if !self.chosen_in_charge().is_some_and(|chosen| self.motion.has(chosen.segment)) {
+                let Some(chosen) = self.chosen_in_charge().filter(|chosen| self.motion.has(chosen.segment)) else {
                     return no!(
                         "Not resumed: no controller answers for this motion; look at nims status which process is missing."
                     );
-                }
+                };
                 if let Some(off_m) = self.setpoint_distance_m(input).filter(|off_m| *off_m > self.config.divergence_m) {
                     return no!(
                         "Not resumed: the node is {off_m:.2} m from where the motion was left (accepted: {} m); stop, then start a new motion.",
                         self.config.divergence_m
                     );
                 }
-                self.follow();
+                self.follow(&chosen);
                 yes!("Going on where the motion was left.")
             }
             Mode::Holding => no!("There is no paused motion to go on with."),
-            Mode::Stopping => no!("The robot is coming to rest; resume when it holds."),
-            Mode::Jogging => no!("A cable is being jogged; there is no paused motion."),
+            Mode::Stopping(_) => no!("The robot is coming to rest; resume when it holds."),
+            Mode::Jogging(_) => no!("A cable is being jogged; there is no paused motion."),
             Mode::Disarmed => no!("The drives are off and no motion is kept; arm and start a new one."),
             Mode::Faulted | Mode::EmergencyStop => no!("A fault has ended the motion; reset it, then start a new one."),
         }
     }
 
     fn stop_request(&mut self) -> Outcome {
-        match self.safety.mode() {
-            Mode::Following => {
-                self.begin_stop(true, 0);
+        match self.safety.mode_mut() {
+            Mode::Following(following) => {
+                let stop = Stop { dropped: true, ..Stop::on_path(following.steering) };
+                self.begin_stop(stop, 0);
                 yes!("Stopping on the path; the motion is given up.")
             }
-            Mode::Stopping => {
-                self.drop_motion_after_stop();
+            Mode::Stopping(stop) => {
+                stop.dropped = true;
                 yes!("Already coming to rest; the motion is given up.")
             }
-            Mode::Jogging => {
-                self.cancel_jog();
+            Mode::Jogging(jog) => {
+                jog.cancelled = true;
                 yes!("The cable comes to rest and holds.")
             }
             Mode::Holding => {
-                let kept = self.motion.suspended();
+                let kept = self.motion.id() != 0;
                 self.abandon();
                 self.safety.clear_stops(STOPS);
                 self.safety.bump();
@@ -239,7 +250,7 @@ impl Core {
 
     fn reset(&mut self) -> Outcome {
         match self.safety.mode() {
-            Mode::Following | Mode::Stopping | Mode::Jogging => {
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
                 no!("Nothing is reset while the robot moves; stop first.")
             }
             Mode::Holding => {
@@ -272,7 +283,9 @@ impl Core {
     /// Zeroing changes what every length means, so nothing may move by the old ones.
     fn may_zero(&self) -> Outcome {
         match self.safety.mode() {
-            Mode::Following | Mode::Stopping | Mode::Jogging => no!("Not zeroed: the robot moves; stop first."),
+            Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_) => {
+                no!("Not zeroed: the robot moves; stop first.")
+            }
             Mode::Faulted | Mode::EmergencyStop => no!("Not zeroed: the robot is stopped by a fault; reset it first."),
             Mode::Holding | Mode::Disarmed if !self.odometry.complete() => {
                 no!("Not zeroed: not every encoder has been read yet; try again in a second.")
@@ -287,9 +300,8 @@ impl Core {
         self.safety.bump();
     }
 
-    fn zero_at(&mut self, args: &[f64; 8]) -> Outcome {
+    fn zero_at(&mut self, at: Vector3<f64>) -> Outcome {
         self.may_zero()?;
-        let at = Vector3::new(args[0], args[1], args[2]);
         if !at.iter().all(|v| v.is_finite() && v.abs() < 1e5) {
             let [x, y, z] = [Given(at.x), Given(at.y), Given(at.z)];
             return bad!("Not zeroed: [{x}, {y}, {z}] is no position; give x, y and z in metres.");
@@ -311,11 +323,17 @@ impl Core {
         yes!("The node is at [{}, {}, {}] now.", at.x, at.y, at.z)
     }
 
-    fn zero_lengths(&mut self, args: &[f64; 8]) -> Outcome {
+    fn zero_lengths(&mut self, lengths_m: &[f64]) -> Outcome {
         self.may_zero()?;
         let n = self.config.cable_count();
-        self.check_lengths(&args[..n])?;
-        self.zero(&args[..n]);
+        if lengths_m.len() != n {
+            return bad!(
+                "Not zeroed: {} lengths are given; this robot has {n} cables, give one per cable.",
+                lengths_m.len()
+            );
+        }
+        self.check_lengths(lengths_m)?;
+        self.zero(lengths_m);
         yes!("The lengths of the {n} cables are set.")
     }
 
@@ -336,7 +354,9 @@ impl Core {
         match (self.safety.mode(), self.odometry.position()) {
             (_, MotorState::POSITION_KNOWN) => yes!("The position is known; there is nothing to confirm."),
             (_, MotorState::POSITION_UNKNOWN) => no!("There is no position to confirm; zero the robot where it is."),
-            (Mode::Following | Mode::Stopping | Mode::Jogging, _) => no!("Not confirmed: the robot moves; stop first."),
+            (Mode::Following(_) | Mode::Stopping(_) | Mode::Jogging(_), _) => {
+                no!("Not confirmed: the robot moves; stop first.")
+            }
             _ => {
                 self.abandon();
                 self.odometry.confirm();
@@ -346,11 +366,10 @@ impl Core {
         }
     }
 
-    fn start_jog(&mut self, args: &[f64; 8]) -> Outcome {
+    fn start_jog(&mut self, number: usize, metres: f64) -> Outcome {
         let n = self.config.cable_count();
-        let [number, metres] = [args[0], args[1]];
-        if !(1..=n).any(|cable| cable as f64 == number) {
-            return bad!("Not jogged: there is no cable {}; accepted: 1 to {n}.", Given(number));
+        if !(1..=n).contains(&number) {
+            return bad!("Not jogged: there is no cable {number}; accepted: 1 to {n}.");
         }
         if !metres.is_finite() || metres == 0.0 || metres.abs() > JOG_LIMIT_M {
             return bad!(
@@ -360,8 +379,8 @@ impl Core {
         }
         match self.safety.mode() {
             Mode::Holding => {}
-            Mode::Jogging => return no!("Not jogged: a cable is being jogged; wait until it holds."),
-            Mode::Following | Mode::Stopping => return no!("Not jogged: the robot moves; stop first."),
+            Mode::Jogging(_) => return no!("Not jogged: a cable is being jogged; wait until it holds."),
+            Mode::Following(_) | Mode::Stopping(_) => return no!("Not jogged: the robot moves; stop first."),
             Mode::Disarmed => return no!("Not jogged: the drives are off; arm first."),
             Mode::Faulted | Mode::EmergencyStop => {
                 return no!("Not jogged: the robot is stopped by a fault; reset it first.");
@@ -371,10 +390,10 @@ impl Core {
         if lost != 0 {
             return no!("Not jogged: {}.", FaultList(&Faults { bits: lost, ..Faults::default() }));
         }
-        if self.motion.suspended() {
+        if self.motion.id() != 0 {
             return no!("Not jogged: a motion is paused; stop to give it up first.");
         }
-        let cable = number as usize - 1;
+        let cable = number - 1;
         if self.odometry.position() != MotorState::POSITION_UNKNOWN {
             let [low, high] = self.config.robot.length_limits_m()[cable];
             let (now, then) = (self.odometry.length_m(cable), self.odometry.length_m(cable) + metres);
@@ -384,8 +403,7 @@ impl Core {
                 );
             }
         }
-        self.jog = Some(Jog { cable, left_m: metres, cancelled: false });
-        self.safety.enter(Mode::Jogging);
+        self.safety.enter(Mode::Jogging(Jog { cable, left_m: metres, cancelled: false }));
         yes!("Cable {number} {} {:.3} m.", if metres > 0.0 { "pays out" } else { "reels in" }, metres.abs())
     }
 
@@ -397,21 +415,7 @@ impl Core {
         }
     }
 
-    /// The role and the slot that a request means.
-    fn seat(args: &[f64; 8]) -> Result<(usize, usize), Refused> {
-        let index = |value: f64, end: usize| (0..end).find(|i| *i as f64 == value);
-        match (index(args[0], ROLES), index(args[1], SLOTS)) {
-            (Some(role), Some(slot)) => Ok((role, slot)),
-            _ => bad!(
-                "Not done: there is no slot {} of role {}; this program and the one that asked are of different versions.",
-                Given(args[1]),
-                Given(args[0])
-            ),
-        }
-    }
-
-    fn swap(&mut self, input: &MotorInput, args: &[f64; 8]) -> Outcome {
-        let (role, slot) = Self::seat(args)?;
+    fn swap(&mut self, input: &MotorInput, role: usize, slot: usize) -> Outcome {
         let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
         if let Some((off_m, within_s)) = self.swap_moves_off(role, slot)
             && off_m > self.config.divergence_m
@@ -455,8 +459,7 @@ impl Core {
         }
     }
 
-    fn admit(&mut self, args: &[f64; 8]) -> Outcome {
-        let (role, slot) = Self::seat(args)?;
+    fn admit(&mut self, role: usize, slot: usize) -> Outcome {
         let (who, name) = (ROLE_NAMES[role], SLOT_NAMES[slot]);
         match self.arbiter.admit(role, slot) {
             Ok(()) => yes!("The {who} in slot {name} is admitted again; it qualifies from the beginning."),

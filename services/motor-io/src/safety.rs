@@ -1,4 +1,4 @@
-//! Modes, faults and the epoch: what the robot may do, and why it does not.
+//! Modes, faults and the epoch.
 //!
 //! ```text
 //!              arm                 plan/motion + a controller that follows it
@@ -10,34 +10,16 @@
 //!   any mode -- estop --> EmergencyStop -- reset --> Holding, or Disarmed where the drives were off
 //! ```
 //!
-//! A reset leads to Holding and not to Disarmed, because drives that let go let the node sink. The lines stay held through every
-//! fault; only a cable whose encoder does not tell the truth is let go. Lost commands, estimates or supervisors are no faults of the
-//! robot: it stops on the path and holds, the motion is kept, and `resume` goes on with it once the cause is gone.
+//! A reset leads to Holding and not to Disarmed, because the node sinks when the drives let go. The cables stay
+//! held through every fault; only a cable whose encoder is wrong is released. Lost commands, estimates or
+//! supervisors are not faults of the robot: it stops on the path and holds, keeps the motion, and `resume`
+//! continues it once the cause is gone.
 
+use crate::mode::Mode;
 use messages::faults::{Faults, HARD, LASTING, STOPS};
 use messages::{CABLES, MotorAuthority};
 
-/// See the module's picture.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[repr(u8)]
-pub enum Mode {
-    /// The drives are off.
-    Disarmed = MotorAuthority::MODE_DISARMED,
-    /// The drives hold, nothing moves.
-    Holding = MotorAuthority::MODE_HOLDING,
-    /// One cable moves slowly.
-    Jogging = MotorAuthority::MODE_JOGGING,
-    /// The robot follows a motion.
-    Following = MotorAuthority::MODE_FOLLOWING,
-    /// It comes to rest.
-    Stopping = MotorAuthority::MODE_STOPPING,
-    /// Something is wrong with it: it comes to rest and stays there until a reset.
-    Faulted = MotorAuthority::MODE_FAULTED,
-    /// Zero at once, until a reset.
-    EmergencyStop = MotorAuthority::MODE_EMERGENCY_STOP,
-}
-
-/// See the module's text.
+/// State of the safety machine.
 #[derive(Debug, Clone)]
 pub struct Safety {
     mode: Mode,
@@ -54,30 +36,35 @@ impl Safety {
         Self { mode: Mode::Disarmed, energised: false, latched: Faults::default(), live: Faults::default(), epoch: 1 }
     }
 
-    /// Present mode.
+    /// True while cables move because the operator or a mission asked for it.
     #[must_use]
-    pub fn mode(&self) -> Mode {
-        self.mode
+    pub fn mode(&self) -> &Mode {
+        &self.mode
     }
 
-    /// The drives hold or move.
+    /// Present mode, to change its state. [`Safety::enter`] changes the mode itself.
+    pub fn mode_mut(&mut self) -> &mut Mode {
+        &mut self.mode
+    }
+
+    /// True if the drives hold or move.
     #[must_use]
     pub fn energised(&self) -> bool {
         self.energised
     }
 
-    /// Commands and motions for another epoch are refused.
+    /// Present epoch; commands and motions for another one are rejected.
     #[must_use]
     pub fn epoch(&self) -> u32 {
         self.epoch
     }
 
-    /// Begins with another epoch than 1.
+    /// Sets the first epoch, at least 1.
     pub fn begin_epoch(&mut self, epoch: u32) {
         self.epoch = epoch.max(1);
     }
 
-    /// Everything computed before this moment is void.
+    /// Starts a new epoch: older commands are rejected.
     pub fn bump(&mut self) {
         self.epoch = self.epoch.checked_add(1).unwrap_or(1);
     }
@@ -88,7 +75,7 @@ impl Safety {
         if self.energised { self.latched.release } else { [true; CABLES] }
     }
 
-    /// Latched faults; while disarmed also what would prevent arming.
+    /// Latched faults; while disarmed also those that would prevent arming.
     #[must_use]
     pub fn faults(&self) -> Faults {
         let mut all = self.latched;
@@ -103,13 +90,13 @@ impl Safety {
         all
     }
 
-    /// Conditions that persist right now and keep a reset or arming waiting.
+    /// Conditions that persist and prevent a reset or arming.
     #[must_use]
     pub fn lasting(&self) -> Faults {
         Faults { bits: self.live.bits & LASTING, ..self.live }
     }
 
-    /// Takes what was found in this cycle. True if the robot has to stop for it now.
+    /// Records the faults of this cycle. Returns true if the robot enters a latched mode because of them.
     pub fn found(&mut self, found: &Faults) -> bool {
         self.live = *found;
         if self.mode == Mode::Disarmed || found.bits & HARD == 0 {
@@ -128,24 +115,25 @@ impl Safety {
         }
     }
 
-    /// Notes why the robot stops on the path.
+    /// Records why the robot stops on the path.
     pub fn note_stop(&mut self, bits: u32) {
         self.latched.bits |= bits & STOPS;
     }
 
-    /// The causes of a stop are over.
+    /// Clears reasons for a stop.
     pub fn clear_stops(&mut self, bits: u32) {
         self.latched.bits &= !(bits & STOPS);
     }
 
-    /// The robot may not move otherwise than the new mode says. Never leads out of a latched mode; [`Safety::reset`] does.
+    /// Enters a mode. Does not leave a latched mode; [`Safety::reset`] does.
     pub fn enter(&mut self, mode: Mode) {
-        if !matches!(self.mode, Mode::Faulted | Mode::EmergencyStop) || mode == Mode::EmergencyStop {
+        debug_assert!(self.energised || !mode.moves(), "{mode:?} while the drives are off");
+        if !self.mode.is_latched() || mode == Mode::EmergencyStop {
             self.mode = mode;
         }
     }
 
-    /// The drives hold from now on.
+    /// Switches the drives on, and enters Holding.
     pub fn arm(&mut self) {
         self.energised = true;
         self.clear_stops(STOPS);
@@ -153,14 +141,14 @@ impl Safety {
         self.bump();
     }
 
-    /// The drives let go. A latched mode stays.
+    /// Switches the drives off. A latched mode stays.
     pub fn disarm(&mut self) {
         self.energised = false;
         self.enter(Mode::Disarmed);
         self.bump();
     }
 
-    /// Out of a latched mode, where its causes are gone; else false.
+    /// Leaves a latched mode if its causes are gone; else returns false.
     pub fn reset(&mut self) -> bool {
         if self.live.bits & LASTING != 0 {
             return false;

@@ -1,10 +1,10 @@
-//! The set point by which motor-io judges: from the planner's motion, before the core sees it.
+//! Setpoint by which motor-io judges, from the planner's motion.
 
 use cable_robot::Motion;
 use messages::{MotorInput, PlanMotion};
 use segments::motion_of;
 
-/// The motion that plan/motion last held. The one that the robot is in the middle of outlives its planner.
+/// The newest motion of plan/motion. The motion that the robot follows is kept when its planner dies.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Setpoints {
     kept: Option<Kept>,
@@ -19,7 +19,7 @@ struct Kept {
 }
 
 impl Setpoints {
-    /// Takes in plan/motion; `following` is the number of the motion that the robot follows, 0: none.
+    /// Stores plan/motion; `following` is the number of the motion that the robot follows, 0: none.
     pub fn take(&mut self, message: &PlanMotion, following: u32) {
         let of_planner_before = self.kept.is_some_and(|kept| {
             let other = (message.header.life, message.motion) != (kept.life, kept.number);
@@ -32,7 +32,7 @@ impl Setpoints {
         self.kept = motion_of(message).map(|motion| Kept { life, number, beat, motion });
     }
 
-    /// Writes the set point at a time of the plan clock into a cycle's input.
+    /// Writes the setpoint at a time of the plan clock into a cycle's input.
     pub fn write(&self, plan_time_s: f64, input: &mut MotorInput) {
         let kept = self.kept.filter(|kept| kept.life == input.header.life);
         input.setpoint_known = u8::from(kept.is_some());

@@ -1,19 +1,19 @@
-//! What the core is built from, and the checks on it.
+//! Configuration of the core, and its checks.
 
 use cable_robot::{Distribution, Robot};
 use config::ArbiterSection;
 use messages::{CABLES, UNITS};
 use thiserror::Error;
 
-/// One key of the configuration that cannot be used, in one sentence.
+/// A key of the configuration that cannot be used.
 #[derive(Debug, Clone, PartialEq, Error)]
 #[error("[motor_io] {key} {problem}; accepted: {accepted}")]
 pub struct ConfigError {
-    /// The key as the system file spells it.
+    /// Key as in the system file.
     pub key: &'static str,
-    /// What was given.
+    /// Given value.
     pub problem: String,
-    /// What is accepted.
+    /// Accepted values.
     pub accepted: &'static str,
 }
 
@@ -21,7 +21,7 @@ fn refuse<T>(key: &'static str, problem: String, accepted: &'static str) -> Resu
     Err(ConfigError { key, problem, accepted })
 }
 
-/// Everything the core needs to know; made once, checked by [`CoreConfig::check`].
+/// Configuration of the core; [`CoreConfig::check`] checks it.
 ///
 /// [`CoreConfig::new`] fills in the defaults of the system file, so that a simulation gives only what differs.
 #[derive(Debug, Clone)]
@@ -30,41 +30,43 @@ pub struct CoreConfig {
     pub robot: Robot,
     /// Control period, s.
     pub period_s: f64,
-    /// Encoder counts per metre of line, one per cable; negative where the count falls as line pays out.
+    /// Encoder counts per metre of cable, one per cable; negative if the count falls as the cable pays out.
     pub counts_per_m: [f64; CABLES],
-    /// The unit that drives each cable.
+    /// Drive unit of each cable.
     pub unit_of_cable: [usize; CABLES],
-    /// How many units there are.
+    /// Number of drive units.
     pub unit_count: usize,
     /// Largest cable velocity, m/s.
     pub cable_speed_m_s: f64,
-    /// Largest change of a cable's velocity per time, m/s². Wider than the node's limit, because the controller's
-    /// corrections need room beside the planned motion.
+    /// Largest cable acceleration, m/s². Above the node's limit, because the controller's corrections need room beside
+    /// the planned motion.
     pub cable_acceleration_m_s2: f64,
-    /// The node's speed is bounded by the robot's speed limit and this share of it.
+    /// Share by which the node may exceed the robot's speed limit.
     pub node_speed_margin: f64,
-    /// Largest change of the node's velocity per time, m/s².
+    /// Largest acceleration of the node, m/s².
     pub node_acceleration_m_s2: f64,
-    /// What a controller may add to the set point's own velocity, m/s: enough to bring the node back at half its speed limit.
+    /// Largest correction that a controller may add to the setpoint's velocity, m/s: brings the node back at
+    /// half its speed limit.
     pub correction_limit_m_s: f64,
-    /// A motion that begins farther from the node than this is not started, m. Uncorrected stretch is up to 35 mm on the examples.
+    /// Largest distance from the node at which a motion may begin, m. Uncorrected stretch is up to 35
+    /// mm on the examples.
     pub start_bound_m: f64,
-    /// From this distance to the set point on, commands that lead away from it are a fault, m. Drives lag by up to 30 mm at full speed,
-    /// and controllers give no answer from 250 mm on.
+    /// Distance to the setpoint from which commands that lead away from it are a fault, m. Drives lag by up to 30 mm at
+    /// full speed, and controllers do not answer from 250 mm on.
     pub divergence_m: f64,
-    /// For how long they may, s: at the speed limit a third of `divergence_m`.
+    /// Time for which they may, s: a third of `divergence_m` at the speed limit.
     pub divergence_s: f64,
     /// Time in which pause, hold and resume ramp the plan clock between standstill and full rate, s.
     pub ramp_s: f64,
-    /// The same for stop, s.
+    /// Time of the ramp to standstill for stop, s.
     pub stop_s: f64,
     /// Rest after a motion's end before it counts as finished, s.
     pub settle_s: f64,
-    /// So many cycles in a row without a command, and the robot stops; until then the last one is used.
+    /// Cycles in a row without a command after which the robot stops; until then it uses the last one.
     pub ttl_cycles: u32,
     /// Cable velocity of jogging, m/s.
     pub jog_speed_m_s: f64,
-    /// A tension below this is slack, N.
+    /// Tension below which a cable is slack, N.
     pub slack_n: f64,
     /// Cycles before slack or over-tension is a fault.
     pub slack_cycles: u32,
@@ -76,40 +78,70 @@ pub struct CoreConfig {
     pub supply_min_v: f64,
     /// Largest continuous current of a motor, A.
     pub current_limit_a: f64,
-    /// The drives stop their motors after this time without a packet, s.
+    /// Time without a packet after which the drives stop their motors, s.
     pub watchdog_s: f64,
     /// Time without a beat after which the supervisor or the planner counts as lost, s.
     pub beat_s: f64,
-    /// Time for which a second controller or estimator has to answer well beside the one in charge to become its standby, s.
+    /// Time for which a second controller or estimator must answer well beside the one in charge to
+    /// become its standby, s.
     pub qualify_s: f64,
     /// From the announcement of a swap to the cycle in which it takes effect, s.
     pub announce_s: f64,
-    /// Time in which one command fades into another, s: longer than drives lag, shorter than a person notices.
+    /// Time in which one command fades into another, s: longer than the lag of drives, too short to be noticed.
     pub fade_s: f64,
-    /// Time after a swap in which the first cycle that the new one misses gives the old one its place back, unless it had no processor, s.
+    /// Time after a swap in which a cycle missed by the new slot reinstates the old one, unless the
+    /// computer was the cause, s.
     pub probation_s: f64,
     /// Time of good answers after which a standby's falls are forgiven, s.
     pub forgive_s: f64,
-    /// Falls after which a standby is set aside.
+    /// Falls after which a standby is quarantined.
     pub quarantine_falls: u8,
-    /// How far a standby's command may be from that of the controller in charge, as a share of `cable_speed_m_s`. The two laws
-    /// differ most where the motion changes: by the acceleration times the time by which one looks further ahead.
+    /// Largest deviation of a standby's command from the controller in charge, as a share of `cable_speed_m_s`. Laws
+    /// differ most where the motion changes: by the acceleration times the difference of their look-ahead.
     pub command_bound: f64,
-    /// How far it may be from it on average, as a share of what is being commanded, and never less than `bias_bound_m_s`.
+    /// Largest average deviation, as a share of the commanded speed, but at least `bias_bound_m_s`.
     pub bias_share: f64,
-    /// See `bias_share`, m/s: what two good laws differ by while the node accelerates.
+    /// Lower bound of the allowed average deviation, m/s: the difference of two good laws while the node accelerates.
     pub bias_bound_m_s: f64,
-    /// How far a standby's estimate may be from the one in charge, m: what the node may be off its path.
+    /// Largest deviation of a standby's estimate from the one in charge, m.
     pub estimate_bound_m: f64,
-    /// How the tension of more cables than directions is chosen where `zero --at` turns a position into lengths.
+    /// Choice of tensions of more cables than dimensions where `zero --at` turns a position into lengths.
     pub distribution: Distribution,
 }
 
-/// Longest distance of one jog, m: further is a motion, and belongs to the planner.
+/// Longest distance of one jog, m; longer ones are motions of the planner.
 pub const JOG_LIMIT_M: f64 = 2.0;
 
+/// Drive unit of each of `n` cables; `units` lists the cables of each unit.
+fn unit_of_cable(units: &[Vec<usize>], n: usize) -> Result<[usize; CABLES], ConfigError> {
+    if units.is_empty() || units.len() > UNITS {
+        return refuse("ports", format!("name {} drive units", units.len()), "1 to 8 units in all");
+    }
+    let mut unit_of_cable = [usize::MAX; CABLES];
+    for (unit, cables) in units.iter().enumerate() {
+        for &cable in cables {
+            if cable >= n {
+                let problem = format!("give cable {} to unit {}, and the robot has {n} cables", cable + 1, unit + 1);
+                return refuse("ports", problem, "cables from 1 to the number of anchors");
+            }
+            if unit_of_cable[cable] != usize::MAX {
+                let problem =
+                    format!("give cable {} to units {} and {}", cable + 1, unit_of_cable[cable] + 1, unit + 1);
+                return refuse("ports", problem, "every cable on exactly one motor");
+            }
+            unit_of_cable[cable] = unit;
+        }
+    }
+    if let Some(cable) = unit_of_cable[..n].iter().position(|unit| *unit == usize::MAX) {
+        let problem = format!("give cable {} to no unit", cable + 1);
+        return refuse("ports", problem, "every cable on exactly one motor");
+    }
+    Ok(unit_of_cable.map(|unit| if unit == usize::MAX { 0 } else { unit }))
+}
+
 impl CoreConfig {
-    /// A configuration with the documented defaults; `counts_per_m` per cable, `units` lists the cables (from 0) of each unit.
+    /// Creates a configuration with the documented defaults. `counts_per_m` has one value per cable; `units` lists the
+    /// cables (from 0) of each unit.
     ///
     /// # Errors
     /// Names the key that is missing or out of its range.
@@ -119,36 +151,14 @@ impl CoreConfig {
             let problem = format!("has {} values for a robot of {n} cables", counts_per_m.len());
             return refuse("counts_per_m", problem, "one value per cable");
         }
-        if units.is_empty() || units.len() > UNITS {
-            return refuse("ports", format!("name {} drive units", units.len()), "1 to 8 units in all");
-        }
-        let mut unit_of_cable = [usize::MAX; CABLES];
-        for (unit, cables) in units.iter().enumerate() {
-            for &cable in cables {
-                if cable >= n {
-                    let problem =
-                        format!("give cable {} to unit {}, and the robot has {n} cables", cable + 1, unit + 1);
-                    return refuse("ports", problem, "cables from 1 to the number of anchors");
-                }
-                if unit_of_cable[cable] != usize::MAX {
-                    let problem =
-                        format!("give cable {} to units {} and {}", cable + 1, unit_of_cable[cable] + 1, unit + 1);
-                    return refuse("ports", problem, "every cable on exactly one motor");
-                }
-                unit_of_cable[cable] = unit;
-            }
-        }
-        if let Some(cable) = unit_of_cable[..n].iter().position(|unit| *unit == usize::MAX) {
-            let problem = format!("give cable {} to no unit", cable + 1);
-            return refuse("ports", problem, "every cable on exactly one motor");
-        }
+        let unit_of_cable = unit_of_cable(units, n)?;
         let mut counts = [1.0; CABLES];
         counts[..n].copy_from_slice(counts_per_m);
         let arbiter = ArbiterSection::default();
         let config = Self {
             period_s,
             counts_per_m: counts,
-            unit_of_cable: unit_of_cable.map(|unit| if unit == usize::MAX { 0 } else { unit }),
+            unit_of_cable,
             unit_count: units.len(),
             cable_speed_m_s: robot.cable_speed_limit_m_s(),
             cable_acceleration_m_s2: 4.0 * robot.acceleration_limit_m_s2(),
@@ -194,13 +204,13 @@ impl CoreConfig {
         (1.0 + self.node_speed_margin) * self.robot.speed_limit_m_s()
     }
 
-    /// How many cables.
+    /// Number of cables.
     #[must_use]
     pub fn cable_count(&self) -> usize {
         self.robot.cable_count()
     }
 
-    /// A time as a whole number of cycles, at least 1.
+    /// Returns a time as a whole number of cycles, at least 1.
     #[must_use]
     pub fn cycles(&self, seconds: f64) -> u32 {
         (seconds / self.period_s + 0.5).clamp(1.0, 1e6) as u32

@@ -1,65 +1,65 @@
-//! What can go wrong with drives and lines, watched cycle by cycle: stall, runaway, slack, over-tension, over-current, supply,
+//! Faults of drives and cables, detected cycle by cycle: stall, runaway, slack, over-tension, over-current, supply,
 //! drive errors, lost units.
 //!
-//! A line that carries nothing shows in two ways. Tensions come from lengths, and a line that breaks keeps its length, so they alone
-//! do not tell. But a motor that reels in a line without tension draws only the current of its own friction: while a line is reeled in, its
-//! current is compared with what the estimated tension would draw. While it is paid out, the gear carries nearly all of the tension, and the
-//! current tells next to nothing; there, a line that does not come although it is paid out is one that nothing pulls. At standstill neither
-//! is to be seen.
+//! A cable without load shows in two ways. Estimated tensions come from lengths, and a broken cable keeps its length,
+//! so they are not enough. A motor that reels in a cable without tension draws only the current of its own friction:
+//! while a cable is reeled in, its current is compared with the current of the estimated tension. While it is paid out,
+//! the gear carries nearly all of the tension and the current says little; there, a cable that does not move although
+//! it is paid out is one that nothing pulls. At standstill neither shows.
 //!
-//! Each condition has to persist for a number of cycles, because one reading is noise. Time is counted in cycles: a machine that
-//! stands still for a moment must not look like a fault of the robot.
+//! Each condition must persist for a number of cycles, because one reading is noise. Time is counted in cycles, so that
+//! a short stop of the computer does not count as a fault of the robot.
 
 use crate::settings::CoreConfig;
 use cable_robot::motor::Motor;
+use drives::DriveStatus;
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput, MotorState, UNITS};
-use roboclaw::Status;
 
 /// Cycles without an answer before a unit is lost: one may be noise, two a coincidence.
 const LOST_CYCLES: u32 = 3;
-/// A resynchronisation takes 50 to 100 ms (quiet line, then a fence), and several times that where answers come late; after this it will
-/// not succeed, s.
+/// Longest resynchronisation, s. It usually takes 50 to 100 ms (silence, then a fence), and several times that where
+/// answers are late.
 const RESYNC_S: f64 = 0.4;
-/// Where the computer had no time for this program, a reply that is not there says nothing of its unit, and little tension nothing of its
-/// line; but after this both count all the same, s.
+/// Longest time for which a lack of processor time excuses missing replies and low tensions, s.
 const AWAY_S: f64 = 3.0;
-/// Below this commanded velocity nothing is said about a cable that does not move, m/s.
+/// Least commanded velocity at which a cable that does not move is a stall, m/s.
 const STALL_COMMAND_M_S: f64 = 0.01;
-/// A cable slower than this share of its command does not move.
+/// Share of its command below which a cable counts as not moving.
 const STALL_SHARE: f64 = 0.05;
-/// Tension above the robot's limit by this factor and this much, N, is a fault: the planner plans up to the limit.
+/// A tension above the robot's limit by this factor and margin is a fault: the planner plans up to the limit.
 const TENSION_FACTOR: f64 = 1.25;
 const TENSION_MARGIN_N: f64 = 2.0;
-/// Fresh readings of a low supply before it counts: a motor that starts pulls it down for a moment.
+/// Readings of a low supply before it is a fault: a starting motor pulls it down for a moment.
 const SUPPLY_READINGS: u32 = 5;
 
-/// The current tells of a tension only where that tension makes this much of it, A; the reading has steps of 10 mA and the model's
+/// Least current of a tension, A, at which the current shows the tension; readings have steps of 10 mA, and the model's
 /// friction is known to a few of them.
 const TELLING_A: f64 = 0.1;
-/// A current that lacks more than this share of what the tension draws speaks against it: the rest is for a friction that was not
-/// measured on this day.
+/// Missing share of a tension's current above which the reading contradicts the tension; the rest allows for changes of
+/// friction.
 const LACKING_SHARE: f64 = 0.5;
-/// Rotor and gear as a mass on the line, kg, which turns on while the line is reeled in more slowly: then the motor draws less. A 24 V, 150 W
-/// motor (142 g cm²) geared to 40 N/A comes to 25 kg.
+/// Rotor and gear as a mass on the cable, kg: while the reeling in slows down, they drive the cable and the motor draws
+/// less. 25 kg is a 24 V, 150 W motor (142 g cm²) geared to 40 N/A.
 const INERTIA_KG: f64 = 25.0;
-/// Time over which a velocity is smoothed to see it change, s: the encoder's steps are 1 cm/s at 100 Hz.
+/// Time over which a velocity is smoothed to measure its change, s: the encoder's steps are 1 cm/s at 100 Hz.
 const SMOOTHED_S: f64 = 0.1;
-/// No single reading counts for more or less than this.
+/// Bound on the weight of a single reading, either way.
 const LACKING_MOST: f64 = 1.0;
-/// So much of it, summed up over cycles, and the line carries nothing: a quarter of a second of a line that is broken. A sound robot
-/// stays below half of it.
+/// Sum of missing shares over cycles at which a cable carries no load: a quarter of a second of a broken cable. A sound
+/// robot stays below half of it.
 const LACKING_CYCLES: f64 = 12.0;
-/// A reading stands for the cycles since the last one, but not for more than this.
+/// Most cycles that one reading stands for; otherwise it stands for those since the last one.
 const SPARSE_CYCLES: u32 = 8;
-/// A condition that is judged by a slowly read value needs so many readings, however long it lasts.
+/// Least readings for a condition on a slowly read value, however long it lasts.
 const LEAST_READINGS: u32 = 3;
-/// Share of the current limit from which the motion is slowed down.
+/// Share of the current limit from which the motion slows down.
 const EASE_CURRENT_SHARE: f64 = 0.9;
-/// It is not slowed down further than this: it shall come out of where it is, or reach the fault.
+/// Least speed factor of a slowed motion: it must leave the condition, or reach the fault.
 const EASE_LEAST: f64 = 0.1;
 
-/// A condition on a value that is not read in every cycle: it lasts from its first reading on, until a reading speaks against it.
+/// A condition on a value that is not read in every cycle: it lasts from its first reading until a reading contradicts
+/// it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Lasting {
     cycles: u32,
@@ -67,8 +67,8 @@ struct Lasting {
 }
 
 impl Lasting {
-    /// One cycle; `reading` is what the value says, if it was read.
-    fn note(&mut self, reading: Option<bool>) {
+    /// Advances by one cycle; `reading` is the condition by a new reading, if there was one.
+    fn advance(&mut self, reading: Option<bool>) {
         match reading {
             Some(true) => self.readings = self.readings.saturating_add(1),
             Some(false) => *self = Self::default(),
@@ -84,7 +84,7 @@ impl Lasting {
     }
 }
 
-/// What the safety machine tells the watch about this cycle.
+/// State of the safety machine in this cycle, as far as the watch needs it.
 #[derive(Debug, Clone, Copy)]
 pub struct Situation {
     /// The drives hold or move: faults count.
@@ -97,19 +97,19 @@ pub struct Situation {
     pub released: [bool; CABLES],
     /// Least and largest velocity that commands explain, m/s.
     pub excused_m_s: [[f64; 2]; CABLES],
-    /// The computer had no time in this cycle for this program or for those that answer it: an estimate of little tension may be made of
-    /// late readings.
+    /// The computer had no processor in this cycle for this process or for those that answer it, so a low estimated
+    /// tension may come from late readings.
     pub starved: bool,
     /// The estimate slot in use.
     pub estimator: usize,
 }
 
-/// See the module's text.
+/// Detector of faults of drives and cables.
 #[derive(Debug, Clone)]
 pub struct Watch {
     silent: [u32; UNITS],
     resync: [u32; UNITS],
-    /// Cycles without an answer for which the computer can be the cause.
+    /// Cycles without an answer that the computer can have caused.
     away: [u32; UNITS],
     low_supply: [u32; UNITS],
     stalled: [Lasting; CABLES],
@@ -118,13 +118,13 @@ pub struct Watch {
     tight: [u32; CABLES],
     hot: [Lasting; CABLES],
     straining: [Lasting; CABLES],
-    /// How much the current lacks, summed up.
+    /// Missing shares of current, summed up.
     lacking: [f64; CABLES],
     /// Cycles since the current was last read.
     unread: [u32; CABLES],
-    /// Smoothed velocity of each line, m/s.
+    /// Smoothed velocity of each cable, m/s.
     smooth_m_s: [f64; CABLES],
-    /// How far the motion has to be slowed down.
+    /// Factor for the speed of the motion.
     ease: f64,
     late: u32,
     /// Cycles in a row in which estimates could not be judged.
@@ -136,7 +136,7 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Nothing seen yet.
+    /// A watch without readings.
     #[must_use]
     pub fn new() -> Self {
         Self {
@@ -163,8 +163,8 @@ impl Watch {
         }
     }
 
-    /// Looks at the drives' replies: units first, before the odometry uses them. True for a unit that had been lost and is back. `starved`:
-    /// the computer had no time for this program, so that a reply which is not there says nothing.
+    /// Checks the drives' replies before the odometry uses them; returns true for each unit that was lost and is back.
+    /// `starved`: the computer had no processor for this process, so a missing reply says nothing about its unit.
     pub fn units(
         &mut self,
         config: &CoreConfig,
@@ -187,7 +187,7 @@ impl Watch {
                     (self.silent[unit], self.resync[unit], self.away[unit]) = (0, 0, 0);
                     found.unit(MotorAuthority::FAULT_UNIT_REBOOT, unit);
                 }
-                // Neither proves nor excuses anything: this program was late, or did not get to hear the answer.
+                // This process was late or did not receive the answer, so the counters stay.
                 _ if late => {}
                 _ if starved => self.away[unit] = self.away[unit].saturating_add(1),
                 MotorInput::UNIT_RESYNC | MotorInput::UNIT_SILENT => {
@@ -202,7 +202,7 @@ impl Watch {
                 self.status[unit] = input.status[unit];
             }
             if has(input, unit, MotorInput::SLOW_SUPPLY) {
-                // Not a number: not read yet.
+                // NaN: not read yet.
                 if plausible(input.supply_v[unit]) {
                     self.supply_v[unit] = input.supply_v[unit];
                     count(&mut self.low_supply[unit], self.supply_v[unit] < config.supply_min_v);
@@ -211,11 +211,11 @@ impl Watch {
             if self.low_supply[unit] >= SUPPLY_READINGS {
                 found.unit(MotorAuthority::FAULT_SUPPLY, unit);
             }
-            let status = Status(self.status[unit]);
-            if status.has(Status::EMERGENCY_STOP) {
+            let status = DriveStatus(self.status[unit]);
+            if status.has(DriveStatus::EMERGENCY_STOP) {
                 found.unit(MotorAuthority::FAULT_EMERGENCY_INPUT, unit);
             }
-            if status.has(Status::ERRORS & !Status::EMERGENCY_STOP) {
+            if status.has(DriveStatus::ERRORS & !DriveStatus::EMERGENCY_STOP) {
                 found.unit(MotorAuthority::FAULT_DRIVE_ERROR, unit);
             }
         }
@@ -227,7 +227,7 @@ impl Watch {
         self.silent[unit] >= LOST_CYCLES || self.resync[unit] >= patience || self.away[unit] >= config.cycles(AWAY_S)
     }
 
-    /// Looks at each cable. `velocity_m_s` is the measured one; `fresh` tells whether it is of this cycle.
+    /// Checks each cable. `velocity_m_s` is measured; `fresh`: it is of this cycle.
     pub fn cables(
         &mut self,
         config: &CoreConfig,
@@ -256,21 +256,21 @@ impl Watch {
             }
             let (sent, v) = (situation.sent_m_s[i], velocity_m_s[i]);
             let driven = situation.energised && !situation.released[i];
-            // Without this cycle's reading a counter stays where it is: it neither proves nor excuses.
+            // Without a reading of this cycle the counters stay.
             if fresh[i] {
                 self.smooth_m_s[i] += (v - self.smooth_m_s[i]) * config.period_s / (SMOOTHED_S + config.period_s);
                 let still = v.abs() < STALL_SHARE * sent.abs();
                 let pushing = self.duty[i].abs() > config.stall_duty;
                 let stalled = driven && sent.abs() > STALL_COMMAND_M_S && still && pushing;
-                // The encoder is read in every cycle, and whether the motor pushes is known from its last reading.
-                self.stalled[i].note((new_duty || !stalled).then_some(stalled));
+                // The encoder is read in every cycle, the duty is known from its last reading.
+                self.stalled[i].advance((new_duty || !stalled).then_some(stalled));
                 let [low, high] = situation.excused_m_s[i];
                 count(&mut self.runaway[i], driven && !(low..=high).contains(&v));
             }
             if self.stalled[i].over(config.stall_cycles) {
                 found.cable(MotorAuthority::FAULT_STALL, i);
                 if sent > 0.0 {
-                    // Nothing can hold back a line that is paid out; this one is not pulled.
+                    // Nothing can hold back a cable that is paid out, so no load pulls this one.
                     found.cable(MotorAuthority::FAULT_SLACK, i);
                 }
             }
@@ -278,15 +278,15 @@ impl Watch {
                 found.cable(MotorAuthority::FAULT_RUNAWAY, i);
             }
             let current = self.current_a[i].abs();
-            self.hot[i].note(new_current.then_some(driven && current > config.current_limit_a));
+            self.hot[i].advance(new_current.then_some(driven && current > config.current_limit_a));
             if self.hot[i].over(config.stall_cycles) {
                 found.cable(MotorAuthority::FAULT_OVER_CURRENT, i);
             }
-            // The most a line at its limit can draw at this speed: reeling in against the whole friction of the gear.
+            // Largest current of a cable at its limit at this speed: reeling in against the whole friction of the gear.
             let motor = config.robot.motor();
             let most = (strongest * (1.0 + motor.gear_friction) + motor.coulomb_n + motor.viscous_n_s_m * v.abs())
                 / motor.force_constant_n_a;
-            self.straining[i].note(new_current.then_some(driven && current > most));
+            self.straining[i].advance(new_current.then_some(driven && current > most));
             if situation.following {
                 let limit = config.current_limit_a.min(most);
                 self.ease = self.ease.min(headroom(current, EASE_CURRENT_SHARE * limit, limit));
@@ -312,7 +312,7 @@ impl Watch {
         }
     }
 
-    /// Forgets what persisted, after a reset.
+    /// Clears persisting conditions after a reset.
     pub fn forget(&mut self) {
         for counters in [&mut self.runaway, &mut self.slack, &mut self.tight] {
             *counters = [0; CABLES];
@@ -323,7 +323,7 @@ impl Watch {
         self.lacking = [0.0; CABLES];
     }
 
-    /// Sums up how much the current speaks against the estimated tension, where it can.
+    /// Sums up how much the current contradicts the estimated tension, where it can.
     fn lacks(&mut self, i: usize, motor: &Motor, tension_n: f64, v: f64, new_current: bool, counts: bool) {
         if !counts {
             self.lacking[i] = 0.0;
@@ -336,7 +336,7 @@ impl Watch {
         if !new_current {
             return;
         }
-        // A line's velocity rises where it is reeled in more slowly.
+        // The velocity of a cable rises when it is reeled in more slowly.
         let slowing_m_s2 = ((v - self.smooth_m_s[i]) / SMOOTHED_S).max(0.0);
         let current_a = self.current_a[i] + INERTIA_KG * slowing_m_s2 / motor.force_constant_n_a;
         let cycles = f64::from(self.unread[i].min(SPARSE_CYCLES));
@@ -347,13 +347,13 @@ impl Watch {
         }
     }
 
-    /// How far the motion has to be slowed down, 1: not at all, because a tension or a current comes near to where it is a fault.
+    /// Factor for the speed of the motion, because a tension or a current approaches its fault; 1: full speed.
     #[must_use]
     pub fn ease(&self) -> f64 {
         self.ease
     }
 
-    /// Cycles in a row in which this program was too late for the drives.
+    /// Consecutive cycles in which this process was too late for the drives.
     #[must_use]
     pub fn late(&self) -> u32 {
         self.late
@@ -394,12 +394,12 @@ fn has(input: &MotorInput, unit: usize, value: u8) -> bool {
     input.slow_fresh[unit] & value != 0
 }
 
-/// 1 up to `soft`, then falling to [`EASE_LEAST`] at `hard`.
+/// Returns 1 up to `soft`, falling to [`EASE_LEAST`] at `hard`.
 fn headroom(value: f64, soft: f64, hard: f64) -> f64 {
     if value <= soft || hard <= soft { 1.0 } else { ((hard - value) / (hard - soft)).clamp(EASE_LEAST, 1.0) }
 }
 
-/// A reading that the protocol can carry at all.
+/// True for a reading within the range of any drive; NaN is not.
 fn plausible(reading: f64) -> bool {
     reading.abs() < 1e4
 }
@@ -408,7 +408,7 @@ fn count(counter: &mut u32, condition: bool) {
     *counter = if condition { counter.saturating_add(1) } else { 0 };
 }
 
-/// True where the position may be used as a length that has limits.
+/// True where lengths are known well enough to apply their limits.
 #[must_use]
 pub fn lengths_mean_something(position: u8) -> bool {
     position != MotorState::POSITION_UNKNOWN

@@ -7,7 +7,7 @@
 use bus::Bus;
 use command::{Answer, Failure, Output};
 use config::Role;
-use messages::{MotorAuthority, OperatorRequest, put_text};
+use messages::{MotorAuthority, Request};
 use motor_box::{FaultRequest, KINDS};
 use robot_state::sentences::{fault_sentences, mode_name};
 use runtime::OUTPUT_FAULTS;
@@ -337,12 +337,7 @@ pub fn fault(domain: Option<&str>, words: &[String], seconds: Option<f64>) -> An
             if !of_output {
                 text.parse::<FaultRequest>().map_err(Failure::bad)?;
             }
-            let mut request = client::plain(OperatorRequest::VERB_FAULT);
-            if text.len() > request.text.len() {
-                return Err(Failure::BadInput("the text of the fault is too long; see nims fault list".to_owned()));
-            }
-            put_text(&mut request.text, &text);
-            client::send(&virtual_only(domain)?, &process, &request)?
+            client::send(&virtual_only(domain)?, &process, &Request::Fault { text })?
         }
     };
     Ok(Output::accepted(sentence))

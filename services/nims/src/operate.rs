@@ -2,12 +2,13 @@
 
 use bus::{Bus, Party};
 use cable_robot::{Profile, Robot, Segment, Vector3, kinematics};
-use client::{MOTOR_IO, PLANNER, box_of, plain, robot_of, run_request, send, with_args};
+use client::{MOTOR_IO, PLANNER, box_of, robot_of, send};
 use command::values::{Numbers, finite, numbers, point};
 use command::{Answer, Failure, Output, points};
 use commissioning::plan::PathKind;
 use config::{Point, SystemFile};
-use messages::OperatorRequest;
+use messages::{GotoPath, Request};
+use planner::mission::Mission;
 use serde_json::json;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
@@ -65,22 +66,22 @@ impl Command {
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         let join = || client::join(domain);
         // What brings the robot to rest may take the places that other commands leave.
-        let ask = |verb: u8, party: Party| client::send(&client::join_as(domain, party)?, MOTOR_IO, &plain(verb));
+        let ask = |request: Request, party: Party| send(&client::join_as(domain, party)?, MOTOR_IO, &request);
         let sentence = match self {
-            Self::Arm => ask(OperatorRequest::VERB_ARM, Party::Command),
-            Self::Disarm => ask(OperatorRequest::VERB_DISARM, Party::Member),
-            Self::Hold => ask(OperatorRequest::VERB_HOLD, Party::Member),
-            Self::Stop => ask(OperatorRequest::VERB_STOP, Party::Member),
+            Self::Arm => ask(Request::Arm, Party::Command),
+            Self::Disarm => ask(Request::Disarm, Party::Member),
+            Self::Hold => ask(Request::Hold, Party::Member),
+            Self::Stop => ask(Request::Stop, Party::Member),
             Self::Estop => client::emergency_stop(domain),
-            Self::Reset => ask(OperatorRequest::VERB_RESET, Party::Command),
+            Self::Reset => ask(Request::Reset, Party::Command),
             Self::Zero(args) => zero(&join()?, args),
-            Self::ConfirmPosition => ask(OperatorRequest::VERB_CONFIRM_POSITION, Party::Command),
+            Self::ConfirmPosition => ask(Request::ConfirmPosition, Party::Command),
             Self::Jog { cable, metres } => jog(&join()?, *cable, *metres),
             Self::Goto(args) => goto(&join()?, args),
             Self::Run(args) if args.dry_run => return dry_run(domain, args),
-            Self::Run(args) => run_checked(&join()?, args),
-            Self::Pause => ask(OperatorRequest::VERB_PAUSE, Party::Member),
-            Self::Resume => ask(OperatorRequest::VERB_RESUME, Party::Command),
+            Self::Run(args) => run(&join()?, args),
+            Self::Pause => ask(Request::Pause, Party::Member),
+            Self::Resume => ask(Request::Resume, Party::Command),
             Self::Speed { percent } => speed(&join()?, *percent),
         };
         sentence.map(Output::accepted)
@@ -146,13 +147,13 @@ fn zero(bus: &Bus, asked: &ZeroArgs) -> Answer<String> {
     let robot = robot_of(bus)?;
     let request = match (&asked.at, &asked.lengths) {
         (Some(at), _) => {
-            let at = points::position(&robot, at)?;
-            standing(&robot, &at)?;
-            with_args(OperatorRequest::VERB_ZERO_AT, &at)?
+            let position_m = points::position(&robot, at)?;
+            standing(&robot, &position_m)?;
+            Request::ZeroAt { position_m }
         }
         (None, Some(lengths)) => {
             kinematics::forward_kinematics(robot.anchors(), &lengths.0, None).map_err(Failure::bad)?;
-            with_args(OperatorRequest::VERB_ZERO_LENGTHS, &lengths.0)?
+            Request::ZeroLengths { lengths_m: lengths.0.iter().copied().collect() }
         }
         (None, None) => return Err(Failure::BadInput("give --at X,Y,Z or --lengths A,B,..".to_owned())),
     };
@@ -168,7 +169,7 @@ fn jog(bus: &Bus, cable: u8, metres: f64) -> Answer<String> {
     if usize::from(cable) > cables {
         return Err(Failure::BadInput(format!("there is no cable {cable}; this robot has cables 1 to {cables}")));
     }
-    send(bus, MOTOR_IO, &with_args(OperatorRequest::VERB_JOG, &[f64::from(cable), metres])?)
+    send(bus, MOTOR_IO, &Request::Jog { cable, distance_m: metres })
 }
 
 /// `nims speed`.
@@ -181,7 +182,7 @@ fn speed(bus: &Bus, percent: f64) -> Answer<String> {
             "the speed is {percent} percent; accepted: 5 to 100 percent of the planned speed"
         )));
     }
-    send(bus, MOTOR_IO, &with_args(OperatorRequest::VERB_SPEED, &[percent / 100.0])?)
+    send(bus, MOTOR_IO, &Request::Speed { rate: percent / 100.0 })
 }
 
 /// `nims goto`.
@@ -191,20 +192,17 @@ fn speed(bus: &Bus, percent: f64) -> Answer<String> {
 ///
 /// A single move is not refused where nothing is being recorded: it may be the way home. It is said.
 fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<String> {
-    path_of(asked)?;
+    let path = path_of(asked)?;
     let robot = robot_of(bus)?;
     let to = points::position(&robot, &asked.to)?;
     standing(&robot, &to)?;
-    let speed = asked.speed.unwrap_or(0.0);
-    if asked.speed.is_some() && !(speed > 0.0 && speed <= robot.speed_limit_m_s()) {
+    if let Some(speed) = asked.speed.filter(|speed| !(*speed > 0.0 && *speed <= robot.speed_limit_m_s())) {
         let limit = robot.speed_limit_m_s();
         return Err(Failure::BadInput(format!(
             "--speed is {speed}; accepted: above 0, at most this robot's {limit} m/s"
         )));
     }
-    let (path, mu) = path_of(asked)?;
-    let [x, y, z] = to;
-    let answer = send(bus, PLANNER, &with_args(OperatorRequest::VERB_GOTO, &[x, y, z, speed, path, mu])?)?;
+    let answer = send(bus, PLANNER, &Request::Goto { to_m: to, path, speed_m_s: asked.speed })?;
     // The node moves already: whatever goes wrong here, the planner has accepted.
     match client::unrecorded(bus) {
         Ok(None) => {}
@@ -214,44 +212,66 @@ fn goto(bus: &Bus, asked: &GotoArgs) -> Answer<String> {
     Ok(answer)
 }
 
-/// The path of a move as the planner has it: its number, and how much it sags, 1/m.
-fn path_of(asked: &GotoArgs) -> Answer<(f64, f64)> {
+/// Path of a move.
+fn path_of(asked: &GotoArgs) -> Answer<GotoPath> {
     match (asked.path, asked.mu) {
-        (PathKind::Line, None) => Ok((0.0, 0.0)),
-        (PathKind::Parabola, Some(mu)) if mu > 0.0 && mu <= 10.0 => Ok((1.0, mu)),
+        (PathKind::Line, None) => Ok(GotoPath::Line),
+        (PathKind::Parabola, Some(mu)) if mu > 0.0 && mu <= 10.0 => Ok(GotoPath::Parabola { mu_per_m: Some(mu) }),
         (PathKind::Parabola, Some(mu)) => {
             Err(Failure::BadInput(format!("--mu is {mu}; accepted: above 0, at most 10 per metre")))
         }
-        // The planner then takes what loses least in the motors.
-        (PathKind::Parabola, None) => Ok((1.0, 0.0)),
-        (PathKind::Lateral, None) => Ok((2.0, 0.0)),
+        (PathKind::Parabola, None) => Ok(GotoPath::Parabola { mu_per_m: None }),
+        (PathKind::Lateral, None) => Ok(GotoPath::Lateral),
         (PathKind::Line | PathKind::Lateral, Some(_)) => {
             Err(Failure::BadInput("--mu is for a parabola; add --path parabola, or leave it out".to_owned()))
         }
     }
 }
 
-/// `nims run`: reads the mission, tries it against the robot from where the node is, and only then asks for it.
+/// A mission file, read once: what is checked, shown and flown is the same text.
+#[derive(Debug)]
+pub struct MissionText {
+    /// The mission.
+    pub mission: Mission,
+    name: String,
+    text: String,
+}
+
+impl MissionText {
+    /// Reads a mission file.
+    ///
+    /// # Errors
+    /// The file, the text line and the key that cannot be used.
+    pub fn read(path: &Path) -> Answer<Self> {
+        let (mission, text) = Mission::read_with_text(path).map_err(Failure::bad)?;
+        let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        Ok(Self { mission, name, text })
+    }
+
+    /// Copies the mission into the folder of the run and returns the request to fly that copy.
+    ///
+    /// # Errors
+    /// The run folder cannot be written.
+    pub fn request(&self, bus: &Bus, continues: bool) -> Answer<Request> {
+        let hash = config::store_mission(&client::running(bus)?.run, &self.text).map_err(Failure::not_now)?;
+        Ok(Request::Run { mission: self.name.clone(), hash, continues })
+    }
+}
+
+/// `nims run`: reads the mission, copies it for the planner, and requests it. The planner checks and plans the copy.
 ///
 /// # Errors
 /// A mission that cannot be read or flown; refused; not answered.
-fn run_checked(bus: &Bus, asked: &RunArgs) -> Answer<String> {
+fn run(bus: &Bus, asked: &RunArgs) -> Answer<String> {
     let file = box_of(bus)?;
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
-    let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
+    let text = MissionText::read(&path)?;
     if let Some(why) = client::unrecorded(bus)?.filter(|_| !asked.unrecorded) {
         return Err(Failure::NotNow(format!(
             "the mission is not started, because nothing is being recorded ({why}): put that right, or fly it with --unrecorded"
         )));
     }
-    // Where the node is not known the planner has the better words for why it does not start.
-    // What is left of a mission only the planner knows.
-    if !asked.go_on
-        && let Some(from) = present(bus)?
-    {
-        commissioning::check::fly(&mission, &file, &from)?;
-    }
-    send(bus, PLANNER, &run_request(&path, asked.go_on)?)
+    send(bus, PLANNER, &text.request(bus, asked.go_on)?)
 }
 
 /// `nims run --dry-run`: the answer, and its sentence.
@@ -278,7 +298,7 @@ fn dry_run(domain: Option<&str>, asked: &RunArgs) -> Answer<Output> {
         }
     };
     let path = mission_path(&asked.mission, Some(&file.planner.missions))?;
-    let mission = planner::mission::Mission::read(&path).map_err(Failure::bad)?;
+    let mission = Mission::read(&path).map_err(Failure::bad)?;
     Ok(match commissioning::check::fly(&mission, &file, &from) {
         Ok(flight) => {
             let sentence = format!("mission \"{}\" can be flown: {}", mission.name, flight.words());
@@ -334,11 +354,10 @@ mod tests {
     #[test]
     fn a_parabola_is_asked_for_with_its_sag() {
         let goto = |path, mu| path_of(&GotoArgs { to: [1.0, 2.0, 3.0].into(), speed: None, path, mu });
-        assert_eq!(goto(PathKind::Line, None), Ok((0.0, 0.0)));
-        assert_eq!(goto(PathKind::Parabola, Some(0.1)), Ok((1.0, 0.1)));
-        // Without a sag the planner takes the one that loses least; it is told so by 0.
-        assert_eq!(goto(PathKind::Parabola, None), Ok((1.0, 0.0)));
-        assert_eq!(goto(PathKind::Lateral, None), Ok((2.0, 0.0)));
+        assert_eq!(goto(PathKind::Line, None), Ok(GotoPath::Line));
+        assert_eq!(goto(PathKind::Parabola, Some(0.1)), Ok(GotoPath::Parabola { mu_per_m: Some(0.1) }));
+        assert_eq!(goto(PathKind::Parabola, None), Ok(GotoPath::Parabola { mu_per_m: None }));
+        assert_eq!(goto(PathKind::Lateral, None), Ok(GotoPath::Lateral));
         for (path, mu) in
             [(PathKind::Line, Some(0.1)), (PathKind::Lateral, Some(0.1)), (PathKind::Parabola, Some(-0.1))]
         {

@@ -4,14 +4,14 @@
 use command::{Answer, Failure, Output};
 
 use bus::Bus;
-use client::{SupervisorCommand, follow, state_name};
-use messages::{ProcessState, text_of};
+use client::{follow, state_name};
+use messages::{ProcessState, Request, text_of};
 use serde_json::json;
 
 /// Commands that start and end processes while the robot runs.
 #[derive(Debug, clap::Subcommand)]
 pub enum Command {
-    /// Start a process: a role such as controller, or a [[process]] of the system file.
+    /// Start a process: a role such as controller, or a `[[process]]` of the system file.
     Start(StartArgs),
     /// Shut a process down.
     StopProcess {
@@ -40,18 +40,18 @@ impl Command {
     pub fn run(&self, domain: Option<&str>) -> Answer<Output> {
         let command = match self {
             Self::Start(StartArgs { process, slot, law }) => {
-                SupervisorCommand::Start { name: process.clone(), slot: *slot, law: law.clone() }
+                Request::StartProcess { name: process.clone(), slot: slot.map(Into::into), law: law.clone() }
             }
-            Self::StopProcess { process } => SupervisorCommand::Stop { name: process.clone() },
-            Self::Restart { process } => SupervisorCommand::Restart { name: process.clone() },
+            Self::StopProcess { process } => Request::StopProcess { name: process.clone() },
+            Self::Restart { process } => Request::RestartProcess { name: process.clone() },
             // A relative path is resolved in the current folder, which is also the program's working folder.
-            Self::Plug(PlugArgs { name, replace, command }) => SupervisorCommand::Plug {
+            Self::Plug(PlugArgs { name, replace, command }) => Request::Plug {
                 name: name.clone(),
-                folder: std::env::current_dir().map_err(Failure::not_now)?,
+                folder: present_folder()?,
                 command: command.clone(),
                 replace: *replace,
             },
-            Self::Unplug { process } => SupervisorCommand::Unplug { name: process.clone() },
+            Self::Unplug { process } => Request::Unplug { name: process.clone() },
         };
         send_and_follow(&client::join(domain)?, &command)
     }
@@ -60,12 +60,12 @@ impl Command {
 /// `nims start`.
 #[derive(Debug, clap::Args)]
 pub struct StartArgs {
-    /// A role, a process of the process table, or a [[process]] of the system file.
+    /// A role, a process of the process table, or a `[[process]]` of the system file.
     pub process: String,
     /// Slot of a controller or estimator; default: the first free one.
     #[arg(long, value_enum)]
     pub slot: Option<config::Slot>,
-    /// Law of a controller, method of an estimator, or the name of a [[process]]; default: as configured.
+    /// Law of a controller, method of an estimator, or the name of a `[[process]]`; default: as configured.
     #[arg(long)]
     pub law: Option<String>,
 }
@@ -85,12 +85,21 @@ pub struct PlugArgs {
     pub command: Vec<String>,
 }
 
+/// Returns the current folder.
+fn present_folder() -> Answer<String> {
+    let folder = std::env::current_dir().map_err(Failure::not_now)?;
+    folder.into_os_string().into_string().map_err(|folder| {
+        let folder = folder.display();
+        Failure::BadInput(format!("the name of the folder {folder} is not UTF-8; start from another one"))
+    })
+}
+
 /// Sends a request to the supervisor, waits until the process table shows the change, and returns the result as a
 /// sentence.
 ///
 /// # Errors
 /// As [`follow`].
-pub(crate) fn send_and_follow(bus: &Bus, command: &SupervisorCommand) -> Answer<Output> {
+pub(crate) fn send_and_follow(bus: &Bus, command: &Request) -> Answer<Output> {
     let row = follow(bus, command, |_| ())?;
     let name = text_of(&row.name);
     let sentence = match row.state {

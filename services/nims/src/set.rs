@@ -3,12 +3,11 @@
 use command::{Answer, Failure, Output};
 
 use bus::{Bus, Subscriber, clock};
-use client::SupervisorCommand;
 use commissioning::check;
 use config::{EstimatorSection, RobotFile, Role, Slot, SystemFile, TUNABLE, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
-use messages::{ProcessState, SystemConfig, text_of};
+use messages::{ProcessState, Request, SystemConfig, text_of};
 use runtime::TUNED_CHANNEL;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -57,7 +56,7 @@ pub fn set(domain: Option<&str>, args: &Args) -> Answer<Output> {
     let Some(value) = &args.value else { return show(&bus, Some(key)) };
     let mut followers = followers(&bus, key)?;
     let (before, after, robot) = changed(&bus, key, value)?;
-    let request = SupervisorCommand::Set { key: key.clone(), value: value.clone() }.to_request()?;
+    let request = Request::Set { key: key.clone(), value: value.clone() };
     let sentence = client::send(&bus, client::SUPERVISOR, &request)?;
     let published = client::newest::<SystemConfig>(&bus, TUNED_CHANNEL, TUNED_TIMEOUT)?.unwrap_or_default();
     follow(&bus, &mut followers, published.changes)?;

@@ -54,74 +54,104 @@ impl<T: Message> Newest<T> {
     }
 }
 
+/// Newest samples of every channel that the status shows.
+struct Samples {
+    authority: Newest<MotorAuthority>,
+    state: Newest<MotorState>,
+    estimates: [Newest<NodeEstimate>; SLOTS],
+    controls: [Newest<ControlStatus>; SLOTS],
+    slots: Newest<MotorSlots>,
+    plan: Newest<PlanStatus>,
+    recorder: Newest<RecorderStatus>,
+    set: Newest<SystemConfig>,
+    table: Subscriber<ProcessState>,
+    processes: BTreeMap<String, ProcessState>,
+}
+
+impl Samples {
+    fn subscribe(bus: &Bus) -> Answer<Self> {
+        let [a, b] = SLOT_NAMES;
+        let estimate = |slot| Newest::subscribe(bus, &format!("node/estimate/{slot}"));
+        let control = |slot| Newest::subscribe(bus, &format!("control/status/{slot}"));
+        Ok(Self {
+            authority: Newest::subscribe(bus, "motor/authority")?,
+            state: Newest::subscribe(bus, "motor/state")?,
+            estimates: [estimate(a)?, estimate(b)?],
+            controls: [control(a)?, control(b)?],
+            slots: Newest::subscribe(bus, "motor/slots")?,
+            plan: Newest::subscribe(bus, "plan/status")?,
+            recorder: Newest::subscribe(bus, "recorder/status")?,
+            set: Newest::subscribe(bus, TUNED_CHANNEL)?,
+            table: bus.subscriber("system/process")?,
+            processes: BTreeMap::new(),
+        })
+    }
+
+    /// Waits until every channel has a sample, at most for `TIMEOUT_NS`.
+    fn collect(&mut self) -> Answer<()> {
+        let begun = clock::now_ns();
+        loop {
+            let complete = self.poll()?;
+            let known = self.state.sample.is_some_and(|state| state.position_known == MotorState::POSITION_KNOWN);
+            let passed = clock::now_ns() - begun;
+            let settled = !known
+                || passed >= ESTIMATE_NS
+                || self.estimates.iter().any(|one| one.sample.is_some_and(|estimate| estimate.valid == 1));
+            if (complete && settled) || passed >= TIMEOUT_NS {
+                return Ok(());
+            }
+            clock::sleep_until(clock::now_ns() + POLL_NS);
+        }
+    }
+
+    /// Receives what has arrived; returns true once every channel has a sample.
+    fn poll(&mut self) -> Answer<bool> {
+        while let Some(row) = self.table.receive()? {
+            if row.state == ProcessState::STATE_GONE {
+                self.processes.remove(&text_of(&row.name));
+            } else {
+                self.processes.insert(text_of(&row.name), row);
+            }
+        }
+        let have = [
+            self.authority.poll()?,
+            self.state.poll()?,
+            // One of the two slots suffices.
+            self.estimates[0].poll()? | self.estimates[1].poll()?,
+            self.controls[0].poll()? | self.controls[1].poll()?,
+            self.slots.poll()?,
+            self.plan.poll()?,
+            self.recorder.poll()?,
+            self.set.poll()?,
+            !self.processes.is_empty(),
+        ];
+        Ok(have.iter().all(|have| *have))
+    }
+}
+
 /// Returns the state of the robot.
 ///
 /// # Errors
 /// Shared memory cannot be read.
 pub fn status(bus: &Bus) -> Answer<Output> {
-    let mut authority = Newest::<MotorAuthority>::subscribe(bus, "motor/authority")?;
-    let mut state = Newest::<MotorState>::subscribe(bus, "motor/state")?;
-    let [a, b] = SLOT_NAMES;
-    let estimates = [a, b].map(|slot| Newest::<NodeEstimate>::subscribe(bus, &format!("node/estimate/{slot}")));
-    let controls = [a, b].map(|slot| Newest::<ControlStatus>::subscribe(bus, &format!("control/status/{slot}")));
-    let [estimate_a, estimate_b] = estimates;
-    let mut estimates = [estimate_a?, estimate_b?];
-    let [control_a, control_b] = controls;
-    let mut controls = [control_a?, control_b?];
-    let mut motor_slots = Newest::<MotorSlots>::subscribe(bus, "motor/slots")?;
-    let mut plan = Newest::<PlanStatus>::subscribe(bus, "plan/status")?;
-    let mut recorder = Newest::<RecorderStatus>::subscribe(bus, "recorder/status")?;
-    let mut set = Newest::<SystemConfig>::subscribe(bus, TUNED_CHANNEL)?;
-    let mut table = bus.subscriber::<ProcessState>("system/process")?;
-    let mut processes: BTreeMap<String, ProcessState> = BTreeMap::new();
-
-    let begun = clock::now_ns();
-    loop {
-        while let Some(row) = table.receive()? {
-            if row.state == ProcessState::STATE_GONE {
-                processes.remove(&text_of(&row.name));
-            } else {
-                processes.insert(text_of(&row.name), row);
-            }
-        }
-        let have = [
-            authority.poll()?,
-            state.poll()?,
-            // One of the two slots suffices.
-            estimates[0].poll()? | estimates[1].poll()?,
-            controls[0].poll()? | controls[1].poll()?,
-            motor_slots.poll()?,
-            plan.poll()?,
-            recorder.poll()?,
-            set.poll()?,
-            !processes.is_empty(),
-        ];
-        let known = state.sample.is_some_and(|state| state.position_known == MotorState::POSITION_KNOWN);
-        let passed = clock::now_ns() - begun;
-        let settled = !known
-            || passed >= ESTIMATE_NS
-            || estimates.iter().any(|one| one.sample.is_some_and(|estimate| estimate.valid == 1));
-        if (have.iter().all(|have| *have) && settled) || passed >= TIMEOUT_NS {
-            break;
-        }
-        clock::sleep_until(clock::now_ns() + POLL_NS);
-    }
-
+    let mut samples = Samples::subscribe(bus)?;
+    samples.collect()?;
     let mut value = json!({ "domain": bus.domain().name() });
     let mut lines = vec![format!("domain     {}", bus.domain().name())];
     if let Some(running) = Running::of(bus.domain()) {
         value["run"] = json!(running.run);
-        value["box"] = json!(running.system_file);
+        value["system"] = json!(running.system_file);
         lines.push(format!("run        {}", running.run.display()));
     }
-    if let Some(set) = set.sample.filter(|set| set.changes > 0) {
+    if let Some(set) = samples.set.sample.filter(|set| set.changes > 0) {
         let set = text_of(&set.parameters);
         value["set"] = json!(set.lines().collect::<Vec<_>>());
         lines.push(format!("set        {}", set.lines().collect::<Vec<_>>().join(", ")));
     }
-    match &authority.sample {
+    let authority = samples.authority.sample.as_ref();
+    match authority {
         Some(authority) => {
-            motors(authority, processes.get("motor-io"), &mut value, &mut lines);
+            motors(authority, samples.processes.get("motor-io"), &mut value, &mut lines);
             if authority.faults & MotorAuthority::FAULT_LOST_UNIT != 0
                 && let Some(warning) = port_warning(bus)?
             {
@@ -131,17 +161,28 @@ pub fn status(bus: &Bus) -> Answer<Output> {
         }
         None => lines.push("motor-io   is not running; the robot cannot move".to_owned()),
     }
-    if let Some(sample) = &motor_slots.sample {
-        slots(sample, &processes, &mut value, &mut lines);
+    if let Some(sample) = &samples.slots.sample {
+        slots(sample, &samples.processes, &mut value, &mut lines);
     }
-    if let Some(state) = &state.sample {
+    node(&samples, &mut value, &mut lines);
+    if let Some(plan) = &samples.plan.sample {
+        let steered = steering(authority, samples.processes.get("motor-io"), clock::now_ns());
+        mission(plan, steered, &mut value, &mut lines);
+    }
+    system(bus, &samples, &mut value, &mut lines);
+    Ok(Output::new(value, lines.join("\n")))
+}
+
+/// Position, tensions and tracking error of the node, lengths and currents of the cables.
+fn node(samples: &Samples, value: &mut Value, lines: &mut Vec<String>) {
+    let authority = samples.authority.sample.as_ref();
+    if let Some(state) = &samples.state.sample {
         let cables = usize::from(state.cable_count).min(state.length_m.len());
         value["lengths_m"] = json!(state.length_m[..cables]);
         value["currents_a"] = json!(state.current_a[..cables]);
     }
-    let [one, other] = &estimates;
-    let estimate =
-        blended_estimate(authority.sample.as_ref(), [one.sample.as_ref(), other.sample.as_ref()], Rule::History);
+    let [one, other] = &samples.estimates;
+    let estimate = blended_estimate(authority, [one.sample.as_ref(), other.sample.as_ref()], Rule::History);
     if let Some(estimate) = estimate.filter(|estimate| estimate.valid == 1) {
         let cables = usize::from(estimate.cable_count).min(estimate.tension_n.len());
         let [x, y, z] = estimate.position_m;
@@ -153,15 +194,16 @@ pub fn status(bus: &Bus) -> Answer<Output> {
     } else {
         lines.push("node       position not estimated".to_owned());
     }
-    let leading = authority.sample.as_ref().map_or(0, |authority| usize::from(authority.active_controller).min(1));
-    if let Some(control) = controls[leading].sample.filter(|control| control.valid == 1 && control.segment != 0) {
+    let leading = authority.map_or(0, |authority| usize::from(authority.active_controller).min(1));
+    let control = samples.controls[leading].sample;
+    if let Some(control) = control.filter(|control| control.valid == 1 && control.segment != 0) {
         value["tracking_error_m"] = json!(control.error_norm_m);
     }
-    if let Some(plan) = &plan.sample {
-        let steered = steering(authority.sample.as_ref(), processes.get("motor-io"), clock::now_ns());
-        mission(plan, steered, &mut value, &mut lines);
-    }
-    if let Some(recorder) = &recorder.sample {
+}
+
+/// Recorder, shared memory and processes.
+fn system(bus: &Bus, samples: &Samples, value: &mut Value, lines: &mut Vec<String>) {
+    if let Some(recorder) = &samples.recorder.sample {
         let recording = recording_words(recorder, clock::now_ns());
         value["recorder"] = json!({ "state": recording, "messages": recorder.total_messages, "bytes": recorder.total_bytes, "lost": recorder.lost });
         let megabytes = recorder.total_bytes as f64 * 1e-6;
@@ -171,11 +213,11 @@ pub fn status(bus: &Bus) -> Answer<Output> {
     value["shared_memory"] =
         json!({ "used_bytes": memory.used, "free_bytes": memory.free, "total_bytes": memory.total });
     lines.push(format!("memory     {}", memory_words(&memory)));
+    let processes = &samples.processes;
     value["processes"] = processes.iter().map(|(name, row)| json!({ "name": name, "pid": row.pid, "state": state_name(row.state), "restarts": row.restarts })).collect();
     let listed: Vec<String> = processes.iter().map(|(name, row)| format!("{name} {}", state_name(row.state))).collect();
     lines
         .push(format!("processes  {}", if listed.is_empty() { "no supervisor".to_owned() } else { listed.join(", ") }));
-    Ok(Output::new(value, lines.join("\n")))
 }
 
 /// Returns the usage of shared memory on one text line, with a warning before it is exhausted.
@@ -241,7 +283,7 @@ fn port_warning(bus: &Bus) -> Answer<Option<String>> {
 /// motor-io in the process table, adds the time of that start.
 pub(crate) fn position_words(position_known: u8, row: Option<&ProcessState>, now_ns: u64) -> String {
     let sentence = sentences::position_sentence(position_known);
-    let Some(row) = row.filter(|_| position_known == MotorState::POSITION_FROM_BEFORE_THE_CUT) else {
+    let Some(row) = row.filter(|_| position_known == MotorState::POSITION_RESTORED) else {
         return sentence.to_owned();
     };
     let ago_s = now_ns.saturating_sub(row.started_ns) as f64 * 1e-9;
@@ -379,7 +421,7 @@ mod tests {
     #[test]
     fn the_words_for_a_restored_position_name_the_start_of_motor_io() {
         let row = ProcessState { started_ns: 5_000_000_000, restarts: 2, ..ProcessState::default() };
-        let before = MotorState::POSITION_FROM_BEFORE_THE_CUT;
+        let before = MotorState::POSITION_RESTORED;
         let words = position_words(before, Some(&row), 17_000_000_000);
         assert!(words.contains("12 s ago, restart 2 of this run"), "{words}");
         assert!(!position_words(MotorState::POSITION_KNOWN, Some(&row), 17_000_000_000).contains("restart"));

@@ -6,10 +6,10 @@
 
 use crate::processes;
 use bus::{Bus, Subscriber, Waiter, clock};
-use client::{MOTOR_IO, SupervisorCommand};
+use client::MOTOR_IO;
 use command::{Answer, Failure, Output};
 use config::{Role, Slot};
-use messages::{MotorSlots, OperatorRequest, ProcessState, SLOTS, text_of};
+use messages::{MotorSlots, ProcessState, Request, SLOTS, SlotRole, text_of};
 use robot_state::sentences;
 use serde_json::json;
 use std::collections::BTreeMap;
@@ -95,9 +95,9 @@ fn swap(bus: &Bus, asked: &Args) -> Answer<Output> {
     if let Some(law) = &asked.name {
         robot.end(&new)?;
         robot.admit(slot)?;
-        let start = SupervisorCommand::Start {
+        let start = Request::StartProcess {
             name: robot.role.name().to_owned(),
-            slot: Some(name_of(slot)),
+            slot: Some(name_of(slot).into()),
             law: (law != DEFAULT).then(|| law.clone()),
         };
         robot.tell(&processes::send_and_follow(bus, &start)?.words);
@@ -223,17 +223,14 @@ impl<'a> Robot<'a> {
         if !self.runs(process) {
             return Ok(());
         }
-        self.tell(&processes::send_and_follow(self.bus, &SupervisorCommand::Stop { name })?.words);
+        self.tell(&processes::send_and_follow(self.bus, &Request::StopProcess { name })?.words);
         Ok(())
-    }
-
-    fn seat_request(&self, verb: u8, slot: usize) -> Answer<OperatorRequest> {
-        client::with_args(verb, &[self.index as f64, slot as f64])
     }
 
     /// The operator wants this slot tried, whatever it did before.
     fn admit(&mut self, slot: usize) -> Answer {
-        client::send(self.bus, MOTOR_IO, &self.seat_request(OperatorRequest::VERB_ADMIT, slot)?).map(|_| ())
+        let request = Request::Admit { role: SlotRole::ALL[self.index], slot: name_of(slot).into() };
+        client::send(self.bus, MOTOR_IO, &request).map(|_| ())
     }
 
     /// Waits until the slot holds a standby.
@@ -267,7 +264,8 @@ impl<'a> Robot<'a> {
     /// Swaps, and sees it through the probation.
     fn take_over(&mut self, slot: usize) -> Answer {
         let (role, seat) = (self.index, SLOTS * self.index + slot);
-        let answer = client::send(self.bus, MOTOR_IO, &self.seat_request(OperatorRequest::VERB_SWAP, slot)?)?;
+        let request = Request::Swap { role: SlotRole::ALL[role], slot: name_of(slot).into() };
+        let answer = client::send(self.bus, MOTOR_IO, &request)?;
         self.tell(&answer);
         // What was said before the request does not count.
         let asked_in = self.newest.map_or(0, |slots| slots.header.cycle) + 2;
@@ -327,7 +325,7 @@ fn admit(bus: &Bus, asked: &Args) -> Answer<Output> {
         Some(slot) => slot.index(),
         None => 1 - robot.lead()?,
     };
-    let request = robot.seat_request(OperatorRequest::VERB_ADMIT, slot)?;
+    let request = Request::Admit { role: SlotRole::ALL[robot.index], slot: name_of(slot).into() };
     let sentence = client::send(bus, MOTOR_IO, &request)?;
     Ok(Output::accepted(sentence))
 }

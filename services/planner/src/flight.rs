@@ -2,9 +2,9 @@
 
 use messages::MotorAuthority;
 
+use crate::inputs::Inputs;
 use crate::mission::Mission;
 use crate::plan::{Plan, PlannerConfig};
-use crate::planner::Inputs;
 
 /// What the legs from the next adaptive one on come to, as if all of its area were worth it.
 #[derive(Debug, Clone, Copy, Default)]

@@ -193,9 +193,17 @@ impl Mission {
     /// # Errors
     /// One sentence: the file, the line, the key and what is accepted there.
     pub fn read(path: &Path) -> Result<Self, MissionError> {
+        Self::read_with_text(path).map(|(mission, _)| mission)
+    }
+
+    /// [`Mission::read`], and the text of the file.
+    ///
+    /// # Errors
+    /// As [`Mission::read`].
+    pub fn read_with_text(path: &Path) -> Result<(Self, String), MissionError> {
         let text = file::read_text(path)
             .map_err(|why| MissionError::Unreadable { path: path.display().to_string(), why: why.to_string() })?;
-        Self::parse(&text).map_err(|error| match error {
+        let mission = Self::parse(&text).map_err(|error| match error {
             MissionError::Malformed(why) => MissionError::Malformed(format!("{}, {why}", path.display())),
             MissionError::Value { place, mission, leg, key, value, accepted } => {
                 let place = match place.is_empty() {
@@ -205,7 +213,8 @@ impl Mission {
                 MissionError::Value { place, mission, leg, key, value, accepted }
             }
             unreadable @ MissionError::Unreadable { .. } => unreadable,
-        })
+        })?;
+        Ok((mission, text))
     }
 
     /// Reads and checks the text of a mission file.

@@ -10,9 +10,7 @@ use cable_robot::{Distribution, Robot, Segment, Vector3};
 use config::SystemFile;
 use thiserror::Error;
 
-use crate::mission::Mission;
 use crate::scan::ScanError;
-use builder::Builder;
 
 /// Most segments of a mission.
 pub const MAX_SEGMENTS: usize = 2000;
@@ -173,45 +171,6 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// Plans and checks a whole mission that starts at `start` (m) at `start_s` on the plan clock; segments are
-    /// numbered from `first_id`.
-    ///
-    /// # Errors
-    /// The first thing that is wrong: where, which cable, how much.
-    pub fn new(
-        mission: &Mission,
-        config: &PlannerConfig,
-        start: Vector3<f64>,
-        start_s: f64,
-        first_id: u32,
-    ) -> Result<Self, PlanError> {
-        let mut builder = Builder::new(mission, config, start, start_s, first_id)?;
-        let origin = if mission.relative { start } else { Vector3::zeros() };
-        for (i, leg) in mission.leg.iter().enumerate() {
-            builder.leg(i + 1, leg, origin)?;
-        }
-        builder.plan()
-    }
-
-    /// What is left of this plan of `mission` from a point of its way on, for a node that hangs at `here` (m): straight to that point
-    /// and on, at `start_s` on the plan clock, numbered from `first_id`.
-    ///
-    /// # Errors
-    /// The way back cannot be flown, or there is no such point.
-    pub fn rest(
-        &self,
-        mission: &Mission,
-        config: &PlannerConfig,
-        from: Mark,
-        here: Vector3<f64>,
-        start_s: f64,
-        first_id: u32,
-    ) -> Result<Self, PlanError> {
-        let mut builder = Builder::new(mission, config, here, start_s, first_id)?;
-        builder.rest(self, from)?;
-        builder.plan()
-    }
-
     /// The point of the way that is reached at a time on the plan clock, s, and where that is, m; before the start the beginning, after the
     /// end the end. On the way back to where a mission was broken off it is that place.
     pub fn reached(&self, time_s: f64) -> (Mark, Vector3<f64>) {

@@ -2,14 +2,15 @@
 
 use cable_robot::Vector3;
 use messages::{
-    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence,
-    put_text, same_life, text_of,
+    Header, MotorAuthority, MotorState, NodeEstimate, PlanMotion, PlanSegment, PlanStatus, put_sentence, put_text,
+    same_life, text_of,
 };
 use segments::segment_message;
 use thiserror::Error;
 
 use crate::adaptive;
 use crate::flight::{Flight, Later};
+use crate::inputs::Inputs;
 use crate::mission::{self, Leg, Mission, MissionError, PathShape};
 use crate::plan::{Plan, PlanError, PlannerConfig, SHORTEST_S};
 use crate::progress::Progress;
@@ -43,19 +44,6 @@ fn is_refused(authority: &MotorAuthority) -> bool {
     verdict.is_some_and(|verdict| {
         [MotorAuthority::VERDICT_NOT_FINITE, MotorAuthority::VERDICT_OUT_OF_LIMITS].contains(verdict)
     })
-}
-
-/// What the planner knows when it is asked something.
-#[derive(Debug, Clone, Copy)]
-pub struct Inputs<'a> {
-    /// Now, CLOCK_MONOTONIC, ns.
-    pub now_ns: u64,
-    /// Newest motor/authority.
-    pub authority: Option<&'a MotorAuthority>,
-    /// Newest node/estimate: [`messages::blended_estimate`].
-    pub estimate: Option<&'a NodeEstimate>,
-    /// Newest map of the name that [`Planner::wants_map`] gives.
-    pub map: Option<&'a FieldMap>,
 }
 
 /// Why a request is not carried out.
@@ -134,23 +122,22 @@ impl Planner {
         self.progress.as_ref()
     }
 
-    /// Flies to a point, m, straight or on a path of another shape; a parabola may have a µ of its own (1/m; 0: what loses
-    /// least in the motors). Speed 0 is the default.
+    /// Flies to a point, m, on a path of that shape; a parabola may have a given µ, 1/m, in place of the one with the least loss in the
+    /// motors. Without a speed, m/s, it is the configured one.
     ///
     /// # Errors
     /// One sentence: why not, and what to do.
     pub fn goto(
         &mut self,
         to_m: [f64; 3],
-        speed_m_s: f64,
+        speed_m_s: Option<f64>,
         shape: PathShape,
-        mu_per_m: f64,
+        mu_per_m: Option<f64>,
         seen: &Inputs<'_>,
     ) -> Result<String, Refusal> {
-        let speed_m_s = if speed_m_s == 0.0 { None } else { Some(speed_m_s) };
         let to = to_m.into();
-        let leg = if shape == PathShape::Parabola && mu_per_m != 0.0 {
-            Leg::Parabola(mission::Parabola { to_m: to, mu_per_m: Some(mu_per_m), speed_m_s })
+        let leg = if shape == PathShape::Parabola && mu_per_m.is_some() {
+            Leg::Parabola(mission::Parabola { to_m: to, mu_per_m, speed_m_s })
         } else {
             Leg::Line(mission::Line { to_m: to, speed_m_s })
         };
@@ -368,7 +355,7 @@ impl Planner {
         }
         match authority.position_known {
             MotorState::POSITION_KNOWN => {}
-            MotorState::POSITION_FROM_BEFORE_THE_CUT => {
+            MotorState::POSITION_RESTORED => {
                 return refuse(
                     "the position is the one kept from before motor-io was started; look whether the node is where nims status says, \
                      then nims confirm-position, or nims zero --at x,y,z",

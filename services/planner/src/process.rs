@@ -5,6 +5,7 @@ use messages::{
     FieldMap, MotorAuthority, NodeEstimate, PlanMotion, PlanStatus, Rule, SLOT_NAMES, blended_estimate, newer,
 };
 use runtime::{Args, Chassis};
+use std::path::Path;
 
 use crate::progress::{Keeper, Progress};
 use crate::{Inputs, Planner, PlannerConfig, requests};
@@ -40,11 +41,13 @@ impl Map {
 ///
 /// # Errors
 /// Those of the files and of the bus.
-pub fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
+pub fn run(args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
     let file = chassis.system_file()?.clone();
+    // The supervisor gives each process the copy in the folder of the run.
+    let system_file = args.common.system_file.as_deref();
+    let run = system_file.and_then(Path::parent).unwrap_or(Path::new("")).to_path_buf();
     let mut planner = Planner::new(PlannerConfig::of(&file, file.robot_file()?.robot()?));
     let (folder, name) = (file.state_folder(), file.state_name(chassis.bus().domain().name()));
-    let missions = file.planner.missions.as_path();
     let rule = Rule::Live { ttl_cycles: file.estimator.ttl_cycles };
     match Progress::load(&folder, &name) {
         Ok(progress) => progress.into_iter().for_each(|progress| planner.remember(progress)),
@@ -81,7 +84,7 @@ pub fn run(_args: &Args, chassis: &mut Chassis) -> anyhow::Result<()> {
         let mut asked = false;
         while let Some(call) = server.try_next()? {
             let (request, awaited) = (&call.request, || call.is_awaited());
-            let (accepted, sentence) = requests::answer(&mut planner, request, awaited, missions, &seen);
+            let (accepted, sentence) = requests::answer(&mut planner, request, awaited, &run, &seen);
             tracing::info!("{sentence}");
             call.answer(accepted, &sentence)?;
             asked = true;

@@ -148,7 +148,7 @@ impl Row {
         let unwritten = std::mem::take(&mut self.unwritten);
         let (missing, cause) = match heard.missing.saturating_add(unwritten) {
             0 => return None,
-            missing => (missing, if unwritten > 0 { cause } else { RecorderGap::CAUSE_NOT_HEARD }),
+            missing => (missing, if unwritten > 0 { cause } else { RecorderGap::CAUSE_OVERFLOW }),
         };
         self.unsettled_missing = self.unsettled_missing.saturating_add(unwritten);
         let (last_seq, last_ns) = self.last.map_or((0, 0), |last| (last.seq, last.logged_ns));

@@ -13,6 +13,8 @@ pub const MISSIONS: &str = runlog::ATTACHED_FOLDERS[0];
 pub const PROCESSES: &str = runlog::ATTACHED_FOLDERS[1];
 /// Largest file that is copied, bytes; a larger one is not a configuration file.
 const LARGEST: u64 = 1 << 20;
+/// Most characters of a mission's name in the name of its copy.
+const LONGEST_NAME: usize = 60;
 /// Longest wait for the copy of a file at the start of a process: less than the heartbeat timeout after which motor-io
 /// treats the supervisor as dead.
 const PATIENCE: Duration = Duration::from_millis(1500);
@@ -55,9 +57,11 @@ impl Archive {
         Ok(Self { jobs: Some(jobs), troubles, thread: Some(thread) })
     }
 
-    /// Stores a copy of a mission that was started; one copy for each start.
-    pub fn copy_mission(&self, original: PathBuf) {
-        let name = name_of(&original);
+    /// Stores a copy of a mission that was started, under its name; one copy for each start.
+    pub fn copy_mission(&self, mission: &str, original: PathBuf) {
+        let letters = mission.chars().take(LONGEST_NAME);
+        let plain: String = letters.map(|c| if c.is_alphanumeric() || "-_. ".contains(c) { c } else { '-' }).collect();
+        let name = format!("{plain}.toml");
         self.send(Job::Copy { original, place: MISSIONS, name, always: true });
     }
 
@@ -199,7 +203,7 @@ mod tests {
         let mut archive = Archive::open(run.path()).unwrap();
         for _ in 0..2 {
             fs::write(&file, "a = 1\n").unwrap();
-            archive.copy_mission(file.clone());
+            archive.copy_mission("wind", file.clone());
             archive.copy_process_file("wind", file.clone());
         }
         archive.copy_process_file("other", file.clone());
@@ -229,7 +233,7 @@ mod tests {
         let copy = archive.copy_for("wind", file.clone()).unwrap();
         for text in ["a = 1\n", "a = 2\n"] {
             fs::write(&file, text).unwrap();
-            archive.copy_mission(file.clone());
+            archive.copy_mission("over", file.clone());
             // Jobs run in order: when this copy exists, the previous one does too.
             archive.copy_for(&text[4..5], file.clone()).unwrap();
         }

@@ -8,7 +8,7 @@ use bus::BusError;
 use bus::clock::{self, WallClock};
 use client::RUNNING_FILE;
 use config::Role;
-use messages::{Heartbeat, MotorAuthority, OperatorRequest, put_text};
+use messages::{Heartbeat, MotorAuthority, OperatorRequest, Request, put_text};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::time::Duration;
@@ -92,8 +92,8 @@ impl Supervisor {
         if self.poll().is_err() || !self.last_authority.as_ref().is_some_and(moves) {
             return;
         }
-        let mut stop = client::plain(OperatorRequest::VERB_STOP);
-        stop.origin = OperatorRequest::ORIGIN_SUPERVISOR;
+        let (body, origin) = (Request::Stop.body(), OperatorRequest::ORIGIN_SUPERVISOR);
+        let mut stop = OperatorRequest { body, origin, ..OperatorRequest::default() };
         put_text(&mut stop.requester, "supervisor");
         if let Err(error) = self.ask_to_stop(&stop) {
             self.announcer.warn(&format!("the stop request to motor-io failed: {error}"));
@@ -149,6 +149,8 @@ impl Supervisor {
             self.announcer.warn(&trouble);
         }
         let run = self.folder.path().to_path_buf();
+        // Every mission that was started has a copy of its own in the archive.
+        let _ = std::fs::remove_dir_all(run.join(config::INBOX));
         self.recover(&run);
         let events = self.unfinished_runs.finish(UNFINISHED_RUNS);
         self.report_recovery(events);

@@ -26,8 +26,10 @@ mod run_folder;
 mod settings;
 mod stale_processes;
 mod starting;
+mod successor;
 mod successors;
 mod table;
+mod tuning;
 mod unfinished_runs;
 mod watching;
 

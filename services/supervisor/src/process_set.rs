@@ -5,7 +5,7 @@
 
 use super::child::{Child, Then};
 use super::process_spec::ProcessSpec;
-use super::successors::Successor;
+use super::successor::Successor;
 use bus::clock;
 use config::Role;
 

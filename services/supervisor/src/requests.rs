@@ -6,10 +6,11 @@ use super::closing::moves;
 use super::process_spec::{ProcessSpec, is_configuration};
 use super::restarts::Restarts;
 use bus::{Server, clock};
-use client::{SUPERVISOR, SupervisorCommand};
+use client::SUPERVISOR;
 use command::{Answer, Failure};
 use config::{Role, Slot};
-use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, OperatorRequest};
+use messages::{CONTROLLERS, ESTIMATORS, MotorAuthority, OperatorRequest, Request};
+use std::path::Path;
 
 /// motor-io that has not been heard for this long beyond the drives' watchdog moves nothing, ns: a shared machine stands still for up to
 /// 250 ms.
@@ -26,12 +27,9 @@ impl Supervisor {
 
     fn serve_from(&mut self, server: &mut Server) -> Answer {
         while let Some(call) = server.try_next()? {
-            let answer = match SupervisorCommand::from_request(&call.request) {
-                Some(asked) => self.carry_out(&asked),
-                None => Err(Failure::BadInput(
-                    "the supervisor does not know this request: it and the one that asked are of different versions"
-                        .to_owned(),
-                )),
+            let answer = match Request::decode(&call.request) {
+                Ok(request) => self.carry_out(&request),
+                Err(error) => Err(Failure::BadInput(error.to_string())),
             };
             let (accepted, sentence) = match answer {
                 Ok(sentence) => (OperatorRequest::ACCEPTED, sentence),
@@ -47,14 +45,14 @@ impl Supervisor {
         Ok(())
     }
 
-    fn carry_out(&mut self, asked: &SupervisorCommand) -> Answer<String> {
-        match asked {
-            SupervisorCommand::Start { name, slot, law } => {
-                let member = self.which(name, *slot, law.as_deref())?;
+    fn carry_out(&mut self, request: &Request) -> Answer<String> {
+        match request {
+            Request::StartProcess { name, slot, law } => {
+                let member = self.which(name, slot.map(Slot::from), law.as_deref())?;
                 self.begin(&member)
             }
-            SupervisorCommand::Stop { name } => self.stop_one(name, Then::Stay),
-            SupervisorCommand::Restart { name } => {
+            Request::StopProcess { name } => self.stop_one(name, Then::Stay),
+            Request::RestartProcess { name } => {
                 let Some(child) = self.process_set.find(name) else {
                     let member = self.which(name, None, None)?;
                     return self.begin(&member);
@@ -66,7 +64,7 @@ impl Supervisor {
                     self.begin(&member)
                 }
             }
-            SupervisorCommand::Plug { name, folder, command, replace } => {
+            Request::Plug { name, folder, command, replace } => {
                 let runs = self
                     .process_set
                     .find(name)
@@ -82,11 +80,11 @@ impl Supervisor {
                     };
                     return Err(Failure::BadInput(format!("the name \"{name}\" is taken; choose another, or {or}")));
                 }
-                let mut member = self.site.plugged(name, folder, command)?;
+                let mut member = self.site.plugged(name, Path::new(folder), command)?;
                 self.copy_files_of(&mut member);
                 if runs { self.replace(member) } else { self.begin(&member) }
             }
-            SupervisorCommand::Unplug { name } => {
+            Request::Unplug { name } => {
                 let role = self.process_set.find(name).map(|child| child.member.role);
                 match role {
                     Some(Role::Other) => self.stop_one(name, Then::Forget),
@@ -97,7 +95,10 @@ impl Supervisor {
                     None => Err(self.unknown(name)),
                 }
             }
-            SupervisorCommand::Set { key, value } => self.set(key, value),
+            Request::Set { key, value } => self.set(key, value),
+            _ => Err(Failure::BadInput(
+                "the supervisor starts, ends and sets processes; send this request to another process".to_owned(),
+            )),
         }
     }
 

@@ -16,7 +16,7 @@ use super::stale_processes::{self, ProcessIdentity};
 use super::unfinished_runs::UnfinishedRuns;
 use super::{StartOptions, Supervisor};
 use bus::clock::{self, WallClock};
-use bus::{Bus, Domain};
+use bus::{Bus, Claim, Domain};
 use client::{RUNNING_FILE, Running, SUPERVISOR};
 use command::{Answer, Failure, StopFlag};
 use config::{Role, SystemFile};
@@ -36,6 +36,26 @@ const PROCESS_BYTES: usize = 3 << 20;
 const SENSOR_BYTES: usize = 6 << 20;
 /// How often the starting processes are looked at, ns: it adds up to the time until the robot is up.
 const POLL_NS: u64 = 2_000_000;
+
+/// The site of a run by the run's own copy of the configuration.
+fn site_of_run(folder: &RunFolder, archive: &Archive, system_path: &Path, domain: &Domain) -> Answer<Site> {
+    let config = folder.resolved();
+    let file = SystemFile::load(&config).map_err(Failure::not_now)?;
+    let mut site = Site {
+        file,
+        system_path: system_path.to_path_buf(),
+        config,
+        copies: BTreeMap::new(),
+        domain: domain.name().to_owned(),
+        run: folder.path().to_path_buf(),
+    };
+    for (process, original) in site.files_of_commands() {
+        if let Some(copy) = archive.copy_for(&process, original.clone()) {
+            site.copies.insert(original, copy);
+        }
+    }
+    Ok(site)
+}
 
 impl Supervisor {
     /// Cleans the domain up, makes the run folder and starts every process, each when those that it needs are ready.
@@ -61,22 +81,7 @@ impl Supervisor {
         domain.set_wall_clock(Some(WallClock { unix_ns: clock.t0_unix_ns, mono_ns: clock.t0_mono_ns }))?;
         let run = folder.path().to_path_buf();
         let archive = Archive::open(&run).map_err(Failure::not_now)?;
-        // From here on the run's own copy counts.
-        let config = folder.resolved();
-        let file = SystemFile::load(&config).map_err(Failure::not_now)?;
-        let mut site = Site {
-            file,
-            system_path: system_path.clone(),
-            config,
-            copies: BTreeMap::new(),
-            domain: domain.name().to_owned(),
-            run: run.clone(),
-        };
-        for (process, original) in site.files_of_commands() {
-            if let Some(copy) = archive.copy_for(&process, original.clone()) {
-                site.copies.insert(original, copy);
-            }
-        }
+        let site = site_of_run(&folder, &archive, &system_path, &domain)?;
         let members = site.members()?;
 
         let bus = Bus::join(&domain, SUPERVISOR)?;
@@ -84,6 +89,39 @@ impl Supervisor {
         let text = serde_json::to_string(&running).map_err(Failure::not_now)?;
         stale_processes::write(&domain, RUNNING_FILE, &text)?;
 
+        let mut supervisor = Self::assemble(bus, domain, claim, site, folder, archive, stop)?;
+        if let Some(warning) = busy.warning() {
+            supervisor.announcer.warn(&warning);
+        }
+        if !orphans.is_empty() {
+            supervisor.announcer.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
+        }
+        if let Err(failure) = supervisor.bring_up(members) {
+            supervisor.close("a process did not come up");
+            let run = supervisor.folder.path().display();
+            let in_run = format!("{failure}; the run is in {run}");
+            return Err(match failure {
+                Failure::BadInput(_) => Failure::BadInput(in_run),
+                Failure::NotNow(_) => Failure::NotNow(in_run),
+            });
+        }
+        // Without it the end of the run tries once more.
+        supervisor.stopper = supervisor.bus.client(client::MOTOR_IO).ok();
+        supervisor.beat.state = Heartbeat::STATE_READY;
+        supervisor.record_processes();
+        supervisor.recover_unfinished_runs(earlier);
+        Ok(supervisor)
+    }
+
+    fn assemble(
+        bus: Bus,
+        domain: Domain,
+        claim: Claim,
+        site: Site,
+        folder: RunFolder,
+        archive: Archive,
+        stop: StopFlag,
+    ) -> Answer<Self> {
         let mut beat = Heartbeat {
             pid: std::process::id(),
             incarnation: incarnation(),
@@ -93,7 +131,7 @@ impl Supervisor {
         put_text(&mut beat.name, SUPERVISOR);
         let server = bus.server(SUPERVISOR)?;
         let settings = Settings::new(&bus, &site, beat.incarnation)?;
-        let mut supervisor = Self {
+        Ok(Self {
             process_set: ProcessSet::default(),
             settings,
             site,
@@ -122,28 +160,7 @@ impl Supervisor {
             bus,
             domain,
             claim,
-        };
-        if let Some(warning) = busy.warning() {
-            supervisor.announcer.warn(&warning);
-        }
-        if !orphans.is_empty() {
-            supervisor.announcer.warn(&format!("ended what an earlier start had left running: {}", orphans.join(", ")));
-        }
-        if let Err(failure) = supervisor.bring_up(members) {
-            supervisor.close("a process did not come up");
-            let run = supervisor.folder.path().display();
-            let in_run = format!("{failure}; the run is in {run}");
-            return Err(match failure {
-                Failure::BadInput(_) => Failure::BadInput(in_run),
-                Failure::NotNow(_) => Failure::NotNow(in_run),
-            });
-        }
-        // Without it the end of the run tries once more.
-        supervisor.stopper = supervisor.bus.client(client::MOTOR_IO).ok();
-        supervisor.beat.state = Heartbeat::STATE_READY;
-        supervisor.record_processes();
-        supervisor.recover_unfinished_runs(earlier);
-        Ok(supervisor)
+        })
     }
 
     /// Begins to close what earlier runs left open. What shared memory knows of the last one is gone after a power cut, so it is only a hint.

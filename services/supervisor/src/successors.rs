@@ -2,16 +2,14 @@
 //! One that ends before, or says nothing, costs no sample of the one that works.
 
 use super::Supervisor;
-use super::child::{Child, Then};
+use super::child::Then;
 use super::process_spec::ProcessSpec;
 use super::restarts::Restarts;
+use super::successor::{Successor, is_of};
 use super::table::row;
-use bus::{Bus, Raw, Tap, clock};
+use bus::{Tap, clock};
 use command::{Answer, Failure};
-use messages::ros::Payload;
-use messages::{ProcessState, Reading, put_sentence};
-use rustix::process::{Pid, getpgid};
-use std::collections::BTreeSet;
+use messages::{ProcessState, put_sentence};
 
 /// A newcomer that has said nothing valid by then is given up, ns: a device may need many seconds to warm up, and the command that asked waits 25 s.
 const FIRST_SAMPLE_NS: u64 = 20_000_000_000;
@@ -21,49 +19,6 @@ const GOES_ON: &str = "the one before goes on";
 /// What to do about a newcomer that does not say why it fails.
 fn goes_on(name: &str) -> String {
     format!("{GOES_ON}; if both need one device, `nims unplug {name}` first")
-}
-
-/// A process that will have the name of another one.
-#[derive(Debug)]
-pub struct Successor {
-    /// The newcomer.
-    pub child: Child,
-    tap: Tap,
-    given_up: bool,
-}
-
-impl Successor {
-    /// Whether it has published a valid sample since the last look.
-    fn has_published(&mut self, bus: &Bus) -> Answer<bool> {
-        let (has_header, is_reading) = (self.tap.has_header(), self.tap.info().type_name == Reading::type_name());
-        let mut publishers = BTreeSet::new();
-        let mut take = |raw: Raw<'_>| {
-            if is_valid(&raw, has_header, is_reading) {
-                publishers.insert(raw.publisher);
-            }
-        };
-        while self.tap.receive(&mut take)?.is_some() {}
-        if publishers.is_empty() {
-            return Ok(false);
-        }
-        let known = bus.publishers(&self.tap.info().name)?;
-        Ok(known.iter().any(|(publisher, pid)| publishers.contains(publisher) && is_of(*pid, &self.child)))
-    }
-}
-
-/// Whether a sample says something: one without a stamp was only made, and a reading may say that it is none.
-fn is_valid(raw: &Raw<'_>, has_header: bool, is_reading: bool) -> bool {
-    let reading = raw.bytes.get(..size_of::<Reading>()).filter(|_| is_reading);
-    let says_nothing = reading
-        .map(bytemuck::pod_read_unaligned)
-        .is_some_and(|reading: Reading| matches!(reading.quality, Reading::QUALITY_STALE | Reading::QUALITY_INVALID));
-    !says_nothing && (!has_header || raw.header.stamp_ns > 0)
-}
-
-/// Whether a process belongs to what was started as that child: every one has a process group of its own.
-fn is_of(pid: u32, child: &Child) -> bool {
-    let group = Pid::from_raw(pid.cast_signed()).and_then(|pid| getpgid(Some(pid)).ok());
-    group.is_some_and(|group| group.as_raw_nonzero().get().unsigned_abs() == child.pid)
 }
 
 impl Supervisor {

@@ -13,7 +13,7 @@ use bus::clock;
 use command::Answer;
 use config::Role;
 use evidence::busy;
-use messages::{Heartbeat, OperatorRequest, text_of};
+use messages::{Heartbeat, OperatorRequest, Request};
 use std::time::Duration;
 
 /// How often the processes and their heartbeats are looked at, ns.
@@ -118,9 +118,10 @@ impl Supervisor {
     /// What belongs into this run folder, and what becomes of earlier ones.
     fn poll_run_files(&mut self) -> Answer {
         while let Some(request) = self.requests.receive()? {
-            if request.verb == OperatorRequest::VERB_RUN && (request.answered, request.accepted) == (1, 1) {
-                let given = text_of(&request.text);
-                self.archive.copy_mission(config::mission_file(&given, &self.site.file.planner.missions));
+            if (request.answered, request.accepted) == (1, OperatorRequest::ACCEPTED)
+                && let Ok(Request::Run { mission, hash, .. }) = Request::decode(&request)
+            {
+                self.archive.copy_mission(&mission, config::mission_copy(self.folder.path(), &hash));
             }
         }
         self.poll_recording()?;

@@ -2,8 +2,8 @@
 
 const SECOND_NS: f64 = 1e9;
 
-/// A share of samples that grows with time: what comes rarely passes whole, also in bursts of up to a second's share; of what comes
-/// faster for long, only as much as the rate allows.
+/// A share of samples that grows with time: what comes rarely passes whole, also in bursts of up to a second's share;
+/// of what comes faster for long, only as much as the rate allows.
 #[derive(Debug, Clone)]
 pub struct Budget {
     rate_hz: f64,

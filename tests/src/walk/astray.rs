@@ -1,4 +1,5 @@
-//! Controllers that have gone wrong: they answer every cycle in time, as a sound one does, and with the wrong velocities.
+//! Controllers that have gone wrong: they answer every cycle in time, as a sound one does, and with the wrong
+//! velocities.
 
 use super::random::Random;
 use messages::{CABLES, MotorCommand, SLOTS};
@@ -6,7 +7,8 @@ use messages::{CABLES, MotorCommand, SLOTS};
 /// What became of a controller.
 #[derive(Debug, Clone, Copy)]
 pub enum Astray {
-    /// Its velocities are multiplied: by less than 0 it leads away, by 0 it does nothing, by more than 1 it does too much.
+    /// Its velocities are multiplied: by less than 0 it leads away, by 0 it does nothing, by more than 1 it does too
+    /// much.
     Factor(f64),
     /// One cable gets so much on top, m/s.
     Bias(usize, f64),
@@ -17,8 +19,9 @@ pub enum Astray {
 }
 
 impl Astray {
-    /// One of them. More cables than dimensions (`redundant`) are never moved against each other: that ends in a stalled motor or a slack
-    /// line, and the way back is to loosen the lines by hand. A law that is too sharp for them sets their spring going.
+    /// One of them. More cables than dimensions (`redundant`) are never moved against each other: that ends in a
+    /// stalled motor or a slack line, and the way back is to loosen the lines by hand. A law that is too sharp for them
+    /// sets their spring going.
     pub(super) fn by_chance(random: &mut Random, redundant: bool) -> Self {
         match random.below(if redundant { 3 } else { 5 }) {
             0 => Self::Factor(random.of(&[-3.0, -1.0, -0.3, 0.0, if redundant { 0.5 } else { 2.0 }])),

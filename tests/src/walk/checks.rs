@@ -18,8 +18,8 @@ const LED_AWAY_S: f64 = 1.0;
 
 /// Bounds on the node while the robot is in a mode; speed in m/s, acceleration in m/s².
 ///
-/// They are those of a node that hung still. One that still swings on its lines when it is told to move, because it was stopped at once
-/// before, is bounded by the sum of both.
+/// They are those of a node that hung still. One that still swings on its lines when it is told to move, because it was
+/// stopped at once before, is bounded by the sum of both.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Bound {
     /// Largest speed.
@@ -43,7 +43,8 @@ pub struct Bounds {
     pub watchdog_s: f64,
     /// Time in which the node comes to rest after the last command, s; and how fast it may still be then, m/s.
     pub rest: (f64, f64),
-    /// Factor on the bounds of all modes after a controller has gone wrong, and how fast the node still swings at rest then, m/s.
+    /// Factor on the bounds of all modes after a controller has gone wrong, and how fast the node still swings at rest
+    /// then, m/s.
     pub shaken: (f64, f64),
 }
 
@@ -101,7 +102,8 @@ impl Checks {
         (self.before, self.off_m, self.halted, self.resting_s) = (None, None, None, 0.0);
     }
 
-    /// motor-io is away, and the drives' watchdog stops the node: what is wrong. What follows is not compared with what was.
+    /// motor-io is away, and the drives' watchdog stops the node: what is wrong. What follows is not compared with what
+    /// was.
     pub fn without_motor_io(&mut self, truth_m: [f64; 3], truth_m_s: [f64; 3], held: bool) -> Option<String> {
         if self.before.is_some() {
             self.begin();
@@ -120,7 +122,8 @@ impl Checks {
             .then(|| format!("without motor-io the node moves at {speed_m_s:.3} m/s and has gone {travel_m:.3} m"))
     }
 
-    /// What is wrong in this cycle. `held`: every line is held by its drive; `astray`: the controller in use has gone wrong.
+    /// What is wrong in this cycle. `held`: every line is held by its drive; `astray`: the controller in use has gone
+    /// wrong.
     pub fn cycle(&mut self, cycle: &Cycle, held: bool, astray: bool) -> Option<String> {
         let mode = usize::from(cycle.authority.mode).min(6);
         let velocity = Vector3::from(cycle.truth_m_s);

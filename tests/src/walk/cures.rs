@@ -1,4 +1,5 @@
-//! What a sentence says to do: each refusal and each reason for the end of a mission has to name something that can be done.
+//! What a sentence says to do: each refusal and each reason for the end of a mission has to name something that can be
+//! done.
 
 /// What an operator can do about a refusal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

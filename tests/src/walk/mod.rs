@@ -1,5 +1,5 @@
-//! A walk by chance: operator commands, deaths and lives of processes, and motions, in lockstep, with what has to hold checked after
-//! each cycle; and the way back to a finished motion by doing only what refusals say.
+//! A walk by chance: operator commands, deaths and lives of processes, and motions, in lockstep, with what has to hold
+//! checked after each cycle; and the way back to a finished motion by doing only what refusals say.
 
 mod astray;
 pub mod checks;
@@ -13,7 +13,7 @@ use cable_control::law::PFeedforward;
 use config::{EstimatorMethod, EstimatorSection, PlannerSection};
 use controller::{ControllerConfig, Law};
 use estimator::{EstimatorConfig, Method};
-use messages::{OperatorRequest, SLOTS};
+use messages::{Request, SLOTS};
 use motor_io::CoreConfig;
 use planner::PlannerConfig;
 use std::collections::VecDeque;
@@ -128,7 +128,8 @@ pub struct Walk {
     /// Controllers that have gone wrong, by slot.
     astray: [Option<Astray>; SLOTS],
     log: VecDeque<String>,
-    /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to be given anew.
+    /// The drives were without power: what the lines did meanwhile is not in their counts, so that the position has to
+    /// be given anew.
     powered_off: bool,
     /// What has been walked so far.
     pub tally: Tally,
@@ -219,15 +220,16 @@ impl Walk {
     }
 
     /// A request to motor-io and its sentence: accepted or refused. `None` without motor-io.
-    fn ask(&mut self, verb: u8, args: [f64; 8]) -> Result<Option<std::result::Result<String, String>>> {
+    fn ask(&mut self, request: Request) -> Result<Option<std::result::Result<String, String>>> {
         if !self.robot.motor_io_lives() {
             return Ok(None);
         }
-        self.robot.request(verb, args);
+        let asked = format!("{request:?}");
+        self.robot.request(request);
         self.period()?;
         let answer = *self.robot.answers().first().context("a request was not answered")?;
         let sentence = answer.sentence.to_string();
-        self.note(format!("request {verb} {args:?}: {} {sentence}", answer.accepted));
+        self.note(format!("{asked}: {} {sentence}", answer.accepted));
         Ok(Some(if answer.is_accepted() { Ok(sentence) } else { Err(self.refusal(sentence)?) }))
     }
 
@@ -250,7 +252,7 @@ impl Walk {
             self.period()?;
         }
         let [x, y, z] = self.robot.plant().position_m();
-        let answer = self.ask(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0])?;
+        let answer = self.ask(Request::ZeroAt { position_m: [x, y, z] })?;
         if matches!(answer, Some(Ok(_))) {
             self.powered_off = false;
         }

@@ -4,7 +4,7 @@ use super::Walk;
 use super::cures::{Cure, cures, is_settled};
 use anyhow::{Result, bail, ensure};
 use cable_robot::Vector3;
-use messages::{CONTROLLERS, ESTIMATORS, OperatorRequest as R, PlanStatus, SLOTS, text_of};
+use messages::{CONTROLLERS, ESTIMATORS, PlanStatus, Request, SLOTS, Slot, SlotRole, text_of};
 use planner::mission::PathShape;
 use robot_state::sentences::faults_of;
 
@@ -30,7 +30,7 @@ impl Walk {
             }
         }
         for _ in 0..PATIENCE {
-            let sentence = match self.goto(goal, 0.3, PathShape::Line, 0.0)? {
+            let sentence = match self.goto(goal, Some(0.3), PathShape::Line, None)? {
                 None => "the planner does not answer; start the robot with nims up".to_owned(),
                 Some(Err(sentence)) if is_settled(&sentence) => return self.arrived(goal),
                 Some(Err(sentence)) => sentence,
@@ -101,22 +101,22 @@ impl Walk {
 
     fn carry_out(&mut self, cure: Cure) -> Result<()> {
         match cure {
-            Cure::Arm => self.told(R::VERB_ARM),
-            Cure::Reset => self.told(R::VERB_RESET),
-            Cure::Stop => self.told(R::VERB_STOP),
-            Cure::Resume => match self.ask(R::VERB_RESUME, [0.0; 8])? {
+            Cure::Arm => self.told(Request::Arm),
+            Cure::Reset => self.told(Request::Reset),
+            Cure::Stop => self.told(Request::Stop),
+            Cure::Resume => match self.ask(Request::Resume)? {
                 Some(Ok(_)) => self.await_end().map(|_| ()),
                 _ => Ok(()),
             },
-            Cure::Confirm if !self.powered_off => self.told(R::VERB_CONFIRM_POSITION),
+            Cure::Confirm if !self.powered_off => self.told(Request::ConfirmPosition),
             // Who looks sees that the node is elsewhere.
             Cure::Confirm | Cure::Zero => match self.zero()? {
                 Some(_) => Ok(()),
                 None => self.start_what_is_missing(),
             },
-            Cure::Admit => (0..SLOTS).try_for_each(|slot| {
-                self.ask(R::VERB_ADMIT, [ESTIMATORS as f64, slot as f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])?;
-                self.ask(R::VERB_ADMIT, [CONTROLLERS as f64, slot as f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]).map(|_| ())
+            Cure::Admit => Slot::ALL.into_iter().try_for_each(|slot| {
+                self.ask(Request::Admit { role: SlotRole::Estimator, slot })?;
+                self.ask(Request::Admit { role: SlotRole::Controller, slot }).map(|_| ())
             }),
             Cure::Wait => self.periods(110),
             Cure::AskOtherwise => Ok(()),
@@ -141,23 +141,23 @@ impl Walk {
                 if self.astray[slot].is_some() || !self.robot.slots().lives(CONTROLLERS, slot) {
                     self.begin(CONTROLLERS, slot);
                 }
-                self.told(R::VERB_RESET)?;
+                self.told(Request::Reset)?;
                 self.periods(150)?;
-                self.ask(R::VERB_SWAP, [CONTROLLERS as f64, slot as f64, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])?;
+                self.ask(Request::Swap { role: SlotRole::Controller, slot: Slot::ALL[slot] })?;
                 self.periods(60)
             }
             Cure::JogTaut => {
-                self.told(R::VERB_RESET)?;
+                self.told(Request::Reset)?;
                 let slack = self.last.map_or([0; 8], |last| last.authority.fault_cable);
-                let cable = slack.iter().position(|named| *named == 1).unwrap_or(0) + 1;
-                self.ask(R::VERB_JOG, [cable as f64, -0.02, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])?;
+                let cable = slack.iter().position(|named| *named == 1).unwrap_or(0) as u8 + 1;
+                self.ask(Request::Jog { cable, distance_m: -0.02 })?;
                 self.periods(100)
             }
         }
     }
 
-    fn told(&mut self, verb: u8) -> Result<()> {
-        match self.ask(verb, [0.0; 8])? {
+    fn told(&mut self, request: Request) -> Result<()> {
+        match self.ask(request)? {
             Some(_) => self.periods(60),
             None => self.start_what_is_missing(),
         }

@@ -4,7 +4,7 @@ use super::Walk;
 use super::astray::Astray;
 use anyhow::Result;
 use messages::{
-    CABLES, CONTROLLERS, ESTIMATORS, Header, MotorCommand, NodeEstimate, OperatorRequest as R, ROLES, SLOTS,
+    CABLES, CONTROLLERS, ESTIMATORS, Header, MotorCommand, NodeEstimate, ROLES, Request, SLOTS, Slot, SlotRole,
 };
 use planner::mission::{Leg, Mission, PathShape, Polyline};
 
@@ -47,9 +47,9 @@ impl Walk {
 
     fn goto_somewhere(&mut self) -> Result<()> {
         let to = self.place();
-        let speed_m_s = self.random.of(&[0.0, 0.05, 0.2, 0.3, 0.6]);
+        let speed_m_s = self.random.of(&[None, Some(0.05), Some(0.2), Some(0.3), Some(0.6)]);
         let shape = self.random.of(&[PathShape::Line, PathShape::Line, PathShape::Line, PathShape::Parabola]);
-        let mu = if shape == PathShape::Parabola { 0.02 } else { 0.0 };
+        let mu = (shape == PathShape::Parabola).then_some(0.02);
         self.goto(to, speed_m_s, shape, mu).map(|_| ())
     }
 
@@ -57,12 +57,12 @@ impl Walk {
     pub(super) fn goto(
         &mut self,
         to: [f64; 3],
-        speed_m_s: f64,
+        speed_m_s: Option<f64>,
         shape: PathShape,
-        mu_per_m: f64,
+        mu_per_m: Option<f64>,
     ) -> Result<Option<std::result::Result<String, String>>> {
         let answer = self.robot.ask_planner(|planner, seen| planner.goto(to, speed_m_s, shape, mu_per_m, seen));
-        self.planned(&format!("goto {to:?} {speed_m_s} {shape:?}"), answer)
+        self.planned(&format!("goto {to:?} {speed_m_s:?} {shape:?}"), answer)
     }
 
     fn planned(
@@ -103,35 +103,22 @@ impl Walk {
     }
 
     fn command(&mut self) -> Result<()> {
-        let mut args = [0.0; 8];
-        let verb = match self.random.below(30) {
-            0..4 => R::VERB_ARM,
-            4 if self.random.once_in(2) => R::VERB_DISARM,
+        let request = match self.random.below(30) {
+            0..4 => Request::Arm,
+            4 if self.random.once_in(2) => Request::Disarm,
             5 => return self.zero().map(|_| ()),
-            6..8 if !self.powered_off => R::VERB_CONFIRM_POSITION,
-            8..11 => R::VERB_PAUSE,
-            11..15 => R::VERB_RESUME,
-            15..17 => R::VERB_STOP,
-            17 if self.random.once_in(2) => R::VERB_ESTOP,
-            17..21 => R::VERB_RESET,
-            21..23 => {
-                (args[0], args[1]) = (self.random.below(6) as f64, self.random.between(-0.04, 0.04));
-                R::VERB_JOG
-            }
-            23 => {
-                args[0] = self.random.of(&[0.1, 0.5, 1.0, 1.0, 1.5]);
-                R::VERB_SPEED
-            }
-            24 => {
-                (args[0], args[1]) = (self.random.below(ROLES) as f64, self.random.below(SLOTS) as f64);
-                R::VERB_ADMIT
-            }
-            _ => {
-                (args[0], args[1]) = (self.random.below(ROLES) as f64, self.random.below(SLOTS) as f64);
-                R::VERB_SWAP
-            }
+            6..8 if !self.powered_off => Request::ConfirmPosition,
+            8..11 => Request::Pause,
+            11..15 => Request::Resume,
+            15..17 => Request::Stop,
+            17 if self.random.once_in(2) => Request::Estop,
+            17..21 => Request::Reset,
+            21..23 => Request::Jog { cable: self.random.below(6) as u8, distance_m: self.random.between(-0.04, 0.04) },
+            23 => Request::Speed { rate: self.random.of(&[0.1, 0.5, 1.0, 1.0, 1.5]) },
+            24 => Request::Admit { role: self.random.of(&SlotRole::ALL), slot: self.random.of(&Slot::ALL) },
+            _ => Request::Swap { role: self.random.of(&SlotRole::ALL), slot: self.random.of(&Slot::ALL) },
         };
-        self.ask(verb, args).map(|_| ())
+        self.ask(request).map(|_| ())
     }
 
     fn begin_somebody(&mut self) {

@@ -167,7 +167,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&[], &["--help"]),
         (&["fly"], &["fly"]),
         (&["up"], &["CONFIG"]),
-        (&["up", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
+        (&["up", "no-such-system.toml"], &["no-such-system.toml", "no such file"]),
         (&["up", SYSTEM, "--for", "soon"], &["soon", "not a number"]),
         (&["up", SYSTEM, "--for", "-1"], &["--for"]),
         (&["up", SYSTEM, "--domain", "My Robot"], &["My Robot"]),
@@ -192,7 +192,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["check", "Cargo.toml"], &["Cargo.toml", "[robot]"]),
         (&["info", "no-such-run"], &["no-such-run"]),
         (&["recover", "no-such-run"], &["no-such-run"]),
-        (&["run", "demo", "--dry-run", "--config", "no-such-box.toml"], &["no-such-box.toml"]),
+        (&["run", "demo", "--dry-run", "--config", "no-such-system.toml"], &["no-such-system.toml"]),
         (&["bench", "drives"], &["drives", "tick, bus, chain, disk"]),
         (&["bench", "--rate", "1000"], &["--rate", "1000", "10 to 250"]),
         (&["bench", "--rate", "-100"], &["--rate", "10 to 250"]),
@@ -200,7 +200,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
         (&["bench", "--seconds", "0"], &["--seconds", "above 0"]),
         (&["bench", "--seconds", "inf"], &["inf", "finite"]),
         (&["bench", "--seconds", "1e9"], &["hour"]),
-        (&["bench", "--system", "no-such-box.toml"], &["no-such-box.toml", "no such file"]),
+        (&["bench", "--system", "no-such-system.toml"], &["no-such-system.toml", "no such file"]),
         (&["bench", "--system", ROBOT], &["lab3.toml"]),
         (&["bench", "disk", "--runs", "no-such-folder"], &["no-such-folder", "--runs"]),
         (&["bench", "disk", "--runs", "README.md"], &["README.md", "--runs"]),
@@ -215,7 +215,7 @@ fn bad_arguments_are_answered_by_one_sentence() {
 fn sensor_and_scene_files_are_checked_too() {
     let finding = |file: &str| answer(&["check", file, "--json"])["findings"][0]["finding"].to_string();
     assert!(finding("configs/sensors/tfmini.toml").contains("distance in m"));
-    assert!(finding("configs/ground/fig10.toml").contains("prisms on the ground"));
+    assert!(finding("configs/ground/fig10.toml").contains("prisms on a plane"));
     let folder = tempfile::tempdir().unwrap();
     let spoilt = |from: &str, what: &str, with: &str| {
         let text = std::fs::read_to_string(root().join(from)).unwrap();
@@ -296,7 +296,8 @@ fn check_tells_whether_a_mission_can_be_flown() {
 fn a_dry_run_needs_no_robot() {
     let value = answer(&["run", "spiral", "--dry-run", "--config", SYSTEM, "--json"]);
     assert_eq!(value["feasible"], json!(true));
-    // Archimedean spiral to 0.6 m in 4 turns, rising 1.125 m: the flat length is about half the outermost circumference per turn.
+    // Archimedean spiral to 0.6 m in 4 turns, rising 1.125 m: the flat length is about half the outermost circumference
+    // per turn.
     let length = value["length_m"].as_f64().unwrap();
     assert!((7.4..8.0).contains(&length), "{length}");
     let value = answer(&["run", "spiral", "--dry-run", "--config", SYSTEM, "--from", "9.7,0.1,0.3", "--json"]);
@@ -474,7 +475,8 @@ mod planar {
         let folder = tempfile::tempdir().unwrap();
         let png = folder.path().join("plane.png");
         let found = aq("workspace", &["--step", "0.2", "--png", png.to_str().unwrap()]);
-        // Below the surface and above the bed all of 8 x 3.6 m could be reached; near the banks the lines hold it no more.
+        // Below the surface and above the bed all of 8 x 3.6 m could be reached; near the banks the lines hold it no
+        // more.
         let area = found["feasible_area_m2"].as_f64().unwrap();
         assert!(area > 15.0 && area < 8.0 * 3.6, "{found}");
         assert_eq!(found["safest_position_m"].as_array().unwrap().len(), 2);

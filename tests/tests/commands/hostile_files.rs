@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
-/// A command that has not answered by then waits for something that never comes, or takes in something without end. Those meant here
-/// answer within milliseconds; this is for a machine that stands still.
+/// A command that has not answered by then waits for something that never comes, or takes in something without end.
+/// Those meant here answer within milliseconds; this is for a machine that stands still.
 const GIVE_UP: Duration = Duration::from_secs(60);
 /// Bytes of the sparse table.
 const LARGE: u64 = 3 << 30;
@@ -123,12 +123,12 @@ fn what_is_no_run_is_bad_input() {
     let (folder, files) = hostile();
     for command in ["info", "recover", "export", "report", "map", "replay"] {
         refused(&[command, "configs/systems/demo3.toml"], &["demo3.toml"]);
-        refused(&[command, &files[0].0], &["pipe.toml", "no regular file"]);
+        refused(&[command, &files[0].0], &["pipe.toml", "regular file"]);
         refused(&[command, "no/such/run"], &["no/such/run"]);
     }
     // nor is a folder with a pipe under the name of a run file one
     fs::rename(&files[0].0, folder.path().join("run.mcap")).unwrap();
-    refused(&["info", folder.path().to_str().unwrap()], &["run.mcap", "no regular file"]);
+    refused(&["info", folder.path().to_str().unwrap()], &["run.mcap", "regular file"]);
 }
 
 #[test]

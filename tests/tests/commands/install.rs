@@ -100,12 +100,12 @@ fn the_service_manager_accepts_the_units() {
     let folder = tempfile::tempdir().unwrap();
     let root = folder.path().join("root");
     assert!(install(&root, &["--programs", programs(folder.path(), "some").to_str().unwrap()]).status.success());
-    if let Ok(output) = Command::new("visudo").arg("-cf").arg(root.join("etc/sudoers.d/nims")).output() {
-        assert!(String::from_utf8_lossy(&output.stdout).contains("parsed OK"), "{output:?}");
+    match Command::new("visudo").arg("-cf").arg(root.join("etc/sudoers.d/nims")).output() {
+        Ok(output) => assert!(String::from_utf8_lossy(&output.stdout).contains("parsed OK"), "{output:?}"),
+        Err(_) => notes::left_out("sudo accepts etc/sudoers.d/nims", "there is no visudo"),
     }
     if Command::new("systemd-analyze").arg("--version").output().is_err() {
-        println!("no systemd-analyze here: not verified");
-        return;
+        return notes::left_out("the service manager accepts the units", "there is no systemd-analyze");
     }
     let version = fs::read_link(root.join("opt/nims/current")).unwrap();
     let bin = root.join("opt/nims").join(version).join("bin");

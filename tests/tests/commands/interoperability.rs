@@ -1,4 +1,5 @@
-//! Readers that this project did not write get every field of a run file, exactly: from a file written directly, and from a live recording.
+//! Readers that this project did not write get every field of a run file, exactly: from a file written directly, and
+//! from a live recording.
 
 use nims_tests::python;
 use std::collections::BTreeMap;
@@ -115,15 +116,17 @@ fn compare(run: &Path, expected: &Expected) {
         assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
         assert!(said.trim().ends_with("fields equal"), "{said}");
     } else {
-        eprintln!("{WITHOUT_NODE} is set: run files are not compared with what JavaScript reads in them");
+        notes::left_out("run files as JavaScript reads them", format_args!("{WITHOUT_NODE} is set"));
     }
-    // A checker of the format is a download of 170 MB, so it is used where somebody has it: `pip install rerun-sdk`.
+    // `pip install rerun-sdk` downloads 170 MB, so its checker of the format runs only where it is installed.
     if let Some(rerun) = std::env::var_os(RERUN) {
         let output = Command::new(rerun).args(["mcap", "check"]).arg(run).output().unwrap();
         let said = String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success(), "{said}{}", String::from_utf8_lossy(&output.stderr));
         let channels = said.lines().filter(|line| line.starts_with("ok ")).count();
         assert!(channels >= expected.0.len(), "{channels} of {} channels are ok:\n{said}", expected.0.len());
+    } else {
+        notes::left_out("run files by the checker of rerun", format_args!("{RERUN} does not name the program rerun"));
     }
     // Our own reader for analysts, which takes samples out by the index instead of decoding them.
     let output = Command::new(&python).arg(root.join("python/check_reader.py")).arg(run).output().unwrap();

@@ -1,9 +1,9 @@
-//! The command line and its files, what other programs read of them, and how the tree is built.
+//! The command line, its files, and other programs that read them.
 
 #![allow(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-mod architecture;
 mod command_line;
+mod example_configurations;
 mod hostile_files;
 mod install;
 mod interoperability;

@@ -1,5 +1,5 @@
-//! `nims solve` against numpy, which shares no code with it, and `nims plan` and `nims workspace` against what is known of
-//! them.
+//! `nims solve` against numpy, which shares no code with it, and `nims plan` and `nims workspace` against what is known
+//! of them.
 //!
 //! `NIMS_SOLVE_ROUNDS=600 cargo test --workspace --test commands -- solve:: --nocapture` draws ten times as many cases.
 

@@ -1,8 +1,8 @@
-//! An adaptive leg as it is flown: sensor, sensor logger and planner are processes of a robot, and what the live map shows decides what
-//! is flown next. Told from the run file and the truth.
+//! An adaptive leg as it is flown: sensor, sensor logger and planner are processes of a robot, and what the live map
+//! shows decides what is flown next. Told from the run file and the truth.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
-use messages::{FieldMap, MotorAuthority, OperatorRequest, PlanMotion, PlanStatus, TruthNode};
+use messages::{FieldMap, MotorAuthority, PlanMotion, PlanStatus, Request, TruthNode};
 use std::cell::RefCell;
 use std::collections::BTreeMap;
 
@@ -85,8 +85,8 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
         let maps = RefCell::new(robot.bus.subscriber::<FieldMap>("map/rangefinder").unwrap());
         robot.until("a map", |_| maps.borrow_mut().latest().unwrap().is_some_and(|map| map.samples > 0));
         let mut statuses = robot.bus.subscriber::<PlanStatus>("plan/status").unwrap();
-        let run = OperatorRequest::VERB_RUN;
-        let (accepted, sentence) = robot.request("planner", run, &[], "look-twice").expect("the planner answers");
+        let run = robot.mission("look-twice");
+        let (accepted, sentence) = robot.request("planner", &run).expect("the planner answers");
         assert!(accepted && sentence.contains("at most") && sentence.contains("J in all"), "{sentence}");
 
         let last = robot.last.header.cycle + MOST_CYCLES;
@@ -96,7 +96,7 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
             assert!(robot.last.header.cycle < last, "the mission does not end\n{}", robot.said());
             status = statuses.latest().unwrap().unwrap_or(status);
             if robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.faults & STARVED != 0 {
-                robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+                robot.ask("motor-io", Request::Resume);
             }
         }
         assert_eq!(robot.named & !STARVED, 0, "{}", robot.said());
@@ -145,7 +145,8 @@ fn the_fine_lines_are_flown_where_the_live_map_has_edges_and_nowhere_else() {
             "{} places of the fine lines, at most {farthest_m:.3} m from an edge; no part of an edge farther than {missed_m:.3} m from them",
             fine.len()
         );
-        // Half a pitch, and what lies between two looks at the truth; between two tracks that disagree an edge may be anywhere.
+        // Half a pitch, and what lies between two looks at the truth; between two tracks that disagree an edge may be
+        // anywhere.
         assert!(missed_m < 0.5 * FINE_M + 0.02, "{missed_m}");
         assert!(farthest_m < 1.25 * COARSE_M, "{farthest_m}");
         // and there was enough elsewhere to be flown in vain

@@ -1,9 +1,9 @@
-//! What is injected against what motor-io names as the cause, and a reader of the run file that this program does not know, which has to
-//! come to the same numbers over two lives of motor-io.
+//! What is injected against what motor-io names as the cause, and a reader of the run file that this program does not
+//! know, which has to come to the same numbers over two lives of motor-io.
 
 use crate::robot::{Robot, root, steadily};
 use analysis::counters::Count;
-use messages::{MotorAuthority, OperatorRequest};
+use messages::{MotorAuthority, Request};
 use nims_tests::python;
 use robot_state::Periods;
 use rustix::process::Signal;
@@ -41,7 +41,7 @@ fn going_on(robot: &mut Robot) {
         let MotorAuthority { mode, faults, plan_rate, .. } = robot.last;
         match mode {
             MotorAuthority::MODE_FOLLOWING if faults == 0 && plan_rate == 1.0 => return,
-            MotorAuthority::MODE_HOLDING => _ = robot.request("motor-io", OperatorRequest::VERB_RESUME, &[], ""),
+            MotorAuthority::MODE_HOLDING => _ = robot.request("motor-io", &Request::Resume),
             _ => {}
         }
     }
@@ -110,7 +110,7 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
         println!("|---|---|---|---|---|---|---|");
         row(&mut robot, "nothing", |robot| robot.for_cycles(100));
         let paused = row(&mut robot, "an operator's pause of a second", |robot| {
-            robot.ask("motor-io", OperatorRequest::VERB_PAUSE, &[]);
+            robot.ask("motor-io", Request::Pause);
             robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
             robot.for_cycles(100);
         });
@@ -127,8 +127,9 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
             robot.until("it holds", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         });
         assert!(late.answer > 0, "{late:?}");
-        // A row of lost periods keeps the cause of its first one. Where the computer happens to be short of time in just that period, the row
-        // says nothing about drives, and the drive is silenced again. An answer that was under way is cut short: that is a resynchronisation.
+        // A row of lost periods keeps the cause of its first one. Where the computer happens to be short of time in
+        // just that period, the row says nothing about drives, and the drive is silenced again. An answer that was
+        // under way is cut short: that is a resynchronisation.
         let silenced = (0..3).any(|_| {
             let silent = row(&mut robot, "a drive that is silent for 0.2 s", |robot| robot.fault("silence 1 for 0.2"));
             assert!(silent.drive + silent.resync + silent.computer >= 10, "{silent:?}");
@@ -157,7 +158,8 @@ fn what_is_injected_is_named_and_a_foreign_reader_counts_the_same_over_two_lives
     });
 }
 
-/// The periods of a robot's run that has ended, which a reader that this program does not know has to count alike; and motor-io's lives.
+/// The periods of a robot's run that has ended, which a reader that this program does not know has to count alike; and
+/// motor-io's lives.
 pub fn counted_alike(robot: &Robot) -> (Periods, u64) {
     let (ours, theirs) = (counted(robot), foreign(robot));
     println!("{}: {}", ours.leading(), ours.by_cause());

@@ -1,4 +1,5 @@
-//! The processes of a running robot: started, ended, restarted, plugged in and unplugged by the operator, and what their states say.
+//! The processes of a running robot: started, ended, restarted, plugged in and unplugged by the operator, and what
+//! their states say.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
 use rustix::process::Signal;

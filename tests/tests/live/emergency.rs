@@ -1,8 +1,9 @@
-//! An emergency stop gets through where nothing else does: every place taken, every byte of shared memory and of the disk too.
+//! An emergency stop gets through where nothing else does: every place taken, every byte of shared memory and of the
+//! disk too.
 
-use crate::robot::{GOAL, Robot, START};
+use crate::robot::{GOAL, Robot, START, goto};
 use bus::{Bus, Client, Party, Subscriber, Tap, Waiter};
-use messages::{MotorAuthority, MotorInput, MotorState, OperatorRequest, RecorderStatus};
+use messages::{MotorAuthority, MotorInput, MotorState, RecorderStatus, Request};
 use rustix::fs::{FallocateFlags, fallocate, fstatvfs};
 use std::cell::RefCell;
 use std::fs::File;
@@ -77,8 +78,8 @@ fn an_emergency_stop_gets_through_where_nothing_else_does() {
         unshare
     };
     if !unshare(&mount).output().is_ok_and(|tried| tried.status.success()) {
-        eprintln!("{TEST} is left out: this user cannot mount a /dev/shm of its own (unshare --mount --map-root-user)");
-        return;
+        let reason = "this user cannot mount a /dev/shm (unshare --mount --map-root-user)";
+        return notes::left_out("an emergency stop with full shared memory and a full disk", reason);
     }
     let again = format!("{mount} && TMPDIR=\"$1\" exec \"$0\" --exact --nocapture {TEST}");
     assert!(unshare(&again).env(OWN, "1").status().unwrap().success());
@@ -92,7 +93,7 @@ fn stop_in_a_crowd() {
     let mut states = robot.bus.deep_subscriber::<MotorState>("motor/state").unwrap();
     robot.arm();
     // What the test itself needs is open before the crowd comes.
-    robot.request("planner", OperatorRequest::VERB_NONE, &[], "");
+    robot.request("planner", &Request::Arm);
     let crowd = Crowd::gather(&robot);
     let fillers = ["/dev/shm".as_ref(), robot.folder()].map(|place| File::create(place.join("filler")).unwrap());
     fillers.iter().for_each(fill);
@@ -105,8 +106,8 @@ fn stop_in_a_crowd() {
     let mut slowest = 0;
     for round in 0..rounds {
         // To the farther one of two places, wherever the last stop left the node.
-        let [x, y, z] = farther(&robot);
-        robot.ask("planner", OperatorRequest::VERB_GOTO, &[x, y, z, 0.12]);
+        let to_m = farther(&robot);
+        robot.ask("planner", goto(to_m, 0.12));
         robot.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
         robot.for_cycles(20);
         fillers.iter().for_each(fill);

@@ -1,7 +1,8 @@
-//! Faults on request: each is found out within the cycles, and followed by the mode, that the table in `docs/faults.md` says.
+//! Faults on request: each is found out within the cycles, and followed by the mode, that the table in `docs/faults.md`
+//! says.
 
 use crate::robot::{Robot, program, root, steadily};
-use messages::{MotorAuthority, OperatorRequest};
+use messages::{MotorAuthority, Request};
 use motor_box::{BoxFault, FaultRequest};
 use nims::fault::{ROWS, Row, page};
 use nims_tests::lockstep::Lockstep;
@@ -55,7 +56,8 @@ fn what_breaks_in_the_plant_is_found_within_the_cycles_that_the_table_says() {
     }
 }
 
-/// A broken line: the node comes down, the other lines hang loose, and their encoders show nothing of what their drums do. They do nothing.
+/// A broken line: the node comes down, the other lines hang loose, and their encoders show nothing of what their drums
+/// do. They do nothing.
 #[test]
 fn no_drum_creeps_on_under_a_slack_line() {
     for cable in 0..3 {
@@ -76,8 +78,8 @@ fn no_drum_creeps_on_under_a_slack_line() {
     }
 }
 
-/// Breaks something in flight, and sees within how many cycles it is named; false where that took longer because the robot waited for the
-/// computer, and said so.
+/// Breaks something in flight, and sees within how many cycles it is named; false where that took longer because the
+/// robot waited for the computer, and said so.
 fn found_after(robot: &mut Robot, row: &Row, breaks: impl FnOnce(&mut Robot)) -> bool {
     robot.look();
     assert_eq!((robot.last.mode, robot.last.faults), (FOLLOWING, 0), "{}", row.example);
@@ -116,7 +118,7 @@ fn found_in(robot: &mut Robot, row: &Row, process: &str, kind: &str) -> bool {
 
 /// The motion goes on, and no fault is named any more.
 fn resume(robot: &mut Robot) {
-    robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+    robot.ask("motor-io", Request::Resume);
     robot.until("it goes on", |robot| robot.last.mode == FOLLOWING && robot.last.faults == 0);
 }
 
@@ -165,11 +167,12 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
             robot.reset();
         }
 
-        // The button of a unit: an emergency stop that no reset ends while it is pressed, and nothing moves when it is released.
+        // The button of a unit: an emergency stop that no reset ends while it is pressed, and nothing moves when it is
+        // released.
         let pressed = row("estop", "");
         robot.fly();
         assert!(found_after(&mut robot, pressed, |robot| robot.fault(pressed.example)));
-        let (accepted, sentence) = robot.request("motor-io", OperatorRequest::VERB_RESET, &[], "").unwrap();
+        let (accepted, sentence) = robot.request("motor-io", &Request::Reset).unwrap();
         assert!(!accepted && sentence.contains("emergency stop button"), "{sentence}");
         robot.fault("estop 1 128 off");
         let until = robot.last.header.cycle + 50;
@@ -193,7 +196,8 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
         for process in ["controller", "estimator"] {
             for kind in ["slow", "nan", "frozen"] {
                 let row = row(kind, process);
-                // Where the machine lets another process wait just then, the robot stops for that one, rightly: then once more.
+                // Where the machine lets another process wait just then, the robot stops for that one, rightly: then
+                // once more.
                 in_one_of(10, row, || found_in(&mut robot, row, process, kind));
             }
         }
@@ -215,7 +219,8 @@ fn what_breaks_on_the_wire_or_in_a_process_is_found_within_the_cycles_that_the_t
     });
 }
 
-/// The command itself: refusals before anything is asked, faults that pass by themselves, processes that stand still for a while.
+/// The command itself: refusals before anything is asked, faults that pass by themselves, processes that stand still
+/// for a while.
 #[test]
 fn the_command_breaks_things_and_puts_them_right_again() {
     let nims = |domain: &str, args: &[&str]| {
@@ -239,7 +244,7 @@ fn the_command_breaks_things_and_puts_them_right_again() {
 
     let mut robot = Robot::up("");
     let domain = robot.domain.name().to_owned();
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+    robot.ask("motor-io", Request::Arm);
     let (code, said) = nims(&domain, &["unplug", "1", "--for", "0.7"]);
     assert!(code == Some(0) && said.contains("done: unplug 1 for 0.7"), "{said}");
     robot.until("the fault", |robot| robot.last.faults & MotorAuthority::FAULT_LOST_UNIT != 0);

@@ -1,7 +1,8 @@
-//! What flew is what is written: the run's own copy of the configuration, what each process says it works with, and `nims set`.
+//! What flew is what is written: the run's own copy of the configuration, what each process says it works with, and
+//! `nims set`.
 
 use crate::robot::{Robot, THREE_LINES, steadily};
-use messages::{MotorAuthority, OperatorRequest, SystemConfig, text_of};
+use messages::{MotorAuthority, Request, SystemConfig, text_of};
 use replay::{Changes, run};
 use rustix::process::Signal;
 use std::path::{Path, PathBuf};
@@ -112,7 +113,7 @@ fn an_edit_in_flight_is_for_the_next_run() {
         edit(configs.join("robots/lab3.toml"), "node_mass_kg = 1.2", "node_mass_kg = 2.4");
         edit(configs.join("sensors/wind.toml"), "baud = ", "baud = 1");
         edit(resolved.clone(), "horizon_cycles = 20", "horizon_cycles = 66");
-        robot.ask("motor-io", OperatorRequest::VERB_STOP, &[]);
+        robot.ask("motor-io", Request::Stop);
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         for process in ["controller", "estimator", "planner", "wind"] {
             let before = config_of(&robot, process).unwrap();

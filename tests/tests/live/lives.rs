@@ -1,9 +1,9 @@
-//! Lives of motor-io on a robot as it is run: what a dead estimator, a dead motor-io or a stranger left in a channel moves nothing, and
-//! stops nothing.
+//! Lives of motor-io on a robot as it is run: what a dead estimator, a dead motor-io or a stranger left in a channel
+//! moves nothing, and stops nothing.
 
 use crate::robot::{Robot, samples_of, steadily};
 use messages::{
-    ESTIMATORS, Header, MotorAuthority, MotorSlots, NodeEstimate, OperatorRequest, SLOTS, Sample, TruthNode,
+    ESTIMATORS, GotoPath, Header, MotorAuthority, MotorSlots, NodeEstimate, Request, SLOTS, Sample, TruthNode,
 };
 use rustix::process::Signal;
 use std::cell::RefCell;
@@ -19,7 +19,7 @@ const LOGGER: &str = "\n[[process]]\nname = \"sensor-logger\"\ncommand = [\"sens
 /// To a height over the start, to the end of the move.
 fn fly_to(robot: &mut Robot, z: f64) {
     let before = robot.last.motion;
-    robot.ask("planner", OperatorRequest::VERB_GOTO, &[4.8, 3.0, z]);
+    robot.ask("planner", Request::Goto { to_m: [4.8, 3.0, z], path: GotoPath::Line, speed_m_s: None });
     robot.until("the motion is taken up", |robot| robot.last.motion != 0 && robot.last.motion != before);
     robot.until("the end of the move", |robot| {
         robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.motion == 0
@@ -115,7 +115,8 @@ fn a_stranger_on_the_free_slot_does_nothing_to_the_robot_in_flight() {
         robot.arrive();
         assert_eq!((robot.named, robot.last.in_charge), (0, begun.in_charge));
         assert_ne!(robot.seats.phase[SLOTS * ESTIMATORS + 1], MotorSlots::PHASE_QUALIFIED);
-        // Whoever comes into that slot afterwards is heard: what was forged does not stand in the way of a later, true sample.
+        // Whoever comes into that slot afterwards is heard: what was forged does not stand in the way of a later, true
+        // sample.
         robot.told(&["swap", "estimator", "kalman"]);
         robot.fly();
         robot.arrive();

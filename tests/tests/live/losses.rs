@@ -1,7 +1,8 @@
-//! What is not recorded is lost: it is said at once, missions are not begun, and `nims up` ends with 1. A process that hangs is replaced.
+//! What is not recorded is lost: it is said at once, missions are not begun, and `nims up` ends with 1. A process that
+//! hangs is replaced.
 
 use crate::robot::{Robot, THREE_LINES, copy_configs, program, root, steadily};
-use messages::{MotorAuthority, OperatorRequest};
+use messages::{MotorAuthority, Request};
 use rustix::process::Signal;
 use std::process::Command;
 
@@ -35,7 +36,7 @@ fn without_room_nothing_is_recorded_and_no_mission_begins() {
         // The way home is never barred, but it is said that it leaves no trace.
         let home = robot.nims(&["goto", "5.0,3.2,0.5"]);
         assert!(home.status.success() && String::from_utf8_lossy(&home.stderr).contains("nothing is being recorded"));
-        robot.ask("motor-io", OperatorRequest::VERB_STOP, &[]);
+        robot.ask("motor-io", Request::Stop);
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         robot.told(&["run", "--unrecorded", mission]);
         robot.until("it flies", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
@@ -73,7 +74,7 @@ fn a_run_folder_that_is_removed_is_no_full_disk() {
         assert!(report.channels.iter().any(|channel| channel.name == "motor/state"), "{report}");
         let mut reader = runlog::RunReader::open(&robot.run()).unwrap();
         while reader.next_sample().unwrap().is_some() {}
-        for name in ["box.toml", "robot.toml", "resolved.toml"] {
+        for name in ["system.toml", "robot.toml", "resolved.toml"] {
             assert!(reader.attachments().iter().any(|file| file.name == name), "{name} is not in the run file");
         }
         let command::Output { words, .. } = analysis::report::report(&[robot.run()], None).unwrap();
@@ -144,21 +145,18 @@ fn a_demonstration_that_is_broken_off_names_its_run_and_writes_its_report() {
         }
         let command::Output { value, words, .. } =
             analysis::report::report(std::slice::from_ref(&run), Some(&folder.path().join("live.html"))).unwrap();
-        assert!(words.contains("being flown") && words.contains("being recorded"), "{words}");
+        assert!(words.contains("is running") && words.contains("being recorded"), "{words}");
         assert!(value["runs"][0]["flown_m"].as_f64().unwrap() > 0.0 && !words.contains("-0.0"), "{words}");
         rustix::process::kill_process(rustix::process::Pid::from_child(&demo), Signal::INT).unwrap();
         assert_eq!(demo.wait().unwrap().code(), Some(1));
         let said = std::fs::read_to_string(folder.path().join("stderr")).unwrap();
         let last = said.trim_end().lines().last().unwrap();
-        assert!(
-            last.contains("aborted") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()),
-            "{said}"
-        );
+        assert!(last.contains("aborted") && last.contains("Ctrl-C") && last.contains(run.to_str().unwrap()), "{said}");
         assert!(
             run.join("report.html").is_file() && run.join("report.svg").is_file() && run.join("report.json").is_file()
         );
         let command::Output { value, words, .. } = analysis::report::report(std::slice::from_ref(&run), None).unwrap();
-        assert!(words.contains("was broken off at") && !words.contains("-0.0"), "{words}");
+        assert!(words.contains("was aborted at") && !words.contains("-0.0"), "{words}");
         let legs = value["runs"][0]["legs"].as_array().unwrap();
         let (flown, sum) = (
             value["runs"][0]["flown_m"].as_f64().unwrap(),

@@ -1,4 +1,5 @@
-//! A method of estimation of one's own, in its own program, is swapped in while the robot moves: the template, compiled beside the others.
+//! A method of estimation of one's own, in its own program, is swapped in while the robot moves: the template, compiled
+//! beside the others.
 
 use crate::robot::{Robot, steadily};
 use estimator::METHOD_OTHER;

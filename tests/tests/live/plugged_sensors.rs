@@ -1,10 +1,10 @@
-//! Sensors of one's own on the robot in flight: plugged in, replaced, killed and started again, in Rust and in Python, from the templates
-//! as they are. What it cost is read from the run file.
+//! Sensors of one's own on the robot in flight: plugged in, replaced, killed and started again, in Rust and in Python,
+//! from the templates as they are. What it cost is read from the run file.
 //!
 //! `NIMS_REPLACEMENTS=50 cargo test --workspace --test live plugged_sensors::` replaces them fifty times.
 
 use crate::robot::{Robot, root, samples_of, steadily};
-use messages::{Header, MotorAuthority, MotorState, OperatorRequest};
+use messages::{Header, MotorAuthority, MotorState, Request};
 use nims_tests::python;
 use rustix::process::Signal;
 use std::path::Path;
@@ -18,7 +18,8 @@ messages::message! {
     }
 }
 
-/// A second controller and a second estimator: a machine that holds one of them up for a moment has another that answers.
+/// A second controller and a second estimator: a machine that holds one of them up for a moment has another that
+/// answers.
 const STANDBYS: &str = "\n[[process]]\nname = \"controller-b\"\nrole = \"controller\"\nstandby = true\n\
     \n[[process]]\nname = \"estimator-b\"\nrole = \"estimator\"\nstandby = true\n";
 /// Cycles of quiet flight before the first sensor comes and after the last one went.
@@ -48,7 +49,8 @@ fn fly_for_long(robot: &mut Robot) {
     robot.until("the mission has begun", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
 }
 
-/// The template in Python with what it needs (`sensor.py`), and one with another field under the same name (`other.py`).
+/// The template in Python with what it needs (`sensor.py`), and one with another field under the same name
+/// (`other.py`).
 fn copy_templates(robot: &Robot) {
     for file in ["templates/sensor.py", "python/nims_bus.py"] {
         let from = root().join("scripts").join(file);
@@ -72,8 +74,9 @@ fn unanswered(run: &Path, first: u64, last: u64) -> u64 {
         .count() as u64
 }
 
-/// Whether every life of a sensor is in the run file: nothing missing behind its first sample, and that within a second of its beginning.
-/// Two lives may overlap, as those of a program and of its successor do: the number of a sample tells which one said it.
+/// Whether every life of a sensor is in the run file: nothing missing behind its first sample, and that within a second
+/// of its beginning. Two lives may overlap, as those of a program and of its successor do: the number of a sample tells
+/// which one said it.
 fn lives(run: &Path, channel: &str) -> u64 {
     let samples = runlog::read_channel::<Example>(run, channel).unwrap();
     let (mut lives, mut last) = (0, Vec::new());
@@ -147,7 +150,7 @@ fn sensors_are_replaced_in_flight_at_no_cost() {
             robot.until("the next cycle", |robot| robot.last.header.cycle > now);
             if robot.last.mode != MotorAuthority::MODE_FOLLOWING {
                 // Whether that was the machine's doing is seen below.
-                robot.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+                robot.ask("motor-io", Request::Resume);
             }
         }
         // Whoever is in the control cycle holds no channel of a sensor, so that none can hold it up.
@@ -208,7 +211,8 @@ fn a_successor_that_does_not_speak_costs_nothing() {
         robot.told(&["channel", "echo", "sensor/soil", "-n", "1"]);
         let before = robot.pid_in_table("soil").unwrap();
 
-        // One that ends, one of another type, and one that never says anything: why is said, and the one before speaks on.
+        // One that ends, one of another type, and one that never says anything: why is said, and the one before speaks
+        // on.
         for (command, why) in [
             (vec!["sh", "-c", "echo the cable is off >&2; exit 3"], "the cable is off"),
             (vec![python, "other.py"], "a changed type needs a new name"),

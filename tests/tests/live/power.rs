@@ -1,7 +1,8 @@
-//! The power goes in the middle of a mission, and the disk fills: what is lost is known and small, and the robot is not deceived.
+//! The power goes in the middle of a mission, and the disk fills: what is lost is known and small, and the robot is not
+//! deceived.
 
-use crate::robot::{GOAL, Robot, START, program, steadily};
-use messages::{MotorAuthority, MotorState, OperatorRequest, RecorderStatus};
+use crate::robot::{GOAL, Robot, START, goto, program, steadily};
+use messages::{MotorAuthority, MotorState, RecorderStatus, Request};
 use rustix::process::Signal;
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -74,7 +75,7 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         robot.until_said("the earlier run is recovered", |robot| robot.said().contains("has been recovered"));
         is_whole(&run, &seen);
         assert_eq!(robot.last.mode, MotorAuthority::MODE_DISARMED, "nothing arms by itself");
-        assert_eq!(robot.last.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+        assert_eq!(robot.last.position_known, MotorState::POSITION_RESTORED);
         let mut now = None;
         while let Some(state) = states.receive().unwrap() {
             now = Some(state);
@@ -85,15 +86,14 @@ fn a_power_cut_in_flight_loses_less_than_a_second_and_never_the_position_silentl
         };
         let nearest = seen.iter().map(apart).fold(f64::INFINITY, f64::min);
         assert!(nearest < SAME_M, "the lengths are of no moment before the cut: {nearest} m");
-        let (_, sentence) = robot.request("motor-io", OperatorRequest::VERB_ARM, &[], "").unwrap();
+        let (_, sentence) = robot.request("motor-io", &Request::Arm).unwrap();
         assert!(
             sentence.contains("kept from before motor-io was started") && sentence.contains("confirm"),
             "{sentence}"
         );
-        let (accepted, sentence) =
-            robot.request("planner", OperatorRequest::VERB_GOTO, &[5.0, 3.2, 0.5, 0.1], "").unwrap();
+        let (accepted, sentence) = robot.request("planner", &goto([5.0, 3.2, 0.5], 0.1)).unwrap();
         assert!(!accepted && sentence.contains("confirm"), "it moves by a position that nobody confirmed: {sentence}");
-        robot.ask("motor-io", OperatorRequest::VERB_CONFIRM_POSITION, &[]);
+        robot.ask("motor-io", Request::ConfirmPosition);
         robot.until("a confirmed position", |robot| robot.last.position_known == MotorState::POSITION_KNOWN);
     });
 }
@@ -156,8 +156,8 @@ fn a_mission_that_a_power_cut_broke_off_goes_on_without_flying_again_what_is_don
         // The virtual box hangs the node where its file says: where it was left.
         robot.change_box(|text| text.replace("start_m = [4.8, 3.0, 0.3]", &format!("start_m = {there:?}")));
         robot.up_again("");
-        robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-        robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &there);
+        robot.ask("motor-io", Request::Arm);
+        robot.ask("motor-io", Request::ZeroAt { position_m: there });
         robot.until_said("the rest is accepted", |robot| robot.nims(&["run", "over", "--continue"]).status.success());
         robot.until("the first line's end", |robot| {
             assert!(robot.distance_m(START) > before - 0.1, "it flies again what is done");

@@ -4,7 +4,7 @@
 
 use crate::robot::{FOUR_LINES, GOAL, Robot, THREE_LINES, program, steadily};
 use bus::clock;
-use messages::{MotorAuthority, OperatorRequest, RecorderStatus, TruthNode};
+use messages::{MotorAuthority, RecorderStatus, Request, TruthNode};
 use rustix::process::Signal;
 use serde_json::Value;
 use std::path::Path;
@@ -78,8 +78,8 @@ fn next_start_is_clean(robot: &Robot) {
     assert!(again.join("run.mcap").is_file());
 }
 
-/// What the run file says of the time after the controller or the estimator was killed without a standby: a commanded stop in so many
-/// cycles, a travel of what that takes, no drift, taut lines.
+/// What the run file says of the time after the controller or the estimator was killed without a standby: a commanded
+/// stop in so many cycles, a travel of what that takes, no drift, taut lines.
 fn stopped_in_time(run: &Path, killed_ns: u64, drift_s: f64) {
     let after = |stamp_ns: u64| stamp_ns > killed_ns;
     let cycles: Vec<MotorAuthority> =
@@ -201,9 +201,9 @@ fn the_position_outlives_a_restart_but_has_to_be_confirmed() {
             text.replace("start_m = [4.8, 3.0, 0.3]", "start_m = [5.4, 3.6, 0.7]")
         });
         robot.up_again("");
-        robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        robot.ask("motor-io", Request::Arm);
         robot.look();
-        assert_eq!(robot.last.position_known, messages::MotorState::POSITION_FROM_BEFORE_THE_CUT);
+        assert_eq!(robot.last.position_known, messages::MotorState::POSITION_RESTORED);
         assert_eq!(robot.refused(&["goto", "5.0,3.2,0.5"], &["confirm-position"]), Some(1));
         robot.told(&["confirm-position"]);
         let mut found = Vec::new();
@@ -408,7 +408,7 @@ fn without_motor_io_the_drives_stop_the_motors() {
 fn a_planar_robot_that_floats_flies() {
     steadily(|| {
         let mut robot = Robot::up_with("aq4", "", |_| ());
-        robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
+        robot.ask("motor-io", Request::Arm);
         robot.told(&["zero", "--at", "4.0,2.0"]);
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
         robot.until_said("the move is accepted", |robot| robot.nims(&["goto", "4.8,2.4"]).status.success());
@@ -428,7 +428,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
             std::fs::write(&path, text.replace("gear_friction = 0.85 ", "gear_friction = 0.0 ")).unwrap();
         });
         let said = robot.told(&["check", robot.system_file().to_str().unwrap()]);
-        let (_, rest) = said.split_once("a line runs out at ").expect("check warns of it");
+        let (_, rest) = said.split_once("a cable unwinds at ").expect("check warns of it");
         let announced_m_s = 1e-3 * rest.split_once(" mm/s").unwrap().0.parse::<f64>().unwrap();
         robot.arm();
         robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
@@ -441,7 +441,7 @@ fn without_motor_io_lines_run_out_as_fast_as_check_says() {
         let seconds = 1e-9 * (robot.seen.header.stamp_ns - before.header.stamp_ns) as f64;
         let run_out = |i: usize| (robot.seen.length_m[i] - before.length_m[i]) / seconds;
         let fastest_m_s = (0..3).map(run_out).fold(0.0, f64::max);
-        println!("a line runs out at {:.1} mm/s; check says {:.1}", 1e3 * fastest_m_s, 1e3 * announced_m_s);
+        println!("a cable unwinds at {:.1} mm/s; check says {:.1}", 1e3 * fastest_m_s, 1e3 * announced_m_s);
         // Check says it for the middle of the volume, where the lines are steeper.
         assert!((0.5..1.5).contains(&(fastest_m_s / announced_m_s)), "{fastest_m_s} of {announced_m_s} m/s");
         assert!(taut(&robot), "{:?}", robot.seen);

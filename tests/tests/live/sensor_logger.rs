@@ -1,13 +1,14 @@
-//! The sensor logger as a process, beside the recorder: every reading of sensors that come and go becomes a sample with the right place,
-//! and a map; on a robot of the virtual box it is one process of the table like the others.
+//! The sensor logger as a process, beside the recorder: every reading of sensors that come and go becomes a sample with
+//! the right place, and a map; on a robot of the virtual box it is one process of the table like the others.
 //!
-//! `NIMS_SENSORS=100 NIMS_SENSOR_S=60 cargo test --workspace --test live -- every_reading --nocapture` is the same with a load.
+//! `NIMS_SENSORS=100 NIMS_SENSOR_S=60 cargo test --workspace --test live -- every_reading --nocapture` is the same with
+//! a load.
 
 use crate::robot::{Robot, program, root};
 use bus::clock::{Pacer, now_ns};
 use bus::{Bus, Domain, Publisher};
 use messages::{
-    FieldMap, Header, Heartbeat, MotorAuthority, NodeEstimate, OperatorRequest, Reading, Sample, put_text, text_of,
+    FieldMap, Header, Heartbeat, MotorAuthority, NodeEstimate, Reading, Request, Sample, put_text, text_of,
 };
 use rustix::process::{Pid, Signal, kill_process};
 use std::cell::{Cell, RefCell};
@@ -134,7 +135,8 @@ fn every_reading_of_every_sensor_becomes_a_sample() {
     let mut pacer = Pacer::new(PASS_NS);
     for pass in 0..passes + AFTER {
         pacer.next();
-        // the time that the samples name goes evenly, whatever the machine does: a true gap between two estimates would be one
+        // the time that the samples name goes evenly, whatever the machine does: a true gap between two estimates would
+        // be one
         let now = begun_ns + pass * PASS_NS;
         estimates.send(&mut estimate(begun_ns, pass + 1, now)).unwrap();
         // estimates first, so that every reading lies between two
@@ -231,8 +233,8 @@ fn samples_in(run: &Path) -> Vec<Sample> {
 #[test]
 fn on_a_robot_it_is_a_process_like_the_others() {
     let mut robot = Robot::up(PROCESS);
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    robot.ask("motor-io", Request::Arm);
+    robot.ask("motor-io", Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
     robot.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
     robot.until("the logger", |robot| robot.pid("sensor-logger").is_some());
     robot.told(&["plug", "soil", "--", "my-sensor"]);

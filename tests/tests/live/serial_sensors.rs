@@ -1,5 +1,5 @@
-//! The sensors on serial ports, on simulated devices of the virtual motor box: what they say is the truth at the time that they say, and
-//! noise, silence and a pulled plug end nothing.
+//! The sensors on serial ports, on simulated devices of the virtual motor box: what they say is the truth at the time
+//! that they say, and noise, silence and a pulled plug end nothing.
 
 use crate::robot::{Robot, THREE_LINES, root, steadily};
 use bus::{Subscriber, clock};
@@ -142,7 +142,8 @@ fn they_say_the_truth_and_survive_what_happens_to_ports() {
         }
         assert_eq!((range.lost(), wind.lost(), co2.lost()), passed_by);
 
-        // Noise on the wire is counted, and hardly ever believed: the sum of a frame is all that this device has against it.
+        // Noise on the wire is counted, and hardly ever believed: the sum of a frame is all that this device has
+        // against it.
         let before = wait_for(&mut range, "a distance", |_| true).bad_frames;
         robot.fault("noise 2 0.02 for 1");
         wait_for(&mut range, "bad frames", |reading| reading.bad_frames > before);

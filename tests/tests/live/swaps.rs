@@ -1,7 +1,8 @@
-//! The robot in flight, with standbys: planned swaps, and SIGKILL of whoever is in charge, at random instants. What happened is read from
-//! the run file.
+//! The robot in flight, with standbys: planned swaps, and SIGKILL of whoever is in charge, at random instants. What
+//! happened is read from the run file.
 //!
-//! `NIMS_SWAPS=100 NIMS_RATE_HZ=100 cargo test --workspace --test live swaps::` does each a hundred times at the usual rate.
+//! `NIMS_SWAPS=100 NIMS_RATE_HZ=100 cargo test --workspace --test live swaps::` does each a hundred times at the usual
+//! rate.
 
 use crate::counters::counted_alike;
 use crate::robot::{Robot, THREE_LINES, samples_of, steadily};
@@ -16,8 +17,8 @@ use std::path::Path;
 use std::time::Duration;
 
 const ROLES: [&str; 2] = ["controller", "estimator"];
-/// Everything twice: a second controller with another law, a second estimator with another method; and standbys that are believed
-/// sooner and started again at once, so that a second is enough for a death and what follows it.
+/// Everything twice: a second controller with another law, a second estimator with another method; and standbys that
+/// are believed sooner and started again at once, so that a second is enough for a death and what follows it.
 fn standbys() -> String {
     let mut text = "[arbiter]\nqualify_s = 0.2\nprobation_s = 0.2\nquarantine_falls = 100\n".to_owned();
     let seats = [
@@ -38,8 +39,8 @@ fn box_and_its_rate() -> (&'static str, &'static str) {
     if rate_hz() > 100.0 { ("fast3", "rate_hz = 200.0") } else { (THREE_LINES, "rate_hz = 100.0") }
 }
 
-/// A processor that ten processes share with the start of an eleventh may let one wait for milliseconds: at half the usual rate that
-/// explains no missing answer. `NIMS_RATE_HZ=100` on a machine with nothing else to do.
+/// A processor that ten processes share with the start of an eleventh may let one wait for milliseconds: at half the
+/// usual rate that explains no missing answer. `NIMS_RATE_HZ=100` on a machine with nothing else to do.
 fn rate_hz() -> f64 {
     std::env::var("NIMS_RATE_HZ").map_or(50.0, |rate| rate.parse().unwrap())
 }
@@ -65,8 +66,8 @@ fn in_flight(more: &str) -> Robot {
     robot
 }
 
-/// A standby that is late in the very cycle that was announced does not get the place, and one that is late just after it does not keep it,
-/// rightly; then once more.
+/// A standby that is late in the very cycle that was announced does not get the place, and one that is late just after
+/// it does not keep it, rightly; then once more.
 ///
 /// How often the place changed hands.
 fn swap(robot: &mut Robot, role: &str) -> u64 {
@@ -108,8 +109,8 @@ fn leader(robot: &Robot, role: usize) -> String {
     }
 }
 
-/// Ends the robot and computes its run again: every bit of every decision is as recorded. A process that was killed may have left a last
-/// sample without the one that says what it was made from.
+/// Ends the robot and computes its run again: every bit of every decision is as recorded. A process that was killed may
+/// have left a last sample without the one that says what it was made from.
 fn end_and_replay(robot: &mut Robot, kills: u64) {
     robot.down(Signal::INT);
     let replayed = replay::run(&robot.run(), &replay::Changes::default(), &mut |_| {}).unwrap();
@@ -121,10 +122,12 @@ fn end_and_replay(robot: &mut Robot, kills: u64) {
     }
 }
 
-/// Cycles between a period lost to the computer and a command that is missing because of it: the answer to the cycle before or after it.
+/// Cycles between a period lost to the computer and a command that is missing because of it: the answer to the cycle
+/// before or after it.
 const FROZEN_CYCLES: u64 = 5;
 
-/// A timer that wakes a process so long after its time is a machine that has just run something else, s; usual are 0.1 ms.
+/// A timer that wakes a process so long after its time is a machine that has just run something else, s; usual are 0.1
+/// ms.
 const WOKEN_LATE_S: f64 = 0.001;
 
 #[derive(Debug, Default, PartialEq)]
@@ -133,15 +136,16 @@ struct Account {
     unanswered: u64,
     /// Periods without an answer beside some that were lost to the computer.
     frozen: u64,
-    /// Periods without an answer while the virtual drives, which nobody has disturbed, were silent, or had just taken half as long again as usual, or
-    /// motor-io itself was woken late: the machine ran neither them nor the chain.
+    /// Periods without an answer while the virtual drives, which nobody has disturbed, were silent, or had just taken
+    /// half as long again as usual, or motor-io itself was woken late: the machine ran neither them nor the chain.
     starved: u64,
     /// How often the slot in charge changed, per role.
     changes: [u64; 2],
     stops: u64,
     /// Cycles in which motor-io's limiter held a change of velocity back.
     limited: u64,
-    /// Cycles in which a cable's velocity changed by more than acceleration limit x period beyond what the answers do by themselves.
+    /// Cycles in which a cable's velocity changed by more than acceleration limit x period beyond what the answers do
+    /// by themselves.
     steps_beyond: u64,
 }
 
@@ -224,7 +228,8 @@ fn account(run: &Path, first: u64, last: u64) -> Account {
     account
 }
 
-/// So long after a change in who is in charge the estimate is looked at apart, cycles of a quarter of a second at 100 Hz: the fade.
+/// So long after a change in who is in charge the estimate is looked at apart, cycles of a quarter of a second at 100
+/// Hz: the fade.
 const SWITCH_CYCLES: u64 = 25;
 
 /// Prints how far the estimate in charge was from the truth, at the switches and elsewhere.
@@ -270,7 +275,8 @@ impl Answers {
         Self(SLOT_NAMES.iter().map(by_cycle).collect())
     }
 
-    /// How much the answers that were there in a cycle and in the one before changed by themselves, m/s; the most of all.
+    /// How much the answers that were there in a cycle and in the one before changed by themselves, m/s; the most of
+    /// all.
     fn own_step_m_s(&self, cycle: u64, cable: usize) -> f64 {
         let rows = self.0.iter().flat_map(|slot| {
             let two = slot.get(&cycle).zip(slot.get(&(cycle - 1)));

@@ -1,7 +1,8 @@
-//! A run drawn in three dimensions: readers that this project did not write find every line, pose and point where it belongs.
+//! A run drawn in three dimensions: readers that this project did not write find every line, pose and point where it
+//! belongs.
 
 use messages::ros::TfMessage;
-use messages::{LogEvent, Message, NodeEstimate, OperatorRequest, Reading, put_text};
+use messages::{LogEvent, Message, NodeEstimate, Reading, Request, put_text};
 use nims::visualization_export::export_visualization;
 use nims_tests::python;
 use nims_tests::recorded::record;
@@ -93,8 +94,8 @@ fn a_living_robot_is_drawn_too() {
     let mut robot = crate::robot::Robot::up(&format!("\n[[process]]\nname = \"visualization\"\ncommand = {command}\n"));
     let mut transforms = robot.bus.subscriber::<TfMessage>("tf").unwrap();
     let start_m = [4.8, 3.0, 0.3];
-    robot.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-    robot.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &start_m);
+    robot.ask("motor-io", Request::Arm);
+    robot.ask("motor-io", Request::ZeroAt { position_m: start_m });
     let mut look = || {
         std::thread::sleep(std::time::Duration::from_millis(10));
         transforms.latest().unwrap()

@@ -1,11 +1,12 @@
-//! What can be chosen and swapped: the plain law, the Kalman filter, a law and a method of estimation of one's own; against the plant.
+//! What can be chosen and swapped: the plain law, the Kalman filter, a law and a method of estimation of one's own;
+//! against the plant.
 
 use crate::law;
 use crate::method::MyEstimator;
 use config::{ControllerSection, EstimatorSection};
 use controller::{Controller, Law};
 use estimator::{Estimator, METHOD_OTHER, Method};
-use messages::{ESTIMATORS, MotorSlots, OperatorRequest, PlanStatus, SLOTS};
+use messages::{ESTIMATORS, MotorSlots, PlanStatus, Request, SLOTS, Slot, SlotRole};
 use nims_tests::lockstep::{Chain, Flight, Lockstep, fly, fly_with};
 use nims_tests::scenarios::Case;
 
@@ -52,7 +53,8 @@ fn the_plain_law_flies_with_quick_and_slow_drives() {
     }
 }
 
-/// The same flights with both methods: the filter knows the velocity better, and the position as well, within three per cent.
+/// The same flights with both methods: the filter knows the velocity better, and the position as well, within three per
+/// cent.
 #[test]
 fn the_filter_knows_the_velocity_better_and_the_position_as_well() {
     for (robot, mission, motor_s) in [("lab3", "spiral", SLOW), ("lab4", "polyline", QUICK)] {
@@ -114,7 +116,7 @@ fn the_template_of_an_estimator_is_swapped_in_in_flight() {
         last = lockstep.cycle().unwrap();
     }
     assert_eq!(last.slots.phase[seat], MotorSlots::PHASE_QUALIFIED);
-    lockstep.request(OperatorRequest::VERB_SWAP, [ESTIMATORS as f64, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    lockstep.request(Request::Swap { role: SlotRole::Estimator, slot: Slot::B });
     for _ in 0..300 {
         last = lockstep.cycle().unwrap();
     }

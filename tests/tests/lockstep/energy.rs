@@ -1,5 +1,5 @@
-//! Paths that save energy, flown by the whole control chain against the plant: as exactly as lines, and at less loss by the plant's own
-//! account, which the `energy` channel agrees with.
+//! Paths that save energy, flown by the whole control chain against the plant: as exactly as lines, and at less loss by
+//! the plant's own account, which the `energy` channel agrees with.
 
 use cable_robot::Vector3;
 use messages::{MotorAuthority, PlanSegment, PlanStatus};
@@ -109,7 +109,8 @@ fn parabolas_and_lateral_paths_are_flown_as_exactly_as_lines_and_lose_less() {
         assert!(flown.off_m[0] <= 0.010 && flown.off_m[1] <= 0.020, "{name}: {:?}", flown.off_m);
         // Of what the drives' averages say motor-io loses nothing by summing a hundred times a second.
         assert!((flown.metered_loss_j / flown.averaged_loss_j - 1.0).abs() < 0.02, "{name}");
-        // Ripple heats besides, which no drive reports: the same power whatever the path, because it comes from the encoder's steps.
+        // Ripple heats besides, which no drive reports: the same power whatever the path, because it comes from the
+        // encoder's steps.
         let ripple_j = flown.loss_j - flown.averaged_loss_j;
         assert!((0.3..1.2).contains(&(ripple_j / flown.duration_s)), "{name}: {ripple_j} J");
         assert!((flown.metered_j / (flown.electrical_j - ripple_j) - 1.0).abs() < 0.03, "{name}");

@@ -1,7 +1,7 @@
 //! The whole control chain against the plant: how exactly the node follows, and what it takes to be stopped.
 
 use cable_robot::Vector3;
-use messages::{MotorAuthority, OperatorRequest, PlanStatus};
+use messages::{MotorAuthority, PlanStatus, Request};
 use nims_tests::lockstep::{Cycle, Flight, Lockstep, fly};
 use nims_tests::scenarios::{self, Case};
 
@@ -104,8 +104,8 @@ impl Flown {
         (last, worst)
     }
 
-    fn ask(&mut self, verb: u8, value: f64) {
-        self.lockstep.request(verb, [value, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
+    fn ask(&mut self, request: Request) {
+        self.lockstep.request(request);
     }
 }
 
@@ -118,12 +118,12 @@ fn pause_resume_and_slower_stay_on_the_path() {
     let mut flown = Flown::new("lab4", "spiral");
     let (cycle, _) = flown.cycles(1500);
     assert!(speed(&cycle) > 0.15);
-    flown.ask(OperatorRequest::VERB_PAUSE, 0.0);
+    flown.ask(Request::Pause);
     let (cycle, worst) = flown.cycles(300);
     assert_eq!((cycle.authority.mode, cycle.plan.state), (MotorAuthority::MODE_HOLDING, PlanStatus::STATE_PAUSED));
     assert!(speed(&cycle) < 0.005 && worst < 0.020, "{} m/s, {worst} m", speed(&cycle));
-    flown.ask(OperatorRequest::VERB_RESUME, 0.0);
-    flown.ask(OperatorRequest::VERB_SPEED, 0.4);
+    flown.ask(Request::Resume);
+    flown.ask(Request::Speed { rate: 0.4 });
     let (cycle, worst) = flown.cycles(300);
     assert_eq!((cycle.authority.mode, cycle.plan.state), (MotorAuthority::MODE_FOLLOWING, PlanStatus::STATE_RUNNING));
     assert!((speed(&cycle) - 0.08).abs() < 0.01 && worst < 0.020, "{} m/s, {worst} m", speed(&cycle));
@@ -134,7 +134,7 @@ fn pause_resume_and_slower_stay_on_the_path() {
 fn stop_gives_the_mission_up_and_the_next_one_starts_from_there() {
     let mut flown = Flown::new("lab3", "spiral");
     flown.cycles(1500);
-    flown.ask(OperatorRequest::VERB_STOP, 0.0);
+    flown.ask(Request::Stop);
     let (cycle, _) = flown.cycles(200);
     assert_eq!((cycle.authority.mode, cycle.plan.state), (MotorAuthority::MODE_HOLDING, PlanStatus::STATE_ABORTED));
     assert_eq!(cycle.motion.motion, 0, "nothing is offered any more");
@@ -178,14 +178,14 @@ fn before_it_is_armed_or_zeroed_no_mission_is_taken() {
     assert!(refusal(&mut lockstep).contains("nims up"));
     lockstep.cycle().unwrap();
     assert!(refusal(&mut lockstep).contains("nims arm"));
-    lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]);
+    lockstep.request(Request::Arm);
     lockstep.cycle().unwrap();
     lockstep.cycle().unwrap();
     assert!(refusal(&mut lockstep).contains("nims zero"));
 }
 
-/// A line that breaks ends the motion, not the robot: the others hold. Whichever line it is, and whether it is reeled in or paid out,
-/// within a second the robot knows that it is a line that carries nothing.
+/// A line that breaks ends the motion, not the robot: the others hold. Whichever line it is, and whether it is reeled
+/// in or paid out, within a second the robot knows that it is a line that carries nothing.
 #[test]
 fn a_broken_line_is_found_and_stops_the_robot() {
     for (robot, cable, after) in

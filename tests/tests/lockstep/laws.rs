@@ -14,8 +14,8 @@ fn columns(names: &[&str]) -> Vec<Knowledge> {
     laws::all().into_iter().filter(|known| names.contains(&known.name)).collect()
 }
 
-/// At least `exact` times better when it knows the drives, better when it finds them out on the way, and never worse than
-/// 1.2 times when it is told something wrong and may fall back.
+/// At least `exact` times better when it knows the drives, better when it finds them out on the way, and never worse
+/// than 1.2 times when it is told something wrong and may fall back.
 fn better(case: &Case, exact: f64) {
     let names = ["identified", "exact", "half", "double"];
     let found = compare(case, &columns(&names)).unwrap();

@@ -1,5 +1,5 @@
-//! From a flight over known ground to its map: nearer to the truth than the map says it may be off, whether the sensor logger ran in flight or
-//! not, and readable by software of others.
+//! From a flight over known ground to its map: nearer to the truth than the map says it may be off, whether the sensor
+//! logger ran in flight or not, and readable by software of others.
 
 use analysis::map::{Args, run as map};
 use command::Output;
@@ -44,7 +44,8 @@ fn moisture(x: f64, y: f64) -> f64 {
     20.0 + 5.0 * (1.2 * x).sin() + 3.0 * y
 }
 
-/// Flies a raster over the ground with a rangefinder that looks down and a probe, into a run file; with `sample/*` if `logged`.
+/// Flies a raster over the ground with a rangefinder that looks down and a probe, into a run file; with `sample/*` if
+/// `logged`.
 fn fly(path: &Path, logged: bool) {
     let case = Case { robot: "lab3", mission: "polyline", motor_s: [0.030, 0.040] };
     let mut scenario = case.scenario(true).unwrap();
@@ -205,9 +206,7 @@ fn the_report_of_the_flight_shows_the_map() {
     let page = out.join("page.html");
     analysis::report::report(std::slice::from_ref(&run), Some(&page)).unwrap();
     let text = std::fs::read_to_string(&page).unwrap();
-    assert!(
-        text.contains("range as a map: distance from 0.") && text.contains("soil as a map: moisture_percent from ")
-    );
+    assert!(text.contains("Map of range: distance from 0.") && text.contains("Map of soil: moisture_percent from "));
 }
 
 #[test]
@@ -241,14 +240,14 @@ fn samples_of_the_flight_and_those_made_now_give_the_same_map() {
 fn what_is_not_there_is_said_in_one_sentence() {
     let folder = tempfile::tempdir().unwrap();
     let absent = map(&asked(&folder.path().join("none"), folder.path())).unwrap_err();
-    assert!(absent.exit_code() == 2 && absent.to_string().contains("there is no run"), "{absent}");
+    assert!(absent.exit_code() == 2 && absent.to_string().contains("does not exist"), "{absent}");
     let system_path = configs("systems/demo3.toml");
     let run = folder.path().join("run.mcap");
     let mut tape = Tape::new(&run, &system_path).unwrap();
     tape.write("sensor/height", Reading::default()).unwrap();
     tape.finish().unwrap();
     let other = map(&asked(&run, folder.path())).unwrap_err();
-    assert!(other.exit_code() == 2 && other.to_string().contains("there are height"), "{other}");
+    assert!(other.exit_code() == 2 && other.to_string().contains("available: height"), "{other}");
     let empty = map(&Args { sensor: Vec::new(), ..asked(&run, folder.path()) }).unwrap_err();
     assert!(empty.exit_code() == 1 && empty.to_string().contains("no reading"), "{empty}");
 }

@@ -1,4 +1,5 @@
-//! `nims motor-table` from runs of raising and lowering known loads against the plant, held against the plant's own motors.
+//! `nims motor-table` from runs of raising and lowering known loads against the plant, held against the plant's own
+//! motors.
 
 use analysis::motor_table::Args;
 use cable_robot::motor::Motor;
@@ -12,7 +13,8 @@ use planner::Mission;
 use runlog::{ChannelSpec, RunClock, RunWriter};
 use std::path::Path;
 
-/// Up and down in two places and across, at five speeds: the slowest for a hand's breadth at several heights, with quick ways between.
+/// Up and down in two places and across, at five speeds: the slowest for a hand's breadth at several heights, with
+/// quick ways between.
 fn mission() -> Mission {
     let mut text = "name = \"hoist\"\n".to_owned();
     let mut leg = |points: &str, speed: f64| {
@@ -107,8 +109,8 @@ fn a_table_from_recorded_runs_is_the_plants_own_friction() {
     assert!(speeds[0] <= -0.15 && speeds[speeds.len() - 1] >= 0.15, "{speeds:?}");
     assert!(tensions[tensions.len() - 1] - tensions[0] >= 15.0, "{tensions:?}");
 
-    // Everywhere inside, also between its points. The plant's drums grow with the line on them, by which its lines pull up to
-    // a few percent harder on the motors than the bare drums of the model.
+    // Everywhere inside, also between its points. The plant's drums grow with the line on them, by which its lines pull
+    // up to a few percent harder on the motors than the bare drums of the model.
     let motor = Motor::default();
     let (mut squares, mut worst, mut count) = (0.0, 0.0f64, 0);
     for i in 0..=40 {

@@ -1,8 +1,8 @@
-//! NIMS-AQ: a planar robot of four lines whose node floats. What holds it is the preload alone, so the two redundant modes of
-//! its lines have to be controlled as well as its position.
+//! NIMS-AQ: a planar robot of four lines whose node floats. What holds it is the preload alone, so the two redundant
+//! modes of its lines have to be controlled as well as its position.
 
 use cable_robot::Vector3;
-use messages::{MotorAuthority, OperatorRequest, PlanStatus};
+use messages::{MotorAuthority, PlanStatus, Request};
 use nims_tests::lockstep::{Flight, Lockstep, Scenario, fly};
 
 /// The box and the mission as they come with the project.
@@ -65,23 +65,24 @@ fn a_pause_and_a_stop_keep_the_lines_taut() {
     let mut lockstep = Lockstep::new(scenario).unwrap();
     lockstep.zero_and_arm().unwrap();
     lockstep.run(&mission).unwrap();
-    for (verb, mode) in [
-        (OperatorRequest::VERB_PAUSE, MotorAuthority::MODE_HOLDING),
-        (OperatorRequest::VERB_RESUME, MotorAuthority::MODE_FOLLOWING),
-        (OperatorRequest::VERB_STOP, MotorAuthority::MODE_HOLDING),
+    for (request, mode) in [
+        (Request::Pause, MotorAuthority::MODE_HOLDING),
+        (Request::Resume, MotorAuthority::MODE_FOLLOWING),
+        (Request::Stop, MotorAuthority::MODE_HOLDING),
     ] {
         let (mut last, mut fastest_m_s) = (lockstep.cycle().unwrap(), 0.0f64);
         for cycle in 0..1100 {
             if cycle == 800 {
                 assert_ne!(last.authority.mode, mode);
-                lockstep.request(verb, [0.0; 8]);
+                lockstep.request(request.clone());
             }
             let before = Vector3::from(last.truth_m);
             last = lockstep.cycle().unwrap();
             assert!(last.truth_n.iter().all(|tension| *tension > 5.0), "{:?}", last.truth_n);
             let speed_m_s = (Vector3::from(last.truth_m) - before).norm() / 0.01;
             assert!(speed_m_s < 0.25, "{speed_m_s} m/s");
-            // Between the legs of the mission it comes to rest, so it is not the last speed that tells whether it goes on.
+            // Between the legs of the mission it comes to rest, so it is not the last speed that tells whether it goes
+            // on.
             fastest_m_s = if cycle < 900 { 0.0 } else { speed_m_s.max(fastest_m_s) };
             if cycle == 1099 {
                 assert_eq!(last.authority.mode, mode);

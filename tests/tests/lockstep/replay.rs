@@ -1,7 +1,7 @@
 //! What was recorded, computed again: the same bits, and every difference found and named.
 
 use config::SystemFile;
-use messages::OperatorRequest;
+use messages::Request;
 use nims_tests::golden;
 use nims_tests::lockstep::{Chain, Cycle, Lockstep, Said};
 use nims_tests::record::{self, Tape};
@@ -57,8 +57,8 @@ fn flight(folder: &Path) -> (PathBuf, Vec<(Cycle, Said)>) {
     let mut cycles = Vec::new();
     for cycle in 1..=400 {
         match cycle {
-            3 => lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            5 => lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]),
+            3 => lockstep.request(Request::ZeroAt { position_m: [x, y, z] }),
+            5 => lockstep.request(Request::Arm),
             10 => drop(lockstep.run(&mission).unwrap()),
             _ => {}
         }

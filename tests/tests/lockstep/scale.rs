@@ -1,5 +1,5 @@
-//! What a calibration says of the encoders reaches the robot: one whose encoders count 1 % off, calibrated by its own lengths, flies true
-//! afterwards.
+//! What a calibration says of the encoders reaches the robot: one whose encoders count 1 % off, calibrated by its own
+//! lengths, flies true afterwards.
 
 use config::{RobotFile, SystemFile};
 use messages::PlanStatus;
@@ -35,12 +35,12 @@ fn files(folder: &Path, anchors: Option<&str>) -> SystemFile {
     let said = said.replace("../robots/lab3.toml", "robot.toml");
     assert!(said.contains(&counts));
     std::fs::write(folder.join("robot.toml"), robot).unwrap();
-    std::fs::write(folder.join("box.toml"), said).unwrap();
-    SystemFile::load(&folder.join("box.toml")).unwrap()
+    std::fs::write(folder.join("system.toml"), said).unwrap();
+    SystemFile::load(&folder.join("system.toml")).unwrap()
 }
 
-/// Flies the mission with what the files make of a robot whose encoders give [`COUNTS_PER_M`]; the mean distance between where the
-/// estimate puts the node and where it is, in flight, m.
+/// Flies the mission with what the files make of a robot whose encoders give [`COUNTS_PER_M`]; the mean distance
+/// between where the estimate puts the node and where it is, in flight, m.
 fn flown_m(file: &SystemFile) -> f64 {
     let scenario = CASE.scenario(true).unwrap();
     let mission = scenario.mission.clone();
@@ -62,8 +62,8 @@ fn flown_m(file: &SystemFile) -> f64 {
     panic!("the mission does not end");
 }
 
-/// What a field team writes down: ranges between the true anchors, and what the robot itself says of its lines while somebody holds the node
-/// at points of the floor, zeroed where it began by anchors that are known to some centimetres.
+/// What a field team writes down: ranges between the true anchors, and what the robot itself says of its lines while
+/// somebody holds the node at points of the floor, zeroed where it began by anchors that are known to some centimetres.
 fn measurements() -> String {
     let anchors = RobotFile::load(&configs().join("robots/lab3.toml")).unwrap().robot.anchors_m.to_vec();
     let mut text = format!(
@@ -109,8 +109,8 @@ fn a_robot_with_encoders_that_are_off_flies_true_after_a_calibration_by_its_own_
     let after_m = flown_m(&file);
     println!("{:.1} mm before, {:.1} mm after; scale {scale:.5}", 1e3 * before_m, 1e3 * after_m);
     assert!(before_m > 0.01 && after_m < 0.2 * before_m && after_m < 0.004, "{before_m} {after_m}");
-    let said = nims(&["check", folder.path().join("box.toml").to_str().unwrap()]);
-    assert!(said.contains("the robot's own") && said.contains("times the true ones"), "{said}");
+    let said = nims(&["check", folder.path().join("system.toml").to_str().unwrap()]);
+    assert!(said.contains("measured by the robot") && said.contains("times the true ones"), "{said}");
 }
 
 /// What the operator's command answers.

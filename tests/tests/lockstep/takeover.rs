@@ -1,7 +1,8 @@
-//! A swap, the death of the controller in charge and the death of the estimator in charge, at instants spread over whole missions: no
-//! period goes unsteered, and no cable's velocity changes faster than it may.
+//! A swap, the death of the controller in charge and the death of the estimator in charge, at instants spread over
+//! whole missions: no period goes unsteered, and no cable's velocity changes faster than it may.
 //!
-//! `NIMS_INSTANTS=10000 cargo test -p nims-tests --test lockstep -- takeover:: --nocapture` tries ten thousand instants.
+//! `NIMS_INSTANTS=10000 cargo test -p nims-tests --test lockstep -- takeover:: --nocapture` tries ten thousand
+//! instants.
 
 use nims_tests::scenarios::Case;
 use nims_tests::takeover::{BLOWS, Tally, doubled, try_all};
@@ -26,7 +27,8 @@ fn every_period_is_steered_and_no_velocity_jumps() {
     for (case, law) in &cases {
         let scenario = case.scenario(true).unwrap();
         let core = nims_tests::lockstep::core_config(&scenario).unwrap();
-        // The robot file's own limit, which the plan keeps; not the wider one of motor-io's limiter, behind which no step could be seen.
+        // The robot file's own limit, which the plan keeps; not the wider one of motor-io's limiter, behind which no
+        // step could be seen.
         let step = scenario.robot.acceleration_limit_m_s2() * core.period_s;
         let tallies = try_all(doubled(case, *law).unwrap(), each, step).unwrap();
         for (blow, tally) in BLOWS.iter().zip(tallies) {

@@ -3,7 +3,7 @@
 use config::{SystemFile, Tuned};
 use controller::ControllerConfig;
 use estimator::EstimatorConfig;
-use messages::{CABLES, OperatorRequest, SystemConfig, put_text};
+use messages::{CABLES, Request, SystemConfig, put_text};
 use nims_tests::lockstep::{Chain, Lockstep};
 use nims_tests::record::{self, Tape};
 use nims_tests::scenarios::Case;
@@ -28,8 +28,8 @@ fn flight(folder: &Path, name: &str, robot: &'static str, words: &[(&str, &str, 
     let mut lockstep = Lockstep::with(scenario, Chain::of(&file).unwrap()).unwrap();
     for cycle in 1..CYCLE {
         match cycle {
-            3 => lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]),
-            5 => lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]),
+            3 => lockstep.request(Request::ZeroAt { position_m: [x, y, z] }),
+            5 => lockstep.request(Request::Arm),
             10 => drop(lockstep.run(&mission).unwrap()),
             _ => {}
         }
@@ -162,8 +162,8 @@ fn a_run_in_which_parameters_were_set_replays_bit_for_bit() {
         let config = EstimatorConfig::of(&after.estimator, file.robot_file().unwrap().robot().unwrap(), 1).unwrap();
         for cycle in 1..=500 {
             match cycle {
-                3 => lockstep.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]),
-                5 => lockstep.request(OperatorRequest::VERB_ARM, [0.0; 8]),
+                3 => lockstep.request(Request::ZeroAt { position_m: [x, y, z] }),
+                5 => lockstep.request(Request::Arm),
                 10 => drop(lockstep.run(&mission).unwrap()),
                 CYCLE => {
                     let slots = lockstep.slots_mut();

@@ -1,4 +1,4 @@
-//! A method of estimation of one's own. `README.md` beside it says how to fly with it.
+//! A custom estimator. `README.md` in this folder explains how to fly with it.
 
 mod method;
 

@@ -1,17 +1,17 @@
-//! The method itself: this is the file to change. As it is, it is an alpha-beta filter.
+//! The method: change this file. As it is, it is an alpha-beta filter.
 
 use estimator::{BRIDGED_CYCLES, CableEstimator, CableSample, Instant, Measurement};
 
-/// One cable: a velocity carries the length on, and each reading corrects both by a share of what it says otherwise.
+/// One cable: the length is extrapolated with a velocity, and each reading corrects both by a share of the difference.
 #[derive(Debug, Clone)]
 pub struct MyEstimator {
     /// Share of the difference that corrects the length.
     pub alpha: f64,
     /// Share of the difference, per time between two readings, that corrects the velocity.
     pub beta: f64,
-    /// What is known; `None` before the first reading.
+    /// `None` before the first reading.
     state: Option<State>,
-    /// The next reading may be anywhere.
+    /// The next reading may differ by any amount: start from it.
     begin: bool,
 }
 
@@ -38,7 +38,7 @@ impl CableEstimator for MyEstimator {
         let &CableSample { cycle, sampled_ns, .. } = sample;
         let Some(length_m) = sample.length_m else { return };
         let begin = std::mem::take(&mut self.begin);
-        // After a long silence, or where the lengths were given anew, it begins at rest with the reading.
+        // After a long gap, or when the lengths were set, the filter starts at rest from the reading.
         let last = self.state.filter(|last| !begin && cycle.saturating_sub(last.cycle) <= BRIDGED_CYCLES);
         let passed_s = last.map_or(0.0, |last| sampled_ns.saturating_sub(last.sampled_ns) as f64 * 1e-9);
         self.state = Some(match last {
@@ -56,33 +56,33 @@ impl CableEstimator for MyEstimator {
         });
     }
 
-    /// Called behind `read`: the length and the velocity dL/dt (above 0: pays out) at an instant of the same cycle.
+    /// Called after `read`: the length and the velocity dL/dt (above 0: pays out) at an instant of the same cycle.
     fn at(&self, instant: &Instant) -> Option<Measurement> {
         let state = self.state?;
         let moved_m = state.velocity_m_s * instant.ahead_of_s(state.sampled_ns, state.cycle);
         Some(Measurement {
             length_m: state.length_m + moved_m,
             velocity_m_s: state.velocity_m_s,
-            // The filter's own velocity is smooth enough for the node's.
+            // The velocity of the filter is smooth enough for that of the node.
             steady_velocity_m_s: Some(state.velocity_m_s),
-            // Half of what it was carried on by may be wrong.
+            // Assumed: half of the extrapolation.
             sigma_m: 0.5 * moved_m.abs(),
             phi: [0.0; 2],
             sampled_ns: state.sampled_ns,
         })
     }
 
-    /// Called where all readings are void.
+    /// Called when all earlier readings are invalid.
     fn forget(&mut self) {
         self.state = None;
     }
 
-    /// Called where the operator may have given the lengths anew.
+    /// Called when the operator may have set the lengths.
     fn expect_anything(&mut self) {
         self.begin = true;
     }
 
-    /// Written into the run file, so that a run says with which constants it flew.
+    /// Recorded in the run file, so that a run contains the constants it used.
     fn constants(&self) -> String {
         format!("alpha = {:?}\nbeta = {:?}\n", self.alpha, self.beta)
     }

@@ -1,4 +1,4 @@
-//! A control law of one's own. `README.md` beside it says how to fly with it.
+//! A custom control law. `README.md` in this folder explains how to fly with it.
 
 mod law;
 

@@ -1,4 +1,4 @@
-//! A sensor: its message, and the loop that reads the device and publishes. The device itself is in `driver.rs`.
+//! A sensor: its message, and the loop that reads the device and publishes. The device is in `driver.rs`.
 
 mod driver;
 
@@ -7,11 +7,11 @@ use messages::Header;
 use runtime::{Args, Chassis, now_ns};
 use std::process::ExitCode;
 
-/// How often the device is read, 1/s.
+/// Readings of the device per second.
 const RATE_HZ: f64 = 10.0;
 
 messages::message! {
-    /// What the device says: your fields, with their units in their names.
+    /// A reading of the device: your fields, with their units in their names.
     pub struct Example {
         header: Header,
         value_v: f64,

@@ -1,4 +1,4 @@
-//! A device that says its values in lines of text.
+//! A device that sends its values in text lines.
 
 #[derive(Debug)]
 pub struct Template {
@@ -10,7 +10,8 @@ impl Template {
         Self { text: text.to_owned() }
     }
 
-    /// The line for these values. What begins with `$` ends in the checksum of NMEA 0183: all between `$` and `*`, exclusive-or.
+    /// Text line for these values. A template that begins with `$` gets the checksum of NMEA 0183: exclusive-or of all
+    /// between `$` and `*`.
     pub fn line(&self, values: &[f64]) -> String {
         let mut line = self.text.clone();
         for (at, value) in values.iter().enumerate() {
@@ -32,7 +33,7 @@ mod tests {
     #[test]
     fn values_stand_where_they_belong() {
         assert_eq!(Template::new("T={1} RH={0}").line(&[40.0, -21.25]), "T=-21.250 RH=40.000\r\n");
-        // the checksum of a widely published sentence
+        // The checksum of a widely published sentence.
         let position = "$GPGLL,5300.97914,N,00259.98174,E,125926,A";
         assert_eq!(Template::new(position).line(&[]), format!("{position}*28\r\n"));
     }

@@ -1,4 +1,4 @@
-//! A sensor on the node behind a port of its own: it looks at the truth, and speaks as the real one does.
+//! A sensor on the node with its own port: it measures the truth and uses the real sensor's protocol.
 
 mod line;
 mod modbus;
@@ -15,49 +15,49 @@ use self::tfmini::Tfmini;
 use crate::BoxError;
 use crate::wire::Wire;
 
-/// One device.
+/// Configuration of a device.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DeviceConfig {
     /// Name under which programs open its port.
     pub link: std::path::PathBuf,
-    /// Speed of the wire, bits per second.
+    /// Baud rate of the wire.
     pub baud: u32,
-    /// Between two readings, ns.
+    /// Period of readings, ns.
     pub period_ns: u64,
-    /// From the measurement to the first byte of the answer, ns.
+    /// Time from the measurement to the first byte of the answer, ns.
     pub latency_ns: u64,
-    /// Where it is on the node, m.
+    /// Position on the node, m.
     pub lever_m: [f64; 3],
     /// Standard deviation of its values, in their unit.
     pub noise: f64,
-    /// What it measures and speaks.
+    /// Measurement and protocol.
     pub kind: DeviceKind,
 }
 
-/// What a device measures, and how it says so.
+/// Measurement and protocol of a device.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DeviceKind {
-    /// Looks straight down at the ground and sends frames by itself.
+    /// Measures the distance straight down to the ground and sends frames continuously.
     Tfmini {
         /// Width of its beam, rad.
         beam_rad: f64,
-        /// What it counts in, m.
+        /// Resolution, m.
         resolution_m: f64,
     },
-    /// Sends lines of text by itself.
+    /// Sends text lines continuously.
     Line {
         /// With `{0}`, `{1}` .. for the values.
         template: String,
-        /// What each value is at a place.
+        /// Field of each value.
         fields: Vec<Field>,
     },
-    /// Answers questions for registers.
+    /// Answers requests for registers.
     Modbus {
-        /// Its address.
+        /// Address.
         unit_id: u8,
         /// Register of the first value; each is a float32 in two.
         register: u16,
-        /// What each value is at a place.
+        /// Field of each value.
         fields: Vec<Field>,
     },
 }
@@ -76,14 +76,14 @@ pub(crate) struct Device {
     config: DeviceConfig,
     speech: Speech,
     random: Random,
-    /// When it measures next, ns.
+    /// Time of the next measurement, ns.
     next_ns: u64,
-    /// Measured, and when to be said, ns.
+    /// Measured values and the times at which they are sent, ns.
     measured: VecDeque<(u64, Vec<f64>)>,
 }
 
 impl Device {
-    /// Publishes its port.
+    /// Creates a device and publishes its port.
     pub fn new(config: DeviceConfig, seed: u64) -> Result<Self, BoxError> {
         let speech = match &config.kind {
             DeviceKind::Tfmini { beam_rad, resolution_m } => {
@@ -104,21 +104,21 @@ impl Device {
         })
     }
 
-    /// When it has to be looked after next, if nobody asks it anything, ns.
+    /// Time of the next event that is not caused by a program, ns.
     pub fn next_ns(&self) -> u64 {
         let say_ns = self.measured.front().map_or(u64::MAX, |(at_ns, _)| *at_ns);
         self.next_ns.min(say_ns).min(self.wire.next_ns().unwrap_or(u64::MAX))
     }
 
-    /// Whether it measures by `now_ns`.
+    /// True if a measurement is due by `now_ns`.
     pub fn is_due(&self, now_ns: u64) -> bool {
         now_ns >= self.next_ns
     }
 
-    /// Lives until `now_ns`, with the node at `node_m`.
+    /// Advances to `now_ns`, with the node at `node_m`.
     pub fn live(&mut self, now_ns: u64, node_m: [f64; 3], ground: &Ground) -> Result<(), BoxError> {
         if self.is_due(now_ns) {
-            // What a pause has taken is not caught up with.
+            // Readings missed in a pause are not made up for.
             let missed = (now_ns - self.next_ns) / self.config.period_ns;
             self.next_ns += (missed + 1) * self.config.period_ns;
             let place_m = std::array::from_fn(|axis| node_m[axis] + self.config.lever_m[axis]);
@@ -163,7 +163,7 @@ impl Device {
     }
 }
 
-/// A number of about normal distribution, mean 0 and variance 1: the sum of twelve uniform ones.
+/// Draws an approximately normal number with mean 0 and variance 1: the sum of twelve uniform ones.
 fn gaussian(random: &mut Random) -> f64 {
     (0..12).map(|_| (random.bits() >> 11) as f64 / (1_u64 << 53) as f64).sum::<f64>() - 6.0
 }

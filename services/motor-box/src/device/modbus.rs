@@ -1,10 +1,11 @@
-//! A Modbus RTU slave that has its values in registers: functions 3 (holding) and 4 (input), both with the same content.
+//! A Modbus RTU slave with its values in registers: functions 3 (holding) and 4 (input), both with the same content.
 //!
-//! Written from the specification (Modbus application protocol 1.1b3, serial line 1.02), apart from the driver that asks it.
+//! Written from the specification (Modbus application protocol 1.1b3, serial line 1.02), independently of the driver
+//! that reads it.
 
-/// Registers of one question at most.
+/// Most registers of one request.
 const MOST: u16 = 125;
-/// Bytes of a question for registers.
+/// Bytes of a request for registers.
 const QUESTION: usize = 8;
 /// Silence that ends a frame, ns: three and a half bytes at 9600 baud, 4 ms.
 const SILENCE_NS: u64 = 4_000_000;
@@ -29,7 +30,7 @@ impl Slave {
         Self { unit_id, first, registers, received, last_ns: 0, answer }
     }
 
-    /// Each value as a float32 in two registers, the high word first.
+    /// Sets each value as a float32 in two registers, the high word first.
     pub fn store(&mut self, values: &[f64]) {
         self.registers.clear();
         for value in values {
@@ -38,7 +39,7 @@ impl Slave {
         }
     }
 
-    /// A byte has arrived; what it answers, if that was the end of a question.
+    /// Receives a byte; returns the answer at the end of a request.
     pub fn receive(&mut self, at_ns: u64, byte: u8) -> &[u8] {
         if at_ns > self.last_ns + SILENCE_NS {
             self.received.clear();
@@ -46,7 +47,7 @@ impl Slave {
         self.last_ns = at_ns;
         self.received.push(byte);
         self.answer.clear();
-        // Questions of other lengths are for functions that it has not, and come to an end by silence.
+        // Requests of other lengths are for functions that it does not have, and end by silence.
         if self.received.len() == QUESTION {
             let question = std::mem::take(&mut self.received);
             self.answer_to(&question);
@@ -84,7 +85,7 @@ impl Slave {
     }
 }
 
-/// CRC-16 of Modbus: polynomial 0xA001 (reflected), from 0xFFFF on.
+/// CRC-16 of Modbus: polynomial 0xA001 (reflected), initial value 0xFFFF.
 fn crc(bytes: &[u8]) -> u16 {
     bytes.iter().fold(0xFFFF, |crc, byte| {
         (0..8).fold(crc ^ u16::from(*byte), |crc, _| if crc & 1 == 1 { (crc >> 1) ^ 0xA001 } else { crc >> 1 })
@@ -101,7 +102,7 @@ mod tests {
 
     #[test]
     fn it_answers_as_the_specification_says() {
-        // a widely published question: one register from 0 of slave 1
+        // A widely published request: one register from 0 of slave 1.
         assert_eq!(crc(&[0x01, 0x03, 0x00, 0x00, 0x00, 0x01]).to_le_bytes(), [0x84, 0x0A]);
         let mut slave = Slave::new(1, 0);
         slave.store(&[1.5]);
@@ -109,10 +110,10 @@ mod tests {
         let answer = ask(&mut slave, &question, 10_000_000);
         assert_eq!(answer[..5], [0x01, 0x03, 0x02, 0x3F, 0xC0]);
         assert_eq!(crc(&answer), 0, "a frame with its checksum leaves nothing");
-        // what was cut off does not spoil the next question
+        // A request that was cut off does not affect the next one.
         assert!(ask(&mut slave, &question[..5], 20_000_000).is_empty());
         assert_eq!(ask(&mut slave, &question, 30_000_000), answer);
-        // a question for another unit, and one for registers that it has not
+        // A request for another unit, and one for registers that it does not have.
         let mut other = [0x02, 0x03, 0x00, 0x00, 0x00, 0x01, 0, 0];
         let sum = crc(&other[..6]).to_le_bytes();
         other[6..].copy_from_slice(&sum);

@@ -1,25 +1,26 @@
-//! Benewake TFmini, TFmini Plus and TF-Luna in their standard output (product manual, "standard 9 bytes"):
-//! `59 59 distance(2) strength(2) temperature(2) checksum`, little-endian, the checksum being the low byte of the sum of the rest.
+//! Benewake TFmini, TFmini Plus and TF-Luna in their standard output (product manual, "standard 9 bytes"): `59 59
+//! distance(2) strength(2) temperature(2) checksum`, little-endian, the checksum being the low byte of the sum of the
+//! rest.
 
-/// Beyond this it sees nothing, m.
+/// Range, m.
 const FARTHEST_M: f64 = 12.0;
-/// What it says then: a distance that is none, and hardly any strength.
+/// Distance and strength that it sends beyond its range.
 const NOTHING: (u16, u16) = (0xFFFF, 20);
 /// Strength of a good echo.
 const STRENGTH: u16 = 1200;
-/// 31 degrees Celsius, in eighths of a degree from -256 on.
+/// 31 degrees Celsius, in eighths of a degree above -256.
 const TEMPERATURE: u16 = (31 + 256) * 8;
 
 #[derive(Debug)]
 pub struct Tfmini {
     /// Width of its beam, rad.
     pub beam_rad: f64,
-    /// What it counts in, m.
+    /// Resolution, m.
     pub resolution_m: f64,
 }
 
 impl Tfmini {
-    /// What it says about a distance, m.
+    /// Frame for a distance, m.
     pub fn frame(&self, distance_m: f64) -> [u8; 9] {
         let (distance, strength) = if (0.0..=FARTHEST_M).contains(&distance_m) {
             ((distance_m / self.resolution_m).round() as u16, STRENGTH)

@@ -1,12 +1,12 @@
-//! How far a controller is on average from the one in charge, beside what is being commanded.
+//! Average deviation of a controller from the one in charge, compared with the commanded speed.
 //!
-//! Two good laws differ for moments, where the motion changes. One that answers zeros, or that is off on one line, differs all the time,
-//! and by an amount that may be small beside the robot's speed limit but not beside what is being commanded.
+//! Two good laws differ briefly, where the motion changes. A law that answers zeros, or has an offset on one cable,
+//! differs all the time, by an amount that may be small compared with the speed limit but not with the commanded speed.
 
 use crate::limits::largest;
 use messages::CABLES;
 
-/// The average of a difference over the last cycles, and of what was commanded meanwhile.
+/// Averages of the difference and of the commanded speed over the last cycles.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Bias {
     difference_m_s: [f64; CABLES],
@@ -14,8 +14,9 @@ pub struct Bias {
 }
 
 impl Bias {
-    /// One cycle in which both answered. `share`: what the newest cycle counts, 0 to 1.
+    /// Adds a cycle in which both answered. `share`: weight of the newest cycle, 0 to 1.
     pub fn add(&mut self, lead_m_s: &[f64; CABLES], side_m_s: &[f64; CABLES], share: f64) {
+        debug_assert!((0.0..=1.0).contains(&share), "the newest cycle counts as {share} of the average");
         for (mean, (lead, side)) in self.difference_m_s.iter_mut().zip(lead_m_s.iter().zip(side_m_s)) {
             *mean += share * (side - lead - *mean);
         }
@@ -28,7 +29,7 @@ impl Bias {
         &self.difference_m_s
     }
 
-    /// As a share of what is allowed: `share` of the pace, but never less than `least_m_s`.
+    /// Largest average difference as a share of what is allowed: `share` of the commanded speed, at least `least_m_s`.
     #[must_use]
     pub fn beside(&self, share: f64, least_m_s: f64) -> f64 {
         largest(&self.difference_m_s) / (share * self.pace_m_s).max(least_m_s)

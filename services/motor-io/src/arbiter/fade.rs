@@ -1,15 +1,16 @@
-//! From one source of commands to another without a bump.
+//! Bumpless change from one source of commands to another.
 //!
-//! In a planned swap both answer, and the command is their mixture, whose share moves from the old to the new one. Where the old one does
-//! not answer any more, what it last commanded beyond the new one dies away in the same time. Both are one formula: the new command plus
-//! a shrinking share of the difference, which is taken anew in each cycle in which there is one.
+//! In a planned swap both sources answer, and the command is their mixture, whose share moves from the old to the
+//! new one. If the old one no longer answers, its last difference from the new one decays in the same time. Both
+//! are one formula: the new command plus a shrinking share of the difference, which is updated in each cycle in
+//! which both answer.
 
 use messages::CABLES;
 
-/// A pair of a controller's and an estimator's slot.
+/// Slots of a controller and an estimator.
 pub type Pair = (usize, usize);
 
-/// See the module's text.
+/// State of a fade.
 #[derive(Debug, Clone)]
 pub struct Fade {
     cycles: u32,
@@ -21,19 +22,20 @@ pub struct Fade {
 }
 
 impl Fade {
-    /// Over so many cycles.
+    /// A fade over this many cycles.
     #[must_use]
     pub fn new(cycles: u32) -> Self {
         Self { cycles, pair: None, left: 0, old: None, difference: [0.0; CABLES] }
     }
 
-    /// The robot is at rest: there is nothing to fade from.
+    /// Ends the fade: the robot is at rest.
     pub fn rest(&mut self, pair: Option<Pair>) {
         (self.pair, self.left, self.old) = (pair.or(self.pair), 0, None);
     }
 
-    /// The command of a cycle in which this pair is used. `sent` is what the drives were told last, `planned` that the change of this
-    /// cycle was announced, `answer` gives the good answers of this cycle.
+    /// Computes the command of a cycle in which this pair is used. `sent` is the previous command to the
+    /// drives, `planned` is true if the change in this cycle was announced, and `answer` returns the good
+    /// answers of this cycle.
     pub fn step(
         &mut self,
         pair: Pair,
@@ -43,7 +45,7 @@ impl Fade {
     ) -> Option<[f64; CABLES]> {
         let new = answer(pair)?;
         if self.pair != Some(pair) {
-            // In the middle of another fade the mixture of two is not what the drives were told.
+            // In the middle of another fade, the drives were not sent either pair's command.
             self.old = self.pair.filter(|_| planned && self.left == 0);
             self.difference = std::array::from_fn(|i| sent[i] - new[i]);
             self.left = if self.pair.is_some() { self.cycles } else { 0 };
@@ -57,17 +59,18 @@ impl Fade {
             self.difference = std::array::from_fn(|i| old[i] - new[i]);
         }
         self.left -= 1;
+        debug_assert!(self.left < self.cycles, "{} cycles are left of a fade of {}", self.left, self.cycles);
         let share = f64::from(self.left) / f64::from(self.cycles);
         Some(std::array::from_fn(|i| new[i] + share * self.difference[i]))
     }
 
-    /// How far the fade has come, 0 to 1.
+    /// Progress of the fade, 0 to 1.
     #[must_use]
     pub fn done(&self) -> f64 {
         1.0 - f64::from(self.left) / f64::from(self.cycles.max(1))
     }
 
-    /// The pair that is being faded out by plan, while both are mixed.
+    /// The pair that a planned swap fades out, while both are mixed.
     #[must_use]
     pub fn old(&self) -> Option<Pair> {
         self.old.filter(|_| self.left > 0)

@@ -1,8 +1,9 @@
-//! Whose command is used: two slots of controllers, each answering for two slots of estimators.
+//! Choice of the command: two slots of controllers, each answering for two slots of estimators.
 //!
-//! Every cycle each slot's command and estimate is judged, and each role has one slot in charge ([`role`]). The command that is used is
-//! that of the controller in charge on the estimate in charge; where one of the two fails, a standby's answer of the same cycle is
-//! used, so that neither death nor swap costs a cycle. The change from one to another is faded ([`fade`]).
+//! Every cycle judges each slot's command and estimate, and each role has one slot in charge ([`role`]). The command
+//! is that of the controller in charge on the estimate in charge. Where one of the two fails, a standby's answer of
+//! the same cycle is used, so that neither a death nor a swap costs a cycle. The change from one source to another
+//! is faded ([`fade`]).
 
 pub mod bias;
 pub mod fade;
@@ -18,13 +19,14 @@ use messages::{
 };
 use role::{Phase, Refusal, Reply, Report, Role, Slot, Times};
 
-/// A velocity beyond this many times the limit is not a command that saturates but a command that is wrong.
+/// Multiple of the speed limit beyond which a command is wrong and not just saturated.
 const ABSURD: f64 = 4.0;
 
-/// Time constants of the average difference within the time of qualification: what was before it has no say.
+/// Time constants of the average difference within the time of qualification, so that earlier
+/// differences have no effect.
 const BIAS_PASSES: f64 = 3.0;
 
-/// The command of one cycle.
+/// Command of one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Chosen {
     /// Cable velocities, m/s; finite, zero beyond the robot's cables.
@@ -33,28 +35,28 @@ pub struct Chosen {
     pub controller: usize,
     /// Estimator slot.
     pub estimator: usize,
-    /// Segment it follows; 0: none.
+    /// Segment of the command; 0: none.
     pub segment: u32,
     /// Cycles for which it may be used.
     pub ttl_cycles: u32,
-    /// Oldest reading it rests on, ns.
+    /// Time of the oldest reading behind the command, ns.
     pub oldest_input_ns: u64,
 }
 
-/// What the arbiter has to know about the cycle beside its input.
+/// State of the cycle that the arbiter needs besides the input.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ArbiterInput {
-    /// Commands for another epoch are refused.
+    /// Epoch; commands for another one are rejected.
     pub epoch: u32,
-    /// The robot moves by commands.
+    /// A motion is followed, or stops on its path.
     pub moving: bool,
-    /// What the drives were told last, m/s.
+    /// Velocities sent to the drives in the previous cycle, m/s.
     pub sent_m_s: [f64; CABLES],
-    /// Seats that the computer kept from running: an answer that is missing is not held against a newcomer there.
+    /// Seats that the computer kept from running; a missing answer is not held against a newcomer there.
     pub starved: [bool; SEATS],
 }
 
-/// One row of a command.
+/// Answer of a controller to one estimate.
 #[derive(Debug, Clone, Copy)]
 enum Row {
     Absent,
@@ -68,10 +70,10 @@ impl Row {
     }
 }
 
-/// The two rows of a slot's command; `Err`: the verdict on the whole of it.
+/// Both rows of a slot's command; `Err`: the verdict on the command as a whole.
 type Rows = Result<[Row; SLOTS], u8>;
 
-/// See the module's text.
+/// Both roles, the fade between commands, and what is published about the slots.
 #[derive(Debug, Clone)]
 pub struct Arbiter {
     cables: usize,
@@ -84,15 +86,15 @@ pub struct Arbiter {
     roles: [Role; ROLES],
     fade: Fade,
     verdict: [u8; SLOTS],
-    /// Distances from the slot in charge, m/s and m; negative: nothing to compare.
+    /// Deviations from the slot in charge, m/s and m; negative: nothing to compare.
     apart: [f64; SEATS],
-    /// Of each controller beside the one in charge.
+    /// Average deviation of each controller from the one in charge.
     bias: [Bias; SLOTS],
     used: (usize, usize),
 }
 
 impl Arbiter {
-    /// Slot a in charge in both roles, nobody there.
+    /// Empty slots, a in charge in both roles.
     #[must_use]
     pub fn new(config: &CoreConfig) -> Self {
         let times = Times {
@@ -119,7 +121,8 @@ impl Arbiter {
         }
     }
 
-    /// Judges what arrived for this cycle and chooses. `follows` tells whether a command for a segment belongs to the robot's motion.
+    /// Judges what arrived for this cycle and chooses a command. `follows` returns true if a command for a segment
+    /// belongs to the robot's motion.
     pub fn choose(
         &mut self,
         input: &MotorInput,
@@ -166,7 +169,7 @@ impl Arbiter {
         let answers = |(c, e): (usize, usize)| {
             rows[c].as_ref().ok().filter(|_| known[c] && usable[e]).and_then(|rows| rows[e].good())
         };
-        // What the machines agree on has an answer; `?` only because a compiler cannot know.
+        // Both state machines guarantee an answer here; `?` only satisfies the type checker.
         let velocity_m_s = if context.moving {
             let planned = pair == self.in_charge() && self.roles.iter().any(Role::swapping) && pair != lead;
             self.fade.step(pair, &context.sent_m_s, planned, answers)?
@@ -174,6 +177,7 @@ impl Arbiter {
             self.fade.rest(Some(pair));
             answers(pair)?
         };
+        debug_assert!(velocity_m_s.iter().all(|v| v.is_finite()), "the chosen command is not finite: {velocity_m_s:?}");
         self.used = pair;
         let command = &input.command[controller];
         Some(Chosen {
@@ -186,7 +190,7 @@ impl Arbiter {
         })
     }
 
-    /// The verdict on a slot's command as a whole, and its rows.
+    /// Returns the rows of a slot's command, or the verdict on the command as a whole.
     fn rows(&self, input: &MotorInput, slot: usize, context: &ArbiterInput, follows: &impl Fn(u32) -> bool) -> Rows {
         let command = &input.command[slot];
         if input.command_arrived[slot] == 0 {
@@ -225,7 +229,7 @@ impl Arbiter {
         }
     }
 
-    /// What a controller's slot came up with: good if there is a good row for an estimate that may be used.
+    /// Classifies a controller's answer: good if it has a good row for a usable estimate.
     fn reply(&mut self, input: &MotorInput, slot: usize, rows: &Rows, usable: &[bool; SLOTS]) -> Reply {
         let (verdict, reply) = match rows {
             Err(MotorAuthority::VERDICT_ABSENT) => {
@@ -251,7 +255,7 @@ impl Arbiter {
         reply
     }
 
-    /// A good command of somebody who is not known in its slot is not accepted while the robot moves.
+    /// Rejects a good command of a process that is not known in its slot while the robot moves.
     fn note_verdicts(&mut self, reports: &[Report; SLOTS], moving: bool) {
         for (slot, report) in reports.iter().enumerate() {
             if report.reply == Reply::Good && !self.roles[CONTROLLERS].may_use(slot, report.incarnation, moving) {
@@ -260,20 +264,20 @@ impl Arbiter {
         }
     }
 
-    /// How far the slots beside those in charge are from them.
+    /// Computes the deviations of the slots that are not in charge.
     fn compare(&mut self, input: &MotorInput, rows: &[Rows; SLOTS], estimates: &[Reply; SLOTS]) {
         self.apart = [-1.0; SEATS];
         let (controller, estimator) = self.in_charge();
         let (other, beside) = (1 - controller, 1 - estimator);
         if let (Ok(lead), Ok(side)) = (&rows[controller], &rows[other]) {
-            // On the estimate in charge, or, where one of the two has no answer to it, on the other.
+            // Compared on the estimate in charge, or, if a controller has no answer to it, on the other estimate.
             let both = |e: usize| Some((lead[e].good()?, side[e].good()?));
             if let Some((lead, side)) = both(estimator).or_else(|| both(beside)) {
                 self.apart[other] = distance(&lead, &side);
                 self.bias[other].add(&lead, &side, BIAS_PASSES / f64::from(self.qualify.max(1)));
             }
         }
-        // One cycle without an answer does not take back what an average has shown of this process.
+        // One cycle without an answer does not reset the average of this process.
         let slot = self.roles[CONTROLLERS].slot(other);
         let changed = input.command_arrived[other] != 0 && input.command[other].incarnation != slot.incarnation();
         if changed || slot.phase() == Phase::Empty {
@@ -291,16 +295,16 @@ impl Arbiter {
         }
     }
 
-    /// How far a controller is on average from the one in charge, m/s per cable.
+    /// Average deviation of a controller from the one in charge, m/s per cable.
     #[must_use]
     pub fn bias_m_s(&self, slot: usize) -> &[f64; CABLES] {
         self.bias[slot].difference_m_s()
     }
 
-    /// Announces a swap; gives the cycle in which it takes effect.
+    /// Announces a swap; returns the cycle in which it takes effect.
     ///
     /// # Errors
-    /// Why not.
+    /// The reason why the swap is refused.
     pub fn announce(&mut self, role: usize, slot: usize, cycle: u64) -> Result<u64, Refusal> {
         if self.roles[1 - role].swapping() {
             return Err(Refusal::UnderWay);
@@ -311,42 +315,42 @@ impl Arbiter {
     /// Takes a slot out of quarantine.
     ///
     /// # Errors
-    /// Why there is nothing to do.
+    /// The slot is not in quarantine.
     pub fn admit(&mut self, role: usize, slot: usize) -> Result<(), Refusal> {
         self.roles[role].admit(slot)
     }
 
-    /// The slots in charge: controller and estimator.
+    /// Slots in charge: controller and estimator.
     #[must_use]
     pub fn in_charge(&self) -> (usize, usize) {
         (self.roles[CONTROLLERS].in_charge(), self.roles[ESTIMATORS].in_charge())
     }
 
-    /// The slots whose command was used last.
+    /// Slots whose command was used last.
     #[must_use]
     pub fn used(&self) -> (usize, usize) {
         self.used
     }
 
-    /// What is known of a slot of a role.
+    /// State of a slot of a role.
     #[must_use]
     pub fn slot(&self, role: usize, slot: usize) -> &Slot {
         self.roles[role].slot(slot)
     }
 
-    /// Distance of a slot from the one in charge, m/s or m; negative: nothing to compare.
+    /// Deviation of a slot from the one in charge, m/s or m; negative: nothing to compare.
     #[must_use]
     pub fn apart(&self, role: usize, slot: usize) -> f64 {
         self.apart[SLOTS * role + slot]
     }
 
-    /// Last verdict on each slot.
+    /// Newest verdict on each slot.
     #[must_use]
     pub fn verdict(&self) -> [u8; SLOTS] {
         self.verdict
     }
 
-    /// What there is to say in `motor/authority`.
+    /// Writes the arbiter's fields of `motor/authority`.
     pub fn describe(&self, authority: &mut MotorAuthority) {
         let (used, (controller, estimator)) = (self.used, self.in_charge());
         (authority.active_controller, authority.active_estimator) = (used.0 as u8, used.1 as u8);
@@ -363,7 +367,7 @@ impl Arbiter {
         }
     }
 
-    /// `motor/slots`, to go with an authority that [`Arbiter::describe`] has written to.
+    /// Returns `motor/slots`; `authority` is the sample that [`Arbiter::describe`] has written to.
     #[must_use]
     pub fn slots(&self, authority: &MotorAuthority) -> MotorSlots {
         let mut slots = MotorSlots {
@@ -386,12 +390,12 @@ impl Arbiter {
     }
 }
 
-/// What an estimator's slot came up with.
+/// Classifies an estimator's answer.
 fn estimate(input: &MotorInput, slot: usize) -> Reply {
     let position = &input.estimate_position_m[3 * slot..][..3];
     match () {
         () if input.estimate_life[slot] != input.header.life => Reply::Silent,
-        // Without an incarnation nothing has ever come, however well its cycle 0 fits the first one.
+        // Without an incarnation no estimate has arrived, even though its cycle 0 fits the first cycle.
         () if input.estimate_incarnation[slot] == 0 => Reply::Silent,
         () if input.estimate_cycle[slot].checked_add(1) != Some(input.header.cycle) => Reply::Silent,
         () if input.estimate_valid[slot] != 1 => Reply::Nothing,
@@ -404,7 +408,7 @@ fn distance(one: &[f64; CABLES], other: &[f64; CABLES]) -> f64 {
     one.iter().zip(other).fold(0.0, |most: f64, (a, b)| most.max((a - b).abs()))
 }
 
-/// A distance as a share of what is allowed.
+/// A deviation as a share of what is allowed.
 fn share(apart: f64, bound: f64) -> Option<f64> {
     (apart >= 0.0).then_some(apart / bound)
 }

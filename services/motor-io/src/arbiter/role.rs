@@ -1,4 +1,4 @@
-//! Who is in charge of one role: two slots, how far each is trusted, and the way of a swap.
+//! State machine of one role: two slots, their phases, and the swap between them.
 //!
 //! ```text
 //!   Empty --> Attached --> Shadow --> Qualified --> Switching --> Active
@@ -8,69 +8,71 @@
 //!          Quarantined                       +--- Probation <-- Active (the one before)
 //! ```
 //!
-//! A slot that falls three times (`quarantine_falls`) without a good while between is set aside until the operator admits it again: one that comes and
-//! goes is no standby. In probation the first cycle that the new one misses makes the old one Active again, by its command of the
-//! same cycle. Where the computer kept the new one from running, the old one only stands in for it, for a few cycles.
+//! A slot that falls three times (`quarantine_falls`) without a long good period in between is quarantined until the
+//! operator admits it again, because a slot that comes and goes is no standby. In probation, the first cycle that the
+//! new slot misses makes the old one Active again, with its command of the same cycle. If the computer kept the new
+//! slot from running, the old one only stands in for a few cycles.
 
 use messages::{MotorSlots, SLOTS};
 
-/// A slot in charge that gives no answer is stood in for; after more than so many cycles it has lost its place. As many cycles
-/// of nothing and a standby is none any more. A hiccup of the machine is shorter.
+/// Cycles for which another slot stands in for a silent one in charge; after more it takes its place. A standby that is
+/// silent for longer loses its phase. A hiccup of the machine is shorter.
 pub const GONE_CYCLES: u32 = 3;
-/// So many cycles in a row a standby may be too far from the one in charge: laws differ where the motion changes.
+/// Cycles in a row for which a standby may deviate too far from the slot in charge: laws differ where
+/// the motion changes.
 pub const APART_CYCLES: u32 = 10;
 
-/// How far a slot is trusted.
+/// Phase of a slot.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[repr(u8)]
 pub enum Phase {
-    /// Nobody is there.
+    /// No process answers.
     Empty = MotorSlots::PHASE_EMPTY,
-    /// Somebody speaks, without a good answer so far.
+    /// A process answers, without a good answer so far.
     Attached = MotorSlots::PHASE_ATTACHED,
-    /// Answers well, not yet for long enough.
+    /// Good answers, not yet for long enough.
     Shadow = MotorSlots::PHASE_SHADOW,
-    /// A standby.
+    /// Standby.
     Qualified = MotorSlots::PHASE_QUALIFIED,
-    /// A swap to it is announced.
+    /// Standby to which a swap is announced.
     Switching = MotorSlots::PHASE_SWITCHING,
     /// In charge.
     Active = MotorSlots::PHASE_ACTIVE,
-    /// Was in charge before the swap, and is again if the new one fails.
+    /// Was in charge before the swap, and is again if the new slot fails.
     Probation = MotorSlots::PHASE_PROBATION,
-    /// Set aside until it is admitted again.
+    /// Excluded until the operator admits it again.
     Quarantined = MotorSlots::PHASE_QUARANTINED,
 }
 
 impl Phase {
-    /// True for a slot that is not in charge and may take over while the robot moves.
+    /// Returns true for a slot that is not in charge and may take over while the robot moves.
     #[must_use]
     pub fn is_standby(self) -> bool {
         matches!(self, Self::Qualified | Self::Switching | Self::Probation)
     }
 }
 
-/// What a slot came up with in a cycle.
+/// Answer of a slot in a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reply {
-    /// Nothing at all.
+    /// No sample.
     Silent,
-    /// Something, but not for this cycle, this epoch or this motion, or without a valid result.
+    /// A sample without a valid result, or for another cycle, epoch or motion.
     Nothing,
-    /// Something that must never be used; the cause, `MotorSlots::CAUSE_*`.
+    /// A sample that must never be used; the cause, `MotorSlots::CAUSE_*`.
     Wrong(u8),
-    /// A good answer.
+    /// Good answer.
     Good,
 }
 
-/// The account of one slot for one cycle.
+/// Observation of one slot in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Report {
-    /// What it came up with.
+    /// Answer of the slot.
     pub reply: Reply,
-    /// Who: non-zero number of the process's life.
+    /// Incarnation of the process; 0: none.
     pub incarnation: u32,
-    /// How far it is from the slot in charge, as a share of what is allowed; `None`: there is nothing to compare.
+    /// Deviation from the slot in charge, as a share of what is allowed; `None`: nothing to compare.
     pub apart: Option<f64>,
 }
 
@@ -79,35 +81,35 @@ impl Report {
     pub const SILENT: Self = Self { reply: Reply::Silent, incarnation: 0, apart: None };
 }
 
-/// Limits of the role's machine; times in cycles.
+/// Times of the state machine, cycles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Times {
     /// Good answers in a row that make a standby.
     pub qualify: u32,
     /// From the announcement of a swap to its effect.
     pub announce: u32,
-    /// How long the old one stays in probation after it.
+    /// Probation of the old slot after a swap.
     pub probation: u32,
     /// Good answers in a row after which falls are forgiven.
     pub forgive: u32,
-    /// Falls after which a slot is set aside.
+    /// Falls after which a slot is quarantined.
     pub falls: u8,
 }
 
-/// Why a swap or an admission is not done.
+/// Reason why a swap or an admission is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refusal {
-    /// It is in charge already.
+    /// The slot is in charge already.
     InCharge,
     /// Another swap of this role is under way.
     UnderWay,
-    /// Its phase; the cause and the cycles it has answered well stand in the slot.
+    /// The slot has another phase; the slot has the cause and its good cycles.
     NotQualified(Phase),
-    /// It is not set aside.
+    /// The slot is not in quarantine.
     NotQuarantined,
 }
 
-/// What is known of a slot.
+/// State of a slot.
 #[derive(Debug, Clone, Copy)]
 pub struct Slot {
     phase: Phase,
@@ -118,7 +120,7 @@ pub struct Slot {
     outside: u32,
     falls: u8,
     cause: u8,
-    /// Of the slot in charge: who speaks there now is somebody else.
+    /// In the slot in charge, another process answers now.
     foreign_instance: bool,
 }
 
@@ -135,7 +137,7 @@ impl Slot {
         foreign_instance: false,
     };
 
-    /// How far it is trusted. One in charge from which nothing comes any more, or somebody else, is shown as what it is.
+    /// Phase of the slot. An active slot that is silent or has another process shows as Empty or Attached.
     #[must_use]
     pub fn phase(&self) -> Phase {
         match self.phase {
@@ -146,7 +148,7 @@ impl Slot {
         }
     }
 
-    /// Who speaks there: number of the process's life.
+    /// Incarnation of the process.
     #[must_use]
     pub fn incarnation(&self) -> u32 {
         self.incarnation
@@ -164,13 +166,13 @@ impl Slot {
         self.falls
     }
 
-    /// What last cost it its trust, `MotorSlots::CAUSE_*`.
+    /// Cause of its last loss of phase, `MotorSlots::CAUSE_*`.
     #[must_use]
     pub fn cause(&self) -> u8 {
         self.cause
     }
 
-    /// Loses what trust it had.
+    /// Loses its phase, with a strike if it had earned one.
     fn fall(&mut self, cause: u8, times: &Times) {
         if self.phase.is_standby() || self.phase == Phase::Shadow {
             self.strike();
@@ -192,8 +194,8 @@ impl Slot {
         (self.well, self.absent, self.outside) = (0, 0, 0);
     }
 
-    /// One cycle of a slot that is not in charge. `led`: the one in charge gave a good answer in this cycle, so that a missing one is
-    /// this slot's own.
+    /// One cycle of a slot that is not in charge. `led`: the slot in charge gave a good answer, so that a missing one
+    /// is this slot's own failure.
     fn beside(&mut self, report: &Report, led: bool, times: &Times) {
         self.silent = if report.reply == Reply::Silent { self.silent.saturating_add(1) } else { 0 };
         if self.phase == Phase::Quarantined {
@@ -230,7 +232,7 @@ impl Slot {
                     let cause = if silent { MotorSlots::CAUSE_ABSENT } else { MotorSlots::CAUSE_NOT_VALID };
                     self.fall(cause, times);
                 } else if self.silent > GONE_CYCLES && self.phase != Phase::Empty {
-                    // Nobody is there to say whose fault it is, but who comes back has to qualify anew.
+                    // Without an answer in charge the failure cannot be attributed, but the slot has to qualify again.
                     self.drop_to_start(MotorSlots::CAUSE_ABSENT, times);
                 }
             }
@@ -266,7 +268,7 @@ impl Slot {
     }
 }
 
-/// The slots of a role. See the module's text.
+/// Both slots of a role.
 #[derive(Debug, Clone)]
 pub struct Role {
     times: Times,
@@ -290,26 +292,26 @@ impl Role {
         self.in_charge
     }
 
-    /// What is known of a slot.
+    /// State of a slot.
     #[must_use]
     pub fn slot(&self, slot: usize) -> &Slot {
         &self.slots[slot]
     }
 
-    /// The cycle in which an announced swap takes effect; 0: none is announced.
+    /// Cycle in which an announced swap takes effect; 0: none is announced.
     #[must_use]
     pub fn commit_cycle(&self) -> u64 {
         self.commit_cycle
     }
 
-    /// A swap is announced, or its old one is in probation.
+    /// True if a swap is announced or its old slot is in probation.
     #[must_use]
     pub fn swapping(&self) -> bool {
         self.commit_cycle != 0 || self.probation.is_some()
     }
 
-    /// True if an answer of this process in this slot may be used. While the robot moves only those count that are in charge or
-    /// standby, and in the life in which they became so; at rest everybody who is not set aside.
+    /// Returns true if an answer of this process in this slot may be used. While the robot moves, the slot must be in
+    /// charge or standby, with the incarnation that earned it; at rest, any slot that is not in quarantine counts.
     #[must_use]
     pub fn may_use(&self, slot: usize, incarnation: u32, moving: bool) -> bool {
         let Slot { phase, incarnation: known, .. } = self.slots[slot];
@@ -317,8 +319,44 @@ impl Role {
             && (!moving || ((phase == Phase::Active || phase.is_standby()) && incarnation == known))
     }
 
-    /// One cycle: who is used in it. At the announced cycle the swap takes effect; whoever is gone is replaced.
+    /// Processes one cycle and returns the slot to use. An announced swap takes effect in its cycle; a failed slot in
+    /// charge is replaced.
     pub fn step(
+        &mut self,
+        cycle: u64,
+        moving: bool,
+        starved: &[bool; SLOTS],
+        reports: &[Report; SLOTS],
+    ) -> Option<usize> {
+        let used = self.advance(cycle, moving, starved, reports);
+        debug_assert!(
+            used.is_none_or(
+                |slot| reports[slot].reply == Reply::Good && self.may_use(slot, reports[slot].incarnation, moving)
+            ),
+            "slot {used:?} is used without a good answer or a qualification: {reports:?}, {self:?}"
+        );
+        self.check_slots();
+        used
+    }
+
+    /// Checks the relations between the slots after a cycle.
+    fn check_slots(&self) {
+        let (lead, side) = (self.slots[self.in_charge].phase, self.slots[1 - self.in_charge].phase);
+        debug_assert!(matches!(lead, Phase::Active | Phase::Empty), "the slot in charge is {lead:?}");
+        debug_assert!(side != Phase::Active, "both slots are in charge");
+        debug_assert!(
+            (self.commit_cycle != 0) == (side == Phase::Switching),
+            "a swap is announced for cycle {}, but the other slot is {side:?}",
+            self.commit_cycle
+        );
+        debug_assert!(
+            self.probation.is_some() == (side == Phase::Probation),
+            "{:?} cycles of probation, but the other slot is {side:?}",
+            self.probation
+        );
+    }
+
+    fn advance(
         &mut self,
         cycle: u64,
         moving: bool,
@@ -343,8 +381,8 @@ impl Role {
                 self.commit(side);
                 return Some(side);
             }
-            // It is not there in the very cycle that was announced: the swap is off, and may be asked for again. One that had no processor
-            // is waited for.
+            // The slot is missing in the announced cycle: the swap is cancelled and may be requested again. A slot
+            // without a processor gets a few more cycles.
             if !starved[side] || cycle >= self.commit_cycle.saturating_add(u64::from(GONE_CYCLES)) {
                 self.commit_cycle = 0;
                 self.slots[side].phase = Phase::Qualified;
@@ -363,7 +401,7 @@ impl Role {
         Some(side)
     }
 
-    /// The slot in charge in this cycle; true if its answer counts.
+    /// Processes the slot in charge; returns true if its answer counts.
     fn lead(&mut self, moving: bool, report: &Report) -> bool {
         let slot = &mut self.slots[self.in_charge];
         slot.silent = if report.reply == Reply::Silent { slot.silent.saturating_add(1) } else { 0 };
@@ -386,11 +424,11 @@ impl Role {
         counts
     }
 
-    /// Whether the slot in charge has lost its place to a standby that answers, or is only stood in for.
+    /// Returns true if the slot in charge loses its place to a standby that answers; false if that only stands in.
     fn is_over(&self, lead: usize, report: &Report, moving: bool, starved: bool) -> bool {
         let slot = &self.slots[lead];
         if slot.phase != Phase::Active {
-            // At the start: whoever is to be in charge may take a moment longer than the other.
+            // At the start, the slot in charge may take a moment longer than the other.
             return slot.absent > self.times.qualify;
         }
         self.probation.is_some() && !starved
@@ -399,7 +437,7 @@ impl Role {
             || slot.absent > GONE_CYCLES
     }
 
-    /// `next` is in charge instead of `lead`, which failed.
+    /// Puts `next` in charge instead of `lead`, which failed.
     fn replace(&mut self, lead: usize, next: usize, report: &Report) {
         let reverted = self.probation.take().is_some();
         let slot = &mut self.slots[lead];
@@ -449,10 +487,10 @@ impl Role {
         }
     }
 
-    /// Announces a swap to this slot; gives the cycle in which it takes effect.
+    /// Announces a swap to this slot; returns the cycle in which it takes effect.
     ///
     /// # Errors
-    /// Why not.
+    /// The reason why the swap is refused.
     pub fn announce(&mut self, slot: usize, cycle: u64) -> Result<u64, Refusal> {
         if slot == self.in_charge && self.slots[slot].phase() == Phase::Active {
             return Err(Refusal::InCharge);

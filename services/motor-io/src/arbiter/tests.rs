@@ -17,7 +17,7 @@ fn config() -> CoreConfig {
     CoreConfig::new(robot, 0.01, &[10_000.0; 3], &[vec![0, 1], vec![2]]).unwrap()
 }
 
-/// Two controllers and two estimators that answer well, and what is changed about them.
+/// Two controllers and two estimators that answer well, with changes by the test.
 struct Table {
     arbiter: Arbiter,
     input: MotorInput,
@@ -138,7 +138,7 @@ fn what_is_not_current_finite_and_sane_is_refused_with_its_reason() {
 }
 
 #[test]
-fn a_controller_started_anew_is_refused_while_the_robot_moves() {
+fn a_restarted_controller_is_rejected_while_the_robot_moves() {
     let mut table = Table::new();
     table.input.command_arrived[1] = 0;
     table.cycles(5);
@@ -281,7 +281,7 @@ fn in_probation_one_that_had_no_processor_is_stood_in_for() {
         }
         answers(&mut table, true);
         assert_eq!(table.used(), Some(new));
-        // Not for ever: by then it is gone, whatever the cause.
+        // Not for ever: by then it counts as gone, whatever the cause.
         answers(&mut table, false);
         for _ in 0..=GONE_CYCLES {
             assert_eq!(table.used(), Some(old));
@@ -336,7 +336,7 @@ fn a_swap_is_refused_with_its_reason() {
     table.cycles(200);
     assert_eq!(ask(&mut table, 1), Err(Refusal::NotQualified(Phase::Shadow)));
     assert_eq!(table.arbiter.slot(CONTROLLERS, 1).cause(), MotorSlots::CAUSE_APART);
-    // First what it differed by on average has to fade, then it has to answer well for the whole time.
+    // First its average deviation has to decay, then it has to answer well for the whole time.
     table.input.command[1].velocity_m_s = [0.1; 16];
     table.cycles(100);
     assert_eq!(ask(&mut table, 1), Err(Refusal::NotQualified(Phase::Shadow)));
@@ -381,9 +381,9 @@ fn one_that_comes_and_goes_is_set_aside_until_it_is_admitted() {
 }
 
 #[test]
-fn what_goes_missing_for_all_is_nobodys_fall() {
+fn answers_that_are_missing_everywhere_are_no_fall() {
     let mut table = Table::flying();
-    // The drives say nothing for a while, so there is no estimate and nothing to answer.
+    // The drives are silent for a while, so there is no estimate and nothing to answer.
     table.input.estimate_valid = [0, 0];
     table.input.command.iter_mut().for_each(|command| command.valid = [0, 0]);
     for _ in 0..50 {
@@ -402,7 +402,7 @@ fn the_dead_of_an_earlier_life_are_not_mixed_in() {
     while table.input.header.cycle < commit + 3 {
         table.cycles(1);
     }
-    // The old one is started anew in the middle of the fade, and knows nothing.
+    // The old one restarts in the middle of the fade, without a state.
     table.input.command[0].incarnation += 1;
     table.input.command[0].velocity_m_s = [-0.5; 16];
     let mut last = table.sent[0];

@@ -1,31 +1,30 @@
-//! What each period of a mission counts as: steered, paused, or lost to one of four causes.
+//! Classification of each period of a mission: steered, paused, or lost to one of four causes.
 //!
-//! A mission's periods are those of wall-clock time, from the cycle after which its motion is taken up to the one in which it ends. Periods
-//! that never ran count too. Causes are disjoint and add up, so that another program can count the same from `motor/input` and
-//! `motor/authority`: `docs/counters.md` has the rules one by one, and what is here follows their order.
+//! A mission's periods are those of wall-clock time, from the cycle after its motion begins to the cycle in which it
+//! ends, including periods that never ran. The causes are disjoint and add up, so that another program can count the
+//! same from `motor/input` and `motor/authority`. `docs/counters.md` lists the rules; this code follows their order.
 
 use super::starved::Evidence;
-use crate::safety::Mode;
 use messages::faults::STOPS;
 use messages::{MotorAuthority, MotorInput, UNITS};
 
-/// Stops because another program was not there.
+/// Causes of stops in which another process was missing.
 const ABSENCE: u32 = MotorAuthority::FAULT_SUPERVISOR_LOST | MotorAuthority::FAULT_PLANNER_LOST;
 
-/// What the account has to know of a cycle beside its input.
+/// State of a cycle that the account needs besides the input.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Cycle {
-    /// A motion was followed, or kept to go on with, when the cycle began.
+    /// A motion was followed or kept when the cycle began.
     pub under_way: bool,
-    /// A valid answer to the cycle before was used.
+    /// A valid answer to the previous cycle was used.
     pub fresh: bool,
-    /// At its end.
-    pub mode: Mode,
-    /// The plan clock stands.
+    /// The robot is at rest, or comes to rest without a controller, at the end of the cycle.
+    pub at_rest: bool,
+    /// The plan clock is at standstill.
     pub resting: bool,
-    /// Why the robot was stopped; bits.
+    /// Reasons why the robot was stopped; bits of `FAULT_*`.
     pub faults: u32,
-    /// Of a starved computer.
+    /// Evidence of a busy computer.
     pub evidence: Evidence,
     /// Slots in charge: controller and estimator.
     pub in_charge: (usize, usize),
@@ -33,14 +32,14 @@ pub(super) struct Cycle {
     pub period_s: f64,
 }
 
-/// Counts periods. One per life of motor-io.
+/// Counter of periods; one per life of motor-io.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Account {
     counts: [u64; 7],
     period: u8,
-    /// Cause of the last lost period: it stays the cause for as long as the robot holds because of it.
+    /// Cause of the last lost period. It remains the cause while the robot holds because of it.
     cause: u8,
-    /// What kept a unit from answering in the cycle before: no command can answer to that cycle.
+    /// What kept a unit from answering in the previous cycle; no command can answer to that cycle.
     trouble: Option<u8>,
     tick_ns: u64,
     begin_ns: u64,
@@ -55,9 +54,13 @@ impl Account {
         self.period = match () {
             () if !cycle.under_way => MotorAuthority::PERIOD_NO_MISSION,
             () if cycle.fresh && trouble.is_none() => MotorAuthority::PERIOD_STEERED,
-            () if at_rest(cycle) && cycle.resting && cycle.faults & STOPS == 0 => MotorAuthority::PERIOD_PAUSED,
+            () if cycle.at_rest && cycle.resting && cycle.faults & STOPS == 0 => MotorAuthority::PERIOD_PAUSED,
             () => cause,
         };
+        debug_assert!(
+            cycle.under_way == (self.period != MotorAuthority::PERIOD_NO_MISSION),
+            "a period of a mission counts as none"
+        );
         if !cycle.under_way {
             self.cause = 0;
         } else if self.period == cause {
@@ -66,7 +69,7 @@ impl Account {
         self.trouble = trouble;
         self.counts[usize::from(self.period)] += 1;
         if cycle.under_way {
-            // What a period is that never ran follows from the cycle before.
+            // The cause of a period that never ran follows from the previous cycle.
             let (skipped, overrun) = self.skipped(input, cycle.period_s);
             let paused = before == MotorAuthority::PERIOD_PAUSED;
             let of = |cause| usize::from(if paused { before } else { cause });
@@ -76,41 +79,41 @@ impl Account {
         (self.tick_ns, self.begin_ns, self.end_ns) = (input.tick_ns, input.begin_ns, input.end_ns);
     }
 
-    /// What keeps a unit from answering in this cycle, and the cause of the period if it is lost.
+    /// Returns what keeps a unit from answering in this cycle, and the cause of the period if it is lost.
     fn judge(&self, input: &MotorInput, cycle: &Cycle) -> (Option<u8>, u8) {
         let unless_held_up =
             |cause| if cycle.evidence.of_drives() { MotorAuthority::PERIOD_LOST_COMPUTER } else { cause };
         let trouble = trouble(&input.unit[..usize::from(input.unit_count).min(UNITS)]).map(|what| match what {
-            // What broke the step is the cause of the way back into it.
+            // A resynchronisation has the cause of the failure before it.
             Trouble::Resync => self.trouble.unwrap_or_else(|| unless_held_up(MotorAuthority::PERIOD_LOST_RESYNC)),
             Trouble::Silent => unless_held_up(MotorAuthority::PERIOD_LOST_DRIVE),
             Trouble::Lost => MotorAuthority::PERIOD_LOST_DRIVE,
             Trouble::Late => MotorAuthority::PERIOD_LOST_COMPUTER,
         });
-        // No answer to the cycle before is the computer's fault only where the kernel says so.
+        // A missing answer to the previous cycle is the computer's fault only with evidence from the kernel.
         let silence = match () {
             () if cycle.evidence.of_chain(cycle.in_charge) => MotorAuthority::PERIOD_LOST_COMPUTER,
             () if cycle.evidence.slow_drives() => MotorAuthority::PERIOD_LOST_DRIVE,
             () => MotorAuthority::PERIOD_LOST_ANSWER,
         };
         let cause = match () {
-            () if at_rest(cycle) && !cycle.fresh && cycle.faults & STOPS != 0 => self.cause_of_stop(cycle.faults),
+            () if cycle.at_rest && !cycle.fresh && cycle.faults & STOPS != 0 => self.cause_of_stop(cycle.faults),
             () => trouble.or(self.trouble).unwrap_or(silence),
         };
         (trouble, cause)
     }
 
-    /// The robot is stopped, or holds, because of what was lost before.
+    /// Cause while the robot stops or holds because of an earlier loss.
     fn cause_of_stop(&self, faults: u32) -> u8 {
         match () {
             () if faults & MotorAuthority::FAULT_LONG_GAP != 0 => MotorAuthority::PERIOD_LOST_COMPUTER,
             () if faults & ABSENCE != 0 || self.cause == 0 => MotorAuthority::PERIOD_LOST_ANSWER,
-            // FAULT_COMPUTER says what coincided; an answer that was missing without it is still one.
+            // FAULT_COMPUTER names a coincidence; an answer that was missing without it is still a missing answer.
             () => self.cause,
         }
     }
 
-    /// Keeps the cause of a lost period. Of lost periods in a row, one for which the computer has no evidence speaks for all.
+    /// Stores the cause of a lost period. In a row of lost periods, one without evidence against the computer decides.
     fn remember(&mut self, before: u8) {
         let row = before >= MotorAuthority::PERIOD_LOST_COMPUTER && self.cause == MotorAuthority::PERIOD_LOST_ANSWER;
         if !(row && self.period == MotorAuthority::PERIOD_LOST_COMPUTER) {
@@ -118,8 +121,8 @@ impl Account {
         }
     }
 
-    /// Periods between the last tick and this one that never ran, for ticks are due at whole periods; and of how many the tick fell
-    /// into the exchange before.
+    /// Periods between the previous scheduled begin and this one that never ran, and how many of them were due during
+    /// the previous exchange.
     fn skipped(&self, input: &MotorInput, period_s: f64) -> (u64, u64) {
         if self.tick_ns == 0 {
             return (0, 0);
@@ -130,7 +133,7 @@ impl Account {
         (skipped, skipped.min(overrun))
     }
 
-    /// Writes what it came to.
+    /// Writes the counters.
     pub(super) fn describe(&self, authority: &mut MotorAuthority) {
         let of = |period: u8| self.counts[usize::from(period)];
         authority.period = self.period;
@@ -141,32 +144,37 @@ impl Account {
         authority.lost_resync = of(MotorAuthority::PERIOD_LOST_RESYNC);
         authority.lost_answer = of(MotorAuthority::PERIOD_LOST_ANSWER);
         authority.periods = self.counts[1..].iter().sum();
+        debug_assert!(
+            authority.periods
+                == authority.steered
+                    + authority.paused
+                    + authority.lost_computer
+                    + authority.lost_drive
+                    + authority.lost_resync
+                    + authority.lost_answer,
+            "steered, paused and the four causes do not add up to all periods"
+        );
     }
 }
 
-/// Why an exchange took longer than a period although every unit answered.
+/// Cause of an exchange that took longer than a period although every unit answered.
 fn slow(cycle: &Cycle) -> u8 {
     if cycle.evidence.of_drives() { MotorAuthority::PERIOD_LOST_COMPUTER } else { MotorAuthority::PERIOD_LOST_DRIVE }
 }
 
-/// No command is asked for: the robot comes to rest by itself, or is at rest.
-fn at_rest(cycle: &Cycle) -> bool {
-    cycle.mode != Mode::Following
-}
-
-/// What keeps a unit from answering.
+/// Reason why a unit does not answer.
 enum Trouble {
-    /// It is gone, or was restarted.
+    /// The unit is gone, or was restarted.
     Lost,
-    /// It did not answer in time.
+    /// The unit did not answer in time.
     Silent,
-    /// Its port is being brought back into step.
+    /// Its port is being resynchronised.
     Resync,
-    /// This program was too late to ask.
+    /// motor-io was too late to ask.
     Late,
 }
 
-/// The worst of all units.
+/// Worst reason among all units.
 fn trouble(units: &[u8]) -> Option<Trouble> {
     let any = |outcomes: &[u8]| units.iter().any(|unit| outcomes.contains(unit));
     match () {

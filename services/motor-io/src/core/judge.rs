@@ -1,19 +1,20 @@
-//! motor-io judges for itself: the node's speed and acceleration, where a motion begins, and whether commands lead to the set point.
+//! Checks by motor-io's own lengths: the node's speed and acceleration, where a motion begins, and whether commands
+//! lead to the setpoint.
 //!
-//! All of it goes by motor-io's own lengths and by the set point in its input; without a known position only the cables' limits apply.
+//! They use motor-io's own lengths and the setpoint in its input. Without a known position only the limits
+//! of the cables apply.
 
 use super::Core;
 use crate::limits::NodeLimit;
-use crate::safety::Mode;
 use cable_robot::Vector3;
 use messages::faults::Faults;
 use messages::{CABLES, MotorAuthority, MotorInput};
 
-/// A distance that grows more slowly than this does not grow: encoders have steps, m/s.
+/// Growth of a distance below which it counts as constant, because encoders have steps, m/s.
 const GROWS_M_S: f64 = 0.001;
 
 impl Core {
-    /// The bound on the node's speed and on its change that holds in this cycle.
+    /// Bounds on the node's speed and acceleration in this cycle.
     pub(super) fn node_limit(&self) -> Option<NodeLimit<'_>> {
         Some(NodeLimit {
             sensitivity: self.node.sensitivity()?,
@@ -22,14 +23,9 @@ impl Core {
         })
     }
 
-    /// The set point at the present plan time, and its velocity at the present rate; `None` unless the robot follows one.
+    /// Setpoint at the present plan time, and its velocity at the present rate; `None` unless a controller steers.
     fn setpoint(&self, input: &MotorInput) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let follows = match self.safety.mode() {
-            Mode::Following => true,
-            Mode::Stopping => !self.stop.open,
-            _ => false,
-        };
-        if !follows || input.setpoint_known == 0 {
+        if self.safety.mode().steering().is_none() || input.setpoint_known == 0 {
             return None;
         }
         let (position, velocity) = (Vector3::from(input.setpoint_m), Vector3::from(input.setpoint_velocity_m_s));
@@ -37,7 +33,7 @@ impl Core {
         finite.then_some((position, velocity * self.clock.rate()))
     }
 
-    /// Keeps what a controller adds to the set point's own velocity within the correction limit.
+    /// Limits the controller's correction to the setpoint's own velocity.
     pub(super) fn keep_correction(&self, input: &MotorInput, wanted: [f64; CABLES]) -> [f64; CABLES] {
         let Some((_, planned_m_s)) = self.setpoint(input) else { return wanted };
         let (Some(node_m_s), Some(base)) = (self.node.velocity_of(&wanted), self.node.cables_for(&planned_m_s)) else {
@@ -51,7 +47,7 @@ impl Core {
         std::array::from_fn(|i| base[i] + share * (wanted[i] - base[i]))
     }
 
-    /// A fault if commands have moved the node away from a set point that is far from it already for too long.
+    /// Returns false, with a fault, if commands have moved the node away from a distant setpoint for too long.
     pub(super) fn judge(&mut self, input: &MotorInput, wanted: &[f64; CABLES]) -> bool {
         let away = self.setpoint(input).zip(self.node.position_m()).zip(self.node.velocity_of(wanted));
         let grows = away.is_some_and(|(((setpoint_m, planned_m_s), node_m), node_m_s)| {
@@ -59,14 +55,14 @@ impl Core {
             let distance_m = off.norm();
             distance_m > self.config.divergence_m && off.dot(&(node_m_s - planned_m_s)) > GROWS_M_S * distance_m
         });
-        // In a cycle without readings nothing is known.
+        // A cycle without readings shows nothing.
+        let Some(steering) = self.safety.mode_mut().steering_mut() else { return true };
         if !self.unit_trouble {
-            self.diverging = if grows { self.diverging.saturating_add(1) } else { 0 };
+            steering.diverging = if grows { steering.diverging.saturating_add(1) } else { 0 };
         }
-        if self.diverging < self.config.cycles(self.config.divergence_s) {
+        if steering.diverging < self.config.cycles(self.config.divergence_s) {
             return true;
         }
-        self.diverging = 0;
         let mut found = Faults::default();
         found.robot(MotorAuthority::FAULT_DIVERGING);
         if self.safety.found(&found) {
@@ -75,11 +71,11 @@ impl Core {
         false
     }
 
-    /// Whether the motion that is offered begins where the node is. While it does not, the authority says so.
+    /// Returns true if the offered motion begins where the node is. Otherwise the authority shows the reason.
     pub(crate) fn begins_here(&mut self, input: &MotorInput) -> bool {
         let Some(node_m) = self.node.position_m().filter(|_| input.motion_start_known == 1) else { return true };
         let off_m = (Vector3::from(input.motion_start_m) - node_m).norm();
-        // Not a number is not here.
+        // False for NaN.
         let here = off_m <= self.config.start_bound_m;
         if !here {
             self.safety.note_stop(MotorAuthority::FAULT_OFF_START);
@@ -87,7 +83,7 @@ impl Core {
         here
     }
 
-    /// How far the node is from the set point, m; `None` without one.
+    /// Distance from the node to the setpoint, m; `None` without one.
     pub(crate) fn setpoint_distance_m(&self, input: &MotorInput) -> Option<f64> {
         let node_m = self.node.position_m().filter(|_| input.setpoint_known == 1)?;
         Some((Vector3::from(input.setpoint_m) - node_m).norm())

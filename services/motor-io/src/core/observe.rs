@@ -1,20 +1,21 @@
-//! The second half of a cycle: what the drives replied, and what the cycle came to.
+//! Second half of a cycle: the drives' replies, and the samples to publish.
 
 use super::{Core, Observation, account};
+use crate::mode::Mode;
 use crate::odometry::Reading;
-use crate::safety::Mode;
 use crate::watch::Situation;
 use messages::faults::Faults;
 use messages::{CABLES, Header, MotorAuthority, MotorInput, MotorState};
 
-/// A tick that came more than this many periods after the last one leaves a gap in the motion worth looking at.
+/// Periods between two begins beyond which the gap matters for the motion.
 const GAP_PERIODS: f64 = 1.5;
 
 impl Core {
-    /// Second half of a cycle: the drives' replies.
+    /// Processes the drives' replies: the second half of a cycle.
     pub fn observe(&mut self, input: &MotorInput) -> Observation {
+        let at_begin = self.before();
         let n = self.config.cable_count();
-        self.end_ns = input.end_ns;
+        self.timing.end_ns = input.end_ns;
         let mut found = Faults::default();
         let back = self.watch.units(&self.config, input, self.starves(), &mut found);
         let ok: [bool; CABLES] =
@@ -42,7 +43,7 @@ impl Core {
         let velocity: [f64; CABLES] = std::array::from_fn(|i| if i < n { self.odometry.velocity_m_s(i) } else { 0.0 });
         let situation = Situation {
             energised: self.safety.energised(),
-            following: matches!(self.safety.mode(), Mode::Following | Mode::Stopping),
+            following: self.safety.mode().on_motion(),
             sent_m_s: self.sent.speed_m_s,
             released: self.sent.released,
             excused_m_s: std::array::from_fn(|i| self.envelope.velocity_m_s(i)),
@@ -51,7 +52,7 @@ impl Core {
         };
         self.watch.cables(&self.config, input, &situation, &velocity, &fresh, &mut found);
         if found.release.contains(&true) {
-            // Nobody knows how far the line ran while its encoder said that it did not.
+            // How far the cable ran while its encoder showed no motion is unknown.
             self.odometry.doubt();
         }
         self.name_the_computer(&mut found);
@@ -64,21 +65,22 @@ impl Core {
         self.close_period(input);
         let state = self.state(input, &velocity, &fresh);
         let supply = self.watch.supply_v();
-        let passed_s = self.gap_s.min(self.config.watchdog_s);
+        let passed_s = self.timing.gap_s.min(self.config.watchdog_s);
         let mut energy = self.energy.add(n, passed_s, self.config.robot.motor().resistance_ohm, |i| {
             (self.watch.current_a(i), self.watch.duty(i), supply[self.config.unit_of_cable[i]])
         });
         energy.header = state.header;
         let authority = self.authority(input, &state.header);
+        self.check_state(&at_begin);
         Observation { state, slots: self.arbiter.slots(&authority), authority, energy }
     }
 
-    /// What this period of wall-clock time counts as.
+    /// Classifies this period of wall-clock time.
     fn close_period(&mut self, input: &MotorInput) {
         let cycle = account::Cycle {
-            under_way: self.under_way,
-            fresh: self.fresh,
-            mode: self.safety.mode(),
+            under_way: self.decision.under_way,
+            fresh: self.decision.fresh,
+            at_rest: !matches!(self.safety.mode(), Mode::Following(_)),
             resting: self.clock.rate() == 0.0,
             faults: self.safety.faults().bits,
             evidence: self.evidence(),
@@ -88,22 +90,23 @@ impl Core {
         self.account.close(input, &cycle);
     }
 
-    /// If this machine stood still, the drives went on by the last command: the plan follows them as far as the encoders show, or
-    /// else the controller would drive the node back.
+    /// Advances the plan clock by what the drives did during a gap, as far as the encoders show it. Otherwise the
+    /// controller would drive the node back.
     fn catch_up(&mut self, n: usize, before: &[f64; CABLES], fresh: &[bool; CABLES]) {
         let period_s = self.config.period_s;
-        let gap = self.gap_s > GAP_PERIODS * period_s && self.gap_s <= self.config.watchdog_s;
-        if !gap || self.safety.mode() != Mode::Following || !fresh[..n].iter().all(|fresh| *fresh) {
+        let gap_s = self.timing.gap_s;
+        let gap = gap_s > GAP_PERIODS * period_s && gap_s <= self.config.watchdog_s;
+        if !gap || !matches!(self.safety.mode(), Mode::Following(_)) || !fresh[..n].iter().all(|fresh| *fresh) {
             return;
         }
         let (mut along, mut square) = (0.0, 0.0);
-        for (i, (before, v)) in before.iter().zip(&self.sent_before).enumerate().take(n) {
+        for (i, (before, v)) in before.iter().zip(&self.decision.sent_before_m_s).enumerate().take(n) {
             along += (self.odometry.length_m(i) - before) * v;
             square += v * v;
         }
-        // Below 5 mm/s there is nothing to catch up with.
+        // Below 5 mm/s the error is negligible.
         if square > 2.5e-5 {
-            self.clock.catch_up((along / square - period_s).clamp(0.0, self.gap_s - period_s));
+            self.clock.catch_up((along / square - period_s).clamp(0.0, gap_s - period_s));
         }
     }
 
@@ -135,7 +138,7 @@ impl Core {
         state.node_command_m_s = self.node.velocity_of(&self.sent.speed_m_s).map_or(unknown, Into::into);
         state.node_bound_m_s = self.node.position_m().map_or(f64::INFINITY, |_| self.config.node_speed_m_s());
         state.setpoint_distance_m = self.setpoint_distance_m(input).unwrap_or(f64::NAN);
-        // 0 stands for an encoder that was never read. Before the first one was, what the sample says is as old as the cycle.
+        // 0 marks an encoder that was never read. Before the first reading, the sample is as old as the cycle.
         let read = || state.sampled_ns[..n].iter().copied().filter(|sampled_ns| *sampled_ns != 0);
         let oldest = read().min().unwrap_or(input.end_ns);
         let newest = read().max().unwrap_or(input.end_ns);
@@ -152,15 +155,15 @@ impl Core {
             plan_rate: self.clock.rate(),
             plan_rate_target: self.clock.target(),
             period_s: self.config.period_s,
-            scale: self.scale,
+            scale: self.decision.scale,
             bus_ns: input.end_ns.saturating_sub(input.begin_ns),
             wake_ns: input.begin_ns.saturating_sub(input.tick_ns),
-            command_age_ns: self.command_age_ns,
+            command_age_ns: self.decision.command_age_ns,
             faults: faults.bits,
             epoch: self.safety.epoch(),
             segment: self.motion.segment(),
             motion: self.motion.id(),
-            mode: self.safety.mode() as u8,
+            mode: self.safety.mode().number(),
             position_known: self.odometry.position(),
             fault_cable: faults.cables.map(u8::from),
             fault_unit: faults.units.map(u8::from),

@@ -1,64 +1,40 @@
-//! Whether the computer kept this program, or those that answer it, from running: by the evidence in `motor/input`, and by the clock.
+//! Evidence of a computer that kept motor-io, or the processes that answer it, from running.
 //!
-//! What coincides with that is not held against a drive, an estimator or a line: see [`Core::starves`] and `follow`.
+//! The evidence is in `motor/input` and in the clock. What coincides with it is not held against a drive, an estimator
+//! or a cable: see `computer` and `follow`.
 
-use super::{Core, LONGEST_GAP_S};
-use messages::faults::Faults;
-use messages::{MotorAuthority, MotorInput, SEATS, SLOTS};
+use messages::{SEATS, SLOTS};
 
-/// A cycle that begins later than this share of a period after it could have is late: patience for an answer never lasts so long. It could
-/// have begun at its tick, or at the end of the exchange before, if that lasted longer.
-const LATE_SHARE: f64 = 0.5;
-/// Share of a period that estimator and controller need for an answer; a thread that waited longer than this for a processor had no time.
-const CHAIN_SHARE: f64 = 0.3;
-/// Share of a period that an exchange with the drives may take: more leaves estimator and controller too little.
-const EXCHANGE_SHARE: f64 = 1.0 - CHAIN_SHARE;
-/// Evidence older than this does not explain that a command is still missing: who waits for a processor shows it in every cycle, and a
-/// process that has died beside a hiccup does not.
-const RECENT_CYCLES: u32 = 3;
-/// Of the last 64 periods so many have to show evidence for a fault to coincide with it: one late tick explains no fault.
-const COINCIDES: u32 = 6;
-/// How long the robot says that it was the computer, after it goes on, s.
-const SAID_S: f64 = 1.0;
-
-/// Faults that a starved computer can bring about by itself: what was not read in time, or not answered in time, looks like each of them.
-const EXPLAINED: u32 = MotorAuthority::FAULT_LOST_UNIT
-    | MotorAuthority::FAULT_SLACK
-    | MotorAuthority::FAULT_STALL
-    | MotorAuthority::FAULT_RUNAWAY
-    | MotorAuthority::FAULT_ENCODER_JUMP
-    | MotorAuthority::FAULT_LENGTH_LIMIT;
-
-/// What one cycle shows. A number that was 0 before was not known.
+/// Evidence of one cycle. A counter that was 0 before was unknown.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Evidence {
-    /// This program came too late for the tick.
-    late_tick: bool,
-    /// The exchange with the drives before ended so late, because the computer kept this program or the virtual box waiting, that estimator
-    /// and controller had no time for an answer.
-    overrun: bool,
-    /// The same, because the drives took so long.
-    slow_drives: bool,
-    /// This program's thread waited for a processor.
-    waited: bool,
-    /// The virtual box left out time for want of a processor.
-    left_out: bool,
+    /// motor-io began late.
+    pub(super) late_tick: bool,
+    /// The previous exchange with the drives ended too late for an answer, because the computer delayed motor-io or the
+    /// virtual motor box.
+    pub(super) overrun: bool,
+    /// The previous exchange ended too late for an answer, because the drives were slow.
+    pub(super) slow_drives: bool,
+    /// motor-io's thread waited for a processor.
+    pub(super) waited: bool,
+    /// The virtual motor box left out time because it had no processor.
+    pub(super) left_out: bool,
     /// Threads of controllers a, b and estimators a, b waited for a processor.
-    chain: [bool; SEATS],
+    pub(super) chain: [bool; SEATS],
 }
 
 impl Evidence {
-    /// What the drives did not answer in this cycle may be for want of a processor.
+    /// True if a missing answer of the drives in this cycle can be due to the computer.
     pub fn of_drives(&self) -> bool {
         self.late_tick || self.waited || self.left_out
     }
 
-    /// The drives took so long in the cycle before that nothing could answer to it.
+    /// True if the drives were too slow in the previous cycle for anything to answer to it.
     pub fn slow_drives(&self) -> bool {
         self.slow_drives
     }
 
-    /// What these slots did not answer to the cycle before may be.
+    /// True if a missing answer of these slots to the previous cycle can be due to the computer.
     pub fn of_chain(&self, pair: (usize, usize)) -> bool {
         self.late_tick || self.overrun || self.waited_of(pair)
     }
@@ -68,23 +44,23 @@ impl Evidence {
     }
 }
 
-/// The evidence, cycle by cycle.
+/// Evidence over time.
 #[derive(Debug, Clone)]
 pub(super) struct Starved {
-    now: Evidence,
-    run_delay_ns: u64,
-    chain_delay_ns: [u64; SEATS],
-    box_left_out_ns: u64,
-    /// Time that the virtual box left out between this cycle and the one before, s: nothing moved in it.
-    left_out_s: f64,
-    /// Cycles since the last evidence of this program; 0: in this one.
-    own_age: u32,
-    /// The same of this program or the pair in charge.
-    age: u32,
-    /// The last 64 periods, the newest in the lowest bit; 1: evidence of this program or the pair in charge.
-    recent: u64,
-    /// Cycles for which a stop of this cause is still named.
-    said: u32,
+    pub(super) now: Evidence,
+    pub(super) run_delay_ns: u64,
+    pub(super) chain_delay_ns: [u64; SEATS],
+    pub(super) box_left_out_ns: u64,
+    /// Time that the virtual motor box left out since the previous cycle, s: nothing moved in it.
+    pub(super) left_out_s: f64,
+    /// Cycles since the last evidence of motor-io itself; 0: in this one.
+    pub(super) own_age: u32,
+    /// Cycles since the last evidence of motor-io or the pair in charge.
+    pub(super) age: u32,
+    /// The last 64 periods, the newest in the lowest bit; 1: evidence of motor-io or the pair in charge.
+    pub(super) recent: u64,
+    /// Cycles for which the cause of a stop is still shown.
+    pub(super) said: u32,
 }
 
 impl Default for Starved {
@@ -104,115 +80,8 @@ impl Default for Starved {
 }
 
 impl Starved {
-    /// Evidence in this cycle, or in one of so many before it.
-    fn within(&self, cycles: u32) -> bool {
+    /// Returns true if there was evidence within this many cycles.
+    pub(super) fn within(&self, cycles: u32) -> bool {
         self.age <= cycles
-    }
-}
-
-impl Core {
-    /// Takes in the evidence of a cycle. Has to run before `begin_ns` takes this cycle's time, which it compares with the last one's.
-    pub(super) fn note_evidence(&mut self, input: &MotorInput) {
-        let period_s = self.config.period_s;
-        let since_s = |then_ns: u64| input.begin_ns.saturating_sub(then_ns) as f64 * 1e-9;
-        let grown = |now_ns: u64, then_ns: u64| now_ns.saturating_sub(then_ns) as f64 * 1e-9 > CHAIN_SHARE * period_s;
-        let waited = |now_ns: u64, then_ns: u64| then_ns != 0 && grown(now_ns, then_ns);
-        let starved = &mut self.starved;
-        let could_ns = input.tick_ns.max(self.end_ns);
-        let late_tick = since_s(could_ns) > LATE_SHARE * period_s;
-        let own_wait = waited(input.run_delay_ns, starved.run_delay_ns);
-        starved.left_out_s = input.box_left_out_ns.saturating_sub(starved.box_left_out_ns) as f64 * 1e-9;
-        let left_out = starved.left_out_s > CHAIN_SHARE * period_s;
-        // A long exchange alone is no evidence: drives take their time, and this program waits for answers.
-        let held_up = starved.now.late_tick || own_wait || left_out;
-        starved.now = Evidence {
-            late_tick,
-            overrun: held_up && !grown(input.begin_ns, self.end_ns),
-            slow_drives: self.end_ns.saturating_sub(self.begin_ns) as f64 * 1e-9 > EXCHANGE_SHARE * period_s,
-            waited: own_wait,
-            left_out,
-            chain: std::array::from_fn(|seat| waited(input.chain_delay_ns[seat], starved.chain_delay_ns[seat])),
-        };
-        (starved.run_delay_ns, starved.chain_delay_ns) = (input.run_delay_ns, input.chain_delay_ns);
-        starved.box_left_out_ns = input.box_left_out_ns;
-
-        // A whole period passed between the end of the exchange and the tick: this program slept through another one.
-        let slept = self.end_ns != 0 && input.tick_ns.saturating_sub(self.end_ns) as f64 * 1e-9 > period_s;
-        let own = starved.now.of_drives() || slept;
-        let in_charge = self.arbiter.in_charge();
-        let age = |age: u32, evidence: bool| if evidence { 0 } else { age.saturating_add(1) };
-        starved.own_age = age(starved.own_age, own);
-        let evidence = own || starved.now.of_chain(in_charge);
-        starved.age = age(starved.age, evidence);
-        let passed = (since_s(self.begin_ns) / period_s + 0.5).clamp(1.0, 64.0) as u32;
-        let these = if evidence { u64::MAX } else { 0 };
-        starved.recent = starved.recent.checked_shl(passed).unwrap_or(0) | these.checked_shr(64 - passed).unwrap_or(0);
-    }
-
-    /// Time that the virtual box left out between this cycle and the one before, s: nothing moved in it.
-    pub(super) fn left_out_s(&self) -> f64 {
-        self.starved.left_out_s
-    }
-
-    /// What this cycle shows.
-    pub(super) fn evidence(&self) -> Evidence {
-        self.starved.now
-    }
-
-    /// True where the replies of this cycle say nothing about the drives, because this program did not get to hear them in time.
-    pub(super) fn starves(&self) -> bool {
-        self.starved.own_age <= 1
-    }
-
-    /// True where the estimates of this cycle may come from readings that were late.
-    pub(super) fn chain_starves(&self) -> bool {
-        self.starved.within(0)
-    }
-
-    /// Controllers and estimators that may have had no processor, or no time, to answer to the cycle before, each beside the one in charge of the
-    /// other role.
-    pub(super) fn starved_seats(&self) -> [bool; SEATS] {
-        let (controller, estimator) = self.arbiter.in_charge();
-        std::array::from_fn(|seat| {
-            let pair = if seat < SLOTS { (seat, estimator) } else { (controller, seat - SLOTS) };
-            self.starved.now.slow_drives || self.starved.now.of_chain(pair)
-        })
-    }
-
-    /// A command is missing for too long: true if that is the computer's doing, and the robot slows down and waits for the next one.
-    pub(super) fn waits_for_the_computer(&mut self) -> bool {
-        let recent = self.missing.min(RECENT_CYCLES);
-        let waits = self.missing <= self.config.cycles(LONGEST_GAP_S) && self.starved.within(recent);
-        if waits {
-            self.safety.note_stop(MotorAuthority::FAULT_COMPUTER);
-            self.starved.said = self.config.cycles(SAID_S);
-        }
-        waits
-    }
-
-    /// Commands are missing for good: whether the computer is the cause, instead of `cause`.
-    pub(super) fn or_the_computer(&mut self, cause: u32) -> u32 {
-        if self.starved.within(RECENT_CYCLES) {
-            return MotorAuthority::FAULT_COMPUTER;
-        }
-        self.safety.clear_stops(MotorAuthority::FAULT_COMPUTER);
-        cause
-    }
-
-    /// A command is there again.
-    pub(super) fn note_command(&mut self) {
-        if self.starved.said > 0 {
-            self.starved.said -= 1;
-            if self.starved.said == 0 {
-                self.safety.clear_stops(MotorAuthority::FAULT_COMPUTER);
-            }
-        }
-    }
-
-    /// Names the computer beside a fault that it can have brought about.
-    pub(super) fn name_the_computer(&self, found: &mut Faults) {
-        if found.bits & EXPLAINED != 0 && self.starved.recent.count_ones() >= COINCIDES {
-            found.robot(MotorAuthority::FAULT_COMPUTER);
-        }
     }
 }

@@ -1,13 +1,13 @@
-//! What the periods of a mission count as: `docs/counters.md`, rule by rule.
+//! Classification of a mission's periods: `docs/counters.md`, rule by rule.
 
 use crate::rig;
 
-use messages::{MotorAuthority as A, MotorInput as I, OperatorRequest as R, SLOTS};
+use messages::{MotorAuthority as A, MotorInput as I, Request, SLOTS};
 use rig::Rig;
 
 const VELOCITY: [f64; 3] = [0.1, -0.1, 0.05];
 
-/// Counts of computer, drive, resync, answer.
+/// Periods lost to computer, drive, resync and answer.
 fn lost(rig: &Rig) -> [u64; 4] {
     let A { lost_computer, lost_drive, lost_resync, lost_answer, periods, steered, paused, .. } = rig.seen().authority;
     let lost = [lost_computer, lost_drive, lost_resync, lost_answer];
@@ -15,7 +15,7 @@ fn lost(rig: &Rig) -> [u64; 4] {
     lost
 }
 
-/// In one cycle no command comes.
+/// One cycle without a command.
 fn without_an_answer(rig: &mut Rig) {
     let velocity = rig.controller.take();
     rig.step();
@@ -43,7 +43,7 @@ fn a_missing_answer_is_the_computers_only_where_the_one_in_charge_had_no_process
     without_an_answer(&mut rig);
     assert_eq!(lost(&rig), [0, 0, 0, 1]);
     rig.step();
-    // Three tenths of a period are time enough, and nobody waits for a standby.
+    // Three tenths of a period are enough, and a standby is not awaited.
     rig.chain_delay_ns[SLOTS] += 2_900_000;
     rig.chain_delay_ns[1] += 9_000_000;
     without_an_answer(&mut rig);
@@ -55,7 +55,7 @@ fn a_missing_answer_is_the_computers_only_where_the_one_in_charge_had_no_process
         without_an_answer(&mut rig);
         assert_eq!((lost(&rig)[0], lost(&rig)[3]), (before[0] + 1, before[3]));
     }
-    // A wait that nothing came of costs nothing.
+    // A wait without effect costs nothing.
     rig.chain_delay_ns[SLOTS] += 9_000_000;
     rig.steps(3);
     assert_eq!(lost(&rig), [2, 0, 0, 2]);
@@ -89,7 +89,7 @@ fn one_answer_that_the_computer_does_not_explain_speaks_for_the_row() {
     rig.chain_delay_ns[0] += 9_000_000;
     rig.step();
     assert_eq!(lost(&rig), [1, 0, 0, 1]);
-    // The robot holds, and says that the computer was busy at that time.
+    // The robot holds, and the faults name the busy computer.
     rig.chain_delay_ns[0] += 9_000_000;
     rig.steps(300);
     assert_ne!(rig.faults(), 0);
@@ -98,9 +98,9 @@ fn one_answer_that_the_computer_does_not_explain_speaks_for_the_row() {
 }
 
 #[test]
-fn a_pause_is_paused_however_long_it_is_and_whoever_stands_still_meanwhile() {
+fn a_pause_of_any_length_counts_as_paused_whichever_process_stands_still() {
     let mut rig = Rig::following(VELOCITY);
-    rig.demand(R::VERB_PAUSE, &[]);
+    rig.demand(Request::Pause);
     rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
     let before = rig.seen().authority;
     rig.controller = None;
@@ -119,7 +119,7 @@ fn a_drive_that_is_silent_is_the_cause_of_bringing_its_port_back_into_step() {
             rig.unit[0] = outcome;
             rig.inbox.input_mut().box_left_out_ns += if held_up { 9_000_000 } else { 0 };
             rig.step();
-            // Waiting for it in vain takes until the next tick.
+            // Waiting for it in vain takes until the next cycle is due.
             rig.step_after(-3_500_000, 50_000);
             rig.step_after(3_500_000, 50_000);
             rig.estimate_valid = false;
@@ -131,7 +131,7 @@ fn a_drive_that_is_silent_is_the_cause_of_bringing_its_port_back_into_step() {
             let mut wanted = [0; 4];
             wanted[if held_up && outcome == I::UNIT_RESYNC { 0 } else { cause }] = 9;
             if held_up && outcome == I::UNIT_SILENT {
-                // What the drive does not say while nothing is held up is its own.
+                // Without a delay of the computer, a silent drive is the cause.
                 wanted = [1, 8, 0, 0];
             }
             assert_eq!(lost(&rig), wanted, "{outcome}, {held_up}");
@@ -143,8 +143,8 @@ fn a_drive_that_is_silent_is_the_cause_of_bringing_its_port_back_into_step() {
 fn the_cycle_that_ends_a_mission_and_the_gap_before_it_count() {
     let mut rig = Rig::following(VELOCITY);
     let before = rig.seen().authority;
-    assert!(rig.inbox.request(1, R::VERB_ESTOP, &[0.0; 8]));
-    // The tick itself is late by whole periods, which is a stop of its own.
+    assert!(rig.inbox.request(1, &Request::Estop.body()));
+    // The begin itself is late by whole periods, which causes another stop.
     rig.step_after(20_000_000_000, 50_000);
     let after = rig.seen().authority;
     assert_eq!((after.mode, after.motion), (A::MODE_EMERGENCY_STOP, 0));

@@ -1,10 +1,10 @@
-//! The core allocates nothing after its construction, whatever happens in a cycle.
+//! The core allocates nothing after its construction, in any cycle.
 
 use crate::counting;
 use crate::rig;
 
 use counting::allocations;
-use messages::{MotorAuthority, MotorInput, OperatorRequest};
+use messages::{MotorAuthority, MotorInput, Request};
 use motor_io::Core;
 
 #[test]
@@ -12,15 +12,17 @@ fn a_cycle_allocates_nothing() {
     // A flight with requests, a refusal, a lost unit and a fault, recorded.
     let mut rig = rig::Rig::following([0.1, -0.1, 0.05]);
     let mut inputs: Vec<MotorInput> = Vec::new();
-    let verbs = [
-        OperatorRequest::VERB_SPEED,
-        OperatorRequest::VERB_JOG,
-        OperatorRequest::VERB_ZERO_AT,
-        OperatorRequest::VERB_RESET,
+    let run = Request::Run { mission: "a mission".to_owned(), hash: [1; 32], continues: false };
+    let requests = [
+        Request::Speed { rate: 0.5 },
+        Request::Jog { cable: 1, distance_m: 0.3 },
+        Request::ZeroAt { position_m: [0.5, 0.3, 0.4] },
+        Request::Reset,
+        run,
     ];
     for cycle in 0..400_u32 {
         if cycle % 40 == 0 {
-            rig.inbox.request(1, verbs[(cycle / 40) as usize % 4], &[0.5, 0.3, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]);
+            rig.inbox.request(1, &requests[(cycle / 40) as usize % requests.len()].body());
         }
         rig.unit[1] = if cycle == 200 { MotorInput::UNIT_RESYNC } else { MotorInput::UNIT_OK };
         rig.tension_n[0] = if cycle > 300 { 0.0 } else { 10.0 };

@@ -1,5 +1,5 @@
-//! Two controllers and two estimators that come, go, stumble and lie, in whatever order: one is in charge, no cycle is lost that
-//! somebody could have filled, and nothing is used that was not accepted.
+//! Two controllers and two estimators that start, stop, fail and send wrong values in any order. One per role is in
+//! charge, no cycle is lost that a trusted slot could fill, and only accepted commands are used.
 #![allow(clippy::needless_range_loop)]
 
 use crate::rig;
@@ -9,7 +9,7 @@ use messages::{CABLES, MotorAuthority as A, MotorInput, MotorSlots as P, SEATS, 
 use motor_io::arbiter::{Arbiter, ArbiterInput, Chosen};
 use proptest::prelude::*;
 
-/// What a process says instead of a good answer.
+/// Answer of a process.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Lie {
     Nothing,
@@ -62,7 +62,7 @@ struct Process {
 const PERIOD_S: f64 = rig::PERIOD_S;
 const SEGMENT: u32 = 1;
 
-/// The world around the arbiter, and an account of it that knows nothing of how the arbiter works.
+/// Processes around the arbiter, and an account of them that is independent of the arbiter's implementation.
 struct World {
     arbiter: Arbiter,
     cycle: u64,
@@ -70,12 +70,12 @@ struct World {
     moving: bool,
     lives: u32,
     processes: [Option<Process>; SEATS],
-    /// What each controller answers to each estimate, m/s: differs by process, and stays.
+    /// Constant answer of each controller to each estimate, m/s; it differs by process.
     velocity: [[f64; SLOTS]; SLOTS],
     sent: [f64; CABLES],
     before: A,
     slots: P,
-    /// Who was trusted in each seat after the last cycle; 0: nobody.
+    /// Incarnation trusted in each seat after the last cycle; 0: none.
     trusted: [u32; SEATS],
     announced: Option<(usize, u64)>,
     admitted: Option<usize>,
@@ -113,7 +113,7 @@ impl World {
         }
     }
 
-    /// Requests are answered within a cycle, before its account is given.
+    /// Requests are answered within a cycle, before its sample is made.
     fn look(&mut self) {
         self.arbiter.describe(&mut self.before);
         self.slots = self.arbiter.slots(&self.before);
@@ -169,7 +169,7 @@ impl World {
         input
     }
 
-    /// Whether a controller's answer on an estimate is one that may be used at all, and who both are.
+    /// True if a controller's answer on an estimate may be used at all.
     fn acceptable(&self, input: &MotorInput, c: usize, e: usize) -> bool {
         let command = &input.command[c];
         let position = &input.estimate_position_m[3 * e..][..3];
@@ -199,7 +199,7 @@ impl World {
         let mut now = A::default();
         self.arbiter.describe(&mut now);
         let slots = self.arbiter.slots(&now);
-        // What is of a cycle long past says nothing of who is there now.
+        // An estimate of an old cycle does not show which process runs now.
         let who = |seat: usize| match seat {
             0 | 1 => input.command[seat].incarnation,
             _ if input.estimate_cycle[seat - SLOTS] + 1 != input.header.cycle => 0,
@@ -207,14 +207,14 @@ impl World {
         };
         let trusted = |seat: usize| self.trusted[seat] != 0 && self.trusted[seat] == who(seat);
 
-        // One in charge per role, and it is the one that is said to be.
+        // One slot is in charge per role, as published.
         for role in 0..2 {
             let phases = &slots.phase[SLOTS * role..][..SLOTS];
             let active: Vec<usize> = (0..SLOTS).filter(|slot| phases[*slot] == P::PHASE_ACTIVE).collect();
             prop_assert!(active.len() <= 1, "{phases:?}");
             prop_assert!(active.iter().all(|slot| *slot == usize::from(now.in_charge[role])));
         }
-        // Nothing is used that was not accepted; in flight, only of those that were trusted before.
+        // Only accepted commands are used; in flight, only those of slots that were trusted before.
         if let Some(chosen) = &chosen {
             let (c, e) = (chosen.controller, chosen.estimator);
             prop_assert!(self.acceptable(&input, c, e), "cycle {}: {c} on {e}", self.cycle);
@@ -233,7 +233,7 @@ impl World {
             }
             prop_assert_eq!((usize::from(now.active_controller), usize::from(now.active_estimator)), (c, e));
         }
-        // No cycle is lost that somebody trusted could fill.
+        // No cycle is lost that a trusted slot could fill.
         if self.moving {
             let pairs = (0..SLOTS).flat_map(|c| (0..SLOTS).map(move |e| (c, e)));
             for (c, e) in pairs {
@@ -241,7 +241,7 @@ impl World {
                 prop_assert!(!could || chosen.is_some(), "cycle {}: {c} on {e} was there", self.cycle);
             }
         }
-        // No bump: every command is one of four constant ones or between them, and none is left at once.
+        // No bump: every command is one of four constant ones or between them, and the change is gradual.
         if let (Some(chosen), true) = (&chosen, self.moving) {
             let all = self.velocity.iter().flatten().copied();
             let (low, high) =
@@ -263,7 +263,7 @@ impl World {
             let was = self.slots.phase[seat] == P::PHASE_QUARANTINED && self.admitted != Some(seat);
             prop_assert!(!was || slots.phase[seat] == P::PHASE_QUARANTINED);
         }
-        // A swap takes effect in the announced cycle if the new one is there, and ends.
+        // A swap takes effect in the announced cycle if the new process answers, and ends.
         if let Some((seat, commit)) = self.announced {
             let (role, slot) = (seat / SLOTS, seat % SLOTS);
             let in_charge = usize::from(now.in_charge[role]);
@@ -286,12 +286,12 @@ impl World {
         }
         for (seat, waiting) in self.waiting.iter_mut().enumerate() {
             let passing = [P::PHASE_SWITCHING, P::PHASE_PROBATION].contains(&slots.phase[seat]);
-            // Where nobody answers there is nothing to try; time passes only with answers.
+            // Without answers there is nothing to try; probation counts only cycles with answers.
             *waiting = if passing { *waiting + u64::from(chosen.is_some()) } else { 0 };
             prop_assert!(*waiting <= 120, "seat {seat} stays in phase {}", slots.phase[seat]);
         }
         for seat in 0..SEATS {
-            // Whoever is in charge keeps its place over a silence in which there was nobody to take it.
+            // The slot in charge keeps its place during a silence without a standby.
             let in_charge = usize::from(now.in_charge[seat / SLOTS]) == seat % SLOTS;
             if !is_trusted(slots.phase[seat]) {
                 self.trusted[seat] = if in_charge { self.trusted[seat] } else { 0 };
@@ -312,7 +312,7 @@ impl World {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
-    fn whoever_comes_and_goes(
+    fn processes_start_stop_and_fail(
         events in prop::collection::vec(event(), 10..60),
         velocity in prop::array::uniform2(prop::array::uniform2(-0.05..0.05f64)),
         alone in 0..4u8,
@@ -392,7 +392,7 @@ proptest! {
     }
 }
 
-/// The model is worth nothing if what it is to find never happens.
+/// The model proves nothing if swaps never happen in it.
 #[test]
 fn swaps_happen_in_the_model() {
     let mut world = World::new([[0.02, 0.03], [0.01, -0.02]]);

@@ -1,8 +1,8 @@
-//! What goes wrong with drives, encoders and lines, and what the robot makes of it.
+//! Faults of drives, encoders and cables, and the robot's reaction.
 
 use crate::rig;
 
-use messages::{MotorAuthority as A, MotorInput, MotorState, OperatorRequest as R, UNITS};
+use messages::{MotorAuthority as A, MotorInput, MotorState, Request, UNITS};
 use motor_io::Core;
 use motor_io::inbox::Inbox;
 use rig::Rig;
@@ -16,7 +16,7 @@ fn at_rest(rig: &Rig) -> bool {
     rig.last.as_ref().unwrap().sent.is_hold()
 }
 
-/// Faulted with this bit, naming this cable, everything at rest soon.
+/// Expects Faulted with this bit and this cable, and soon standstill.
 fn expect(rig: &mut Rig, within: u32, bit: u32, cable: Option<usize>) {
     rig.until(within, |rig| rig.mode() == A::MODE_FAULTED);
     let authority = rig.seen().authority;
@@ -28,7 +28,7 @@ fn expect(rig: &mut Rig, within: u32, bit: u32, cable: Option<usize>) {
     }
     assert_eq!((authority.motion, authority.segment), (0, 0));
     rig.until(30, at_rest);
-    // It stays, whatever becomes of the cause.
+    // The fault stays when its cause is gone.
     rig.steps(20);
     assert_eq!((rig.mode(), rig.faults() & bit), (A::MODE_FAULTED, bit));
 }
@@ -44,10 +44,10 @@ fn a_stalled_cable_is_let_go_and_the_others_hold() {
     rig.duty[1] = 0.1;
     rig.count_offset[1] = rig.last.as_ref().unwrap().input.counts[1] + (rig.length_m[1] * 10_000.0).round() as i64;
     rig.steps(5);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
     assert_eq!((rig.mode(), released(&rig)), (A::MODE_HOLDING, [false; 3]));
-    // How far it ran meanwhile, nobody knows.
-    assert_eq!(rig.seen().state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    // How far the cable ran meanwhile is unknown.
+    assert_eq!(rig.seen().state.position_known, MotorState::POSITION_RESTORED);
 }
 
 #[test]
@@ -82,7 +82,7 @@ fn an_encoder_glitch_is_refused_and_a_jump_is_a_fault() {
     rig.count_offset[0] = 40_000;
     expect(&mut rig, 5, A::FAULT_ENCODER_JUMP, Some(0));
     let state = rig.seen().state;
-    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
     assert!((state.length_m[0] - length).abs() < 0.02);
 }
 
@@ -97,10 +97,10 @@ fn a_restarted_unit_has_lost_its_count_but_not_the_lengths() {
     expect(&mut rig, 5, A::FAULT_UNIT_REBOOT, None);
     assert_eq!(rig.seen().authority.fault_unit[1], 1);
     let state = rig.seen().state;
-    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
     assert!((state.length_m[2] - length).abs() < 0.02);
-    rig.demand(R::VERB_RESET, &[]);
-    rig.demand(R::VERB_CONFIRM_POSITION, &[]);
+    rig.demand(Request::Reset);
+    rig.demand(Request::ConfirmPosition);
     assert_eq!(rig.seen().state.position_known, MotorState::POSITION_KNOWN);
 }
 
@@ -115,14 +115,14 @@ fn a_lost_unit_is_survived_while_holding_and_nothing_moves_by_itself() {
         (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[0]),
         (A::MODE_FAULTED, A::FAULT_LOST_UNIT, 1)
     );
-    let (accepted, sentence) = rig.ask(R::VERB_RESET, &[]);
+    let (accepted, sentence) = rig.ask(Request::Reset);
     assert!(!accepted && sentence.contains("unit 1"), "{sentence}");
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.steps(50);
     assert_eq!(rig.mode(), A::MODE_FAULTED);
     // The counts agree, so the position is still known.
     assert_eq!(rig.seen().state.position_known, MotorState::POSITION_KNOWN);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
 }
 
@@ -135,7 +135,7 @@ fn a_line_that_moved_while_its_unit_was_away_needs_confirmation() {
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.steps(5);
     let state = rig.seen().state;
-    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
     assert!((state.length_m[1] - 5.02).abs() < 1e-3);
 }
 
@@ -154,13 +154,13 @@ fn periods_lost_to_noise_slow_the_plan_down_and_count_as_resync() {
     rig.estimate_valid = true;
     rig.steps(60);
     assert_eq!((rig.seen().authority.lost_answer, rig.seen().authority.plan_rate), (0, 1.0));
-    // For ever is something else.
+    // A unit that never answers again is lost.
     rig.unit[0] = MotorInput::UNIT_RESYNC;
     rig.estimate_valid = false;
     expect(&mut rig, 50, A::FAULT_LOST_UNIT, None);
 }
 
-/// This program's own lateness is never taken for the unit's silence.
+/// motor-io's own lateness is not taken for a silent unit.
 #[test]
 fn lateness_of_this_program_stops_the_robot_and_loses_no_unit() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
@@ -179,12 +179,12 @@ fn lateness_of_this_program_stops_the_robot_and_loses_no_unit() {
     rig.unit[0] = MotorInput::UNIT_OK;
     rig.estimate_valid = true;
     rig.steps(3);
-    rig.demand(R::VERB_RESUME, &[]);
+    rig.demand(Request::Resume);
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
 }
 
-/// A line that is reeled in without the current that its tension draws.
+/// A cable that is reeled in without the current for its tension.
 #[test]
 fn a_line_without_the_current_of_its_tension_is_slack() {
     let motor = rig::config().robot.motor().to_owned();
@@ -202,7 +202,8 @@ fn a_line_without_the_current_of_its_tension_is_slack() {
     }
 }
 
-/// Rotor and gear turn on while a line is reeled in more and more slowly: the motor of a light line draws hardly any current.
+/// Inertia turns rotor and gear while a cable is reeled in more and more slowly, so the motor of a lightly loaded cable
+/// draws hardly any current.
 #[test]
 fn a_motor_that_slows_down_is_not_taken_for_a_slack_line() {
     let (motor, tension_n, slowing_m_s2) = (rig::config().robot.motor().to_owned(), 6.0, 0.3);
@@ -247,7 +248,7 @@ fn near_a_limit_the_motion_is_slowed_down() {
     assert_eq!((slowed.mode, slowed.faults), (A::MODE_FOLLOWING, 0));
     assert!((0.4..0.6).contains(&slowed.plan_rate), "{}", slowed.plan_rate);
     rig.tension_n[2] = 10.0;
-    rig.current_a[2] = 3.45; // a line at its limit draws 3.64 A at most
+    rig.current_a[2] = 3.45; // a cable at its limit draws 3.64 A at most
     rig.steps(100);
     assert!((0.3..0.7).contains(&rig.seen().authority.plan_rate));
     rig.current_a[2] = 0.5;
@@ -286,10 +287,10 @@ fn drive_errors_low_supply_and_the_emergency_input_stop_the_robot() {
     let mut rig = Rig::following([0.05, -0.05, 0.0]);
     rig.status[1] = 0x40;
     expect(&mut rig, 5, A::FAULT_DRIVE_ERROR, None);
-    assert!(!rig.ask(R::VERB_RESET, &[]).0);
+    assert!(!rig.ask(Request::Reset).0);
     rig.status[1] = 0;
     rig.steps(2);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
 
     let mut rig = Rig::following([0.05, -0.05, 0.0]);
     rig.supply_v = 8.0;
@@ -300,10 +301,10 @@ fn drive_errors_low_supply_and_the_emergency_input_stop_the_robot() {
     rig.steps(2);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_EMERGENCY_STOP, A::FAULT_EMERGENCY_INPUT));
     assert!(at_rest(&rig));
-    assert!(!rig.ask(R::VERB_RESET, &[]).0);
+    assert!(!rig.ask(Request::Reset).0);
     rig.status[0] = 0;
     rig.steps(2);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
 }
 
@@ -315,7 +316,7 @@ fn a_warning_of_a_drive_is_no_fault() {
     assert_eq!(rig.mode(), A::MODE_FOLLOWING);
 }
 
-/// A sample without a time looks as old as the machine to everyone who judges by age.
+/// A sample without a time would appear as old as the machine.
 #[test]
 fn what_is_said_before_an_encoder_was_read_is_as_old_as_the_cycle() {
     let mut core = Core::new(rig::config());

@@ -1,15 +1,15 @@
-//! What is published on the slots that are not in charge changes no bit of what is sent to the drives.
+//! Samples on slots that are not in charge change no bit of the commands to the drives.
 
 use crate::rig;
 
-use messages::{CABLES, Header, MotorCommand, NodeEstimate, OperatorRequest as R};
+use messages::{CABLES, Header, MotorCommand, NodeEstimate, Request};
 use proptest::prelude::*;
 use rig::Rig;
 
-/// What the robot is asked for, and what its own controller says.
+/// Requests to the robot, and the answers of its own controller.
 #[derive(Debug, Clone)]
 enum Event {
-    Ask(u8, [f64; 2]),
+    Ask(Request),
     Controller([f64; 3]),
     Offer(f64),
     Gap(u64),
@@ -17,26 +17,26 @@ enum Event {
 }
 
 fn event() -> impl Strategy<Value = Event> {
-    let verbs = prop_oneof![
-        Just(R::VERB_PAUSE),
-        Just(R::VERB_RESUME),
-        Just(R::VERB_STOP),
-        Just(R::VERB_RESET),
-        Just(R::VERB_ARM),
-        Just(R::VERB_ESTOP)
+    let plain = prop_oneof![
+        Just(Request::Pause),
+        Just(Request::Resume),
+        Just(Request::Stop),
+        Just(Request::Reset),
+        Just(Request::Arm),
+        Just(Request::Estop)
     ];
     prop_oneof![
         6 => (1..60u32).prop_map(Event::Steps),
-        1 => verbs.prop_map(|verb| Event::Ask(verb, [0.0; 2])),
-        1 => (0.1..1.0f64).prop_map(|speed| Event::Ask(R::VERB_SPEED, [speed, 0.0])),
-        1 => (1..4u8, -0.1..0.1f64).prop_map(|(cable, m)| Event::Ask(R::VERB_JOG, [f64::from(cable), m])),
+        1 => plain.prop_map(Event::Ask),
+        1 => (0.1..1.0f64).prop_map(|rate| Event::Ask(Request::Speed { rate })),
+        1 => (1..4u8, -0.1..0.1f64).prop_map(|(cable, distance_m)| Event::Ask(Request::Jog { cable, distance_m })),
         4 => prop::array::uniform3(-0.3..0.3f64).prop_map(Event::Controller),
         3 => (0.1..20.0f64).prop_map(Event::Offer),
         1 => (0..200u64).prop_map(Event::Gap),
     ]
 }
 
-/// A header of a foreign_instance: of this life and near this cycle, or of any.
+/// Header of a foreign process: of this life and near this cycle, or arbitrary.
 fn header() -> impl Strategy<Value = (u64, Option<u64>, u64)> {
     let life = prop_oneof![6 => Just(0_u64), 1 => Just(u64::MAX), 1 => any::<u64>()];
     // `None`: the very cycle that is answered.
@@ -112,9 +112,7 @@ proptest! {
             let (mut steps, mut gap_ns) = (1, 0);
             for rig in [&mut alone, &mut beside] {
                 match &event {
-                    Event::Ask(verb, [a, b]) => {
-                        prop_assert!(rig.inbox.request(1, *verb, &[*a, *b, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]));
-                    }
+                    Event::Ask(request) => prop_assert!(rig.inbox.request(1, &request.body())),
                     Event::Controller([a, b, c]) => rig.controller = Some([*a, *b, *c, 0.0, 0.0, 0.0, 0.0, 0.0]),
                     Event::Offer(seconds) => rig.offer(*seconds),
                     Event::Gap(ms) => gap_ns = ms * 1_000_000,

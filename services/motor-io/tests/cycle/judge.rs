@@ -1,9 +1,9 @@
-//! motor-io judges motions and commands by its own lengths, whatever estimator, controller and planner say.
+//! motor-io judges motions and commands by its own lengths, independent of estimator, controller and planner.
 
 use crate::rig;
 
 use cable_robot::{Jacobian, Vector3};
-use messages::{CABLES, MotorAuthority as A, MotorSlots, OperatorRequest as R};
+use messages::{CABLES, MotorAuthority as A, MotorSlots, Request, Slot, SlotRole};
 use rig::{PERIOD_S, Rig};
 
 const HERE: [f64; 3] = [4.8, 3.0, 0.8];
@@ -12,8 +12,8 @@ const HERE: [f64; 3] = [4.8, 3.0, 0.8];
 fn ready() -> Rig {
     let mut rig = Rig::default();
     rig.steps(3);
-    rig.demand(R::VERB_ZERO_AT, &HERE);
-    rig.demand(R::VERB_ARM, &[]);
+    rig.demand(Request::ZeroAt { position_m: HERE });
+    rig.demand(Request::Arm);
     rig
 }
 
@@ -28,7 +28,7 @@ fn here() -> Vector3<f64> {
     Vector3::from(HERE)
 }
 
-/// Flies east at 0.2 m/s with this answer of the controller, and a perfect one for the first second.
+/// Flies east at 0.2 m/s with perfect commands.
 fn flying() -> Rig {
     let mut rig = ready();
     rig.offer_line(here(), here() + Vector3::new(2.0, 0.0, 0.0), 0.2);
@@ -64,7 +64,7 @@ fn a_motion_that_begins_elsewhere_is_not_started_and_one_that_begins_here_is() {
 }
 
 #[test]
-fn commands_that_lead_away_from_the_set_point_are_a_fault_with_a_name() {
+fn commands_that_lead_away_from_the_setpoint_are_a_fault_with_a_name() {
     let bound = rig::config();
     for answer in [Vector3::zeros(), Vector3::new(-0.3, 0.0, 0.0), Vector3::new(0.2, 0.0, 0.4)] {
         let mut rig = flying();
@@ -76,7 +76,7 @@ fn commands_that_lead_away_from_the_set_point_are_a_fault_with_a_name() {
         assert!(off_m < bound.divergence_m + speed_m_s * (bound.divergence_s + 5.0 * PERIOD_S), "{off_m}");
         rig.until(100, |rig| rig.last.as_ref().unwrap().sent.is_hold());
         // It stays a fault until it is reset, and then the robot holds.
-        rig.demand(R::VERB_RESET, &[]);
+        rig.demand(Request::Reset);
         assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, 0));
     }
 }
@@ -101,7 +101,7 @@ fn neither_the_speed_of_the_node_nor_its_change_leaves_their_bounds() {
 }
 
 #[test]
-fn a_controller_adds_no_more_to_the_set_points_velocity_than_the_correction_limit() {
+fn a_controller_adds_no_more_to_the_setpoints_velocity_than_the_correction_limit() {
     let bound = rig::config();
     let mut rig = flying();
     rig.controller = Some(cables(Vector3::new(0.2, 0.0, 1.0)));
@@ -114,7 +114,8 @@ fn a_controller_adds_no_more_to_the_set_points_velocity_than_the_correction_limi
     }
 }
 
-/// Beside a good controller in charge, for three seconds of flight; the phase of slot b then, and what a swap to it is answered.
+/// Flies three seconds with a second controller beside a good one. Returns the phase of slot b then, and the answer to
+/// a swap to it.
 fn beside(second: impl Fn(Vector3<f64>) -> [f64; CABLES]) -> (u8, bool, String) {
     let mut rig = flying();
     for _ in 0..300 {
@@ -124,7 +125,7 @@ fn beside(second: impl Fn(Vector3<f64>) -> [f64; CABLES]) -> (u8, bool, String) 
         rig.step();
     }
     let phase = rig.seen().slots.phase[1];
-    let (accepted, sentence) = rig.ask(R::VERB_SWAP, &[0.0, 1.0]);
+    let (accepted, sentence) = rig.ask(Request::Swap { role: SlotRole::Controller, slot: Slot::B });
     (phase, accepted, sentence)
 }
 

@@ -1,4 +1,4 @@
-//! Encoders that jump, above all while nobody looks: what drives may do by their commands is no jump, and what they may not is one.
+//! Encoder jumps, especially while a unit does not answer. A change that commands explain is no jump; any other is one.
 
 use crate::rig;
 
@@ -6,10 +6,10 @@ use messages::{CABLES, MotorAuthority as A, MotorInput, MotorState};
 use proptest::prelude::*;
 use rig::Rig;
 
-/// Counts per metre of the line that jumps here.
+/// Counts per metre of the first cable.
 const COUNTS_PER_M: f64 = 10_000.0;
 
-/// A jump of the first line while its unit does not answer for so many cycles.
+/// A jump of the first cable while its unit does not answer for this many cycles.
 fn jumped(speed_m_s: f64, metres: f64, cycles: u32) -> Rig {
     let mut rig = Rig::following([speed_m_s, -0.1, 0.05]);
     rig.unit[0] = MotorInput::UNIT_RESYNC;
@@ -23,20 +23,21 @@ fn jumped(speed_m_s: f64, metres: f64, cycles: u32) -> Rig {
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
-    fn a_jump_is_found_however_long_nobody_looked(
+    fn a_jump_is_found_after_any_time_without_readings(
         speed_m_s in -0.2..0.2f64,
         cycles in 0..12u32,
         more_m in 0.003..0.3f64,
         out in any::<bool>(),
     ) {
-        // What the line may have done by itself until the second reading, either way: what it was told to, nothing, or 0.23 m/s more.
+        // Possible motion of the cable until the second reading, in either direction: as commanded, none, or 0.23 m/s
+        // more.
         let least_m = 0.005 + (speed_m_s.abs() + 0.23) * f64::from(cycles + 2) * rig::PERIOD_S;
         let metres = (least_m + more_m) * if out { 1.0 } else { -1.0 };
         let rig = jumped(speed_m_s, metres, cycles);
         prop_assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_ENCODER_JUMP));
         let state = rig.seen().state;
-        prop_assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
-        // The length goes on from the last good reading: it lacks only what the line did while nobody looked.
+        prop_assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
+        // The length continues from the last good reading; only the motion without readings is missing.
         let lacks_m = (state.length_m[0] - rig.length_m[0]).abs();
         prop_assert!(lacks_m <= speed_m_s.abs() * f64::from(cycles + 4) * rig::PERIOD_S + 1e-3, "{lacks_m} m");
     }
@@ -57,7 +58,7 @@ proptest! {
             rig.controller = Some(all);
             rig.steps(cycles);
             match kind {
-                // A line without answers; what is sent may arrive or not.
+                // A port without answers; commands may arrive or not.
                 0 | 1 => {
                     rig.unit[0] = if kind == 0 { MotorInput::UNIT_RESYNC } else { MotorInput::UNIT_LOST };
                     rig.deaf = [away % 2 == 0; CABLES];
@@ -65,7 +66,7 @@ proptest! {
                     rig.unit[0] = MotorInput::UNIT_OK;
                     rig.deaf = [false; CABLES];
                 }
-                // This machine stands still.
+                // The computer stands still.
                 2 => {
                     rig.step_after(i64::from(away) * 10_000_000, 50_000);
                 }
@@ -76,7 +77,7 @@ proptest! {
             prop_assert_eq!(rig.faults() & A::FAULT_ENCODER_JUMP, 0);
             if rig.mode() == A::MODE_FAULTED {
                 rig.steps(100);
-                rig.demand(messages::OperatorRequest::VERB_RESET, &[]);
+                rig.demand(messages::Request::Reset);
             }
             if rig.mode() != A::MODE_FOLLOWING {
                 rig.offer(1000.0);
@@ -88,15 +89,15 @@ proptest! {
 #[test]
 fn a_line_that_nothing_holds_may_be_moved_by_hand() {
     let mut rig = Rig::default().ready();
-    rig.demand(messages::OperatorRequest::VERB_DISARM, &[]);
+    rig.demand(messages::Request::Disarm);
     for _ in 0..50 {
         rig.length_m[1] += 0.009;
         rig.step();
         assert_eq!(rig.seen().state.fresh[1], 1);
     }
-    // And what it did then is not held against it when it is held.
+    // And its motion meanwhile is no fault once it is held.
     rig.length_m[1] += 0.009;
-    rig.demand(messages::OperatorRequest::VERB_ARM, &[]);
+    rig.demand(messages::Request::Arm);
     rig.length_m[1] += 0.009;
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, 0));

@@ -1,4 +1,4 @@
-//! The motor cycle without a clock: who commands, what is checked, what is told.
+//! The control cycle without a clock: commands, checks and samples.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod account;

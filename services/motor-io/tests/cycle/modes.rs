@@ -1,8 +1,8 @@
-//! What the robot does in each mode, and what it answers.
+//! Behaviour and answers of the robot in each mode.
 
 use crate::rig;
 
-use messages::{MotorAuthority as A, MotorInput, MotorState, OperatorRequest as R};
+use messages::{MotorAuthority as A, MotorInput, MotorState, Request};
 use rig::Rig;
 
 fn speed(rig: &Rig) -> f64 {
@@ -27,12 +27,12 @@ fn arming_is_refused_while_a_unit_is_missing_and_says_which() {
         (rig.mode(), rig.faults(), rig.seen().authority.fault_unit[1]),
         (A::MODE_DISARMED, A::FAULT_LOST_UNIT, 1)
     );
-    let (accepted, sentence) = rig.ask(R::VERB_ARM, &[]);
+    let (accepted, sentence) = rig.ask(Request::Arm);
     assert!(!accepted && sentence.contains("unit 2"), "{sentence}");
     rig.unit[1] = MotorInput::UNIT_OK;
     rig.steps(5);
     assert_eq!(rig.faults(), 0);
-    rig.demand(R::VERB_ARM, &[]);
+    rig.demand(Request::Arm);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
     assert_eq!(rig.last.as_ref().unwrap().sent.released[..3], [false; 3]);
 }
@@ -49,7 +49,7 @@ fn a_motion_is_followed_from_its_start_to_rest() {
     rig.until(120, |rig| rig.mode() == A::MODE_HOLDING);
     let authority = rig.seen().authority;
     assert_eq!((authority.motion, authority.faults, authority.lost_answer), (0, 0, 0));
-    // It is over: the same motion does not begin again.
+    // A finished motion does not begin again.
     rig.steps(50);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
     // A new one does.
@@ -87,7 +87,7 @@ fn nothing_starts_without_position_epoch_controller_or_a_new_start() {
     assert!(!start(|rig| rig.estimate_valid = false));
     let mut unknown = Rig::default();
     unknown.steps(3);
-    unknown.demand(R::VERB_ARM, &[]);
+    unknown.demand(Request::Arm);
     unknown.offer(5.0);
     unknown.steps(20);
     assert_eq!(unknown.mode(), A::MODE_HOLDING);
@@ -97,7 +97,7 @@ fn nothing_starts_without_position_epoch_controller_or_a_new_start() {
 fn pause_keeps_the_motion_and_resume_goes_on() {
     let mut rig = Rig::following([0.02, -0.02, 0.0]);
     let epoch = rig.seen().authority.epoch;
-    rig.demand(R::VERB_PAUSE, &[]);
+    rig.demand(Request::Pause);
     rig.until(100, |rig| rig.seen().authority.plan_rate == 0.0);
     rig.controller = Some([0.0; 8]);
     rig.until(100, |rig| rig.mode() == A::MODE_HOLDING);
@@ -105,7 +105,7 @@ fn pause_keeps_the_motion_and_resume_goes_on() {
     assert_eq!((paused.epoch, paused.motion), (epoch, rig.motion.motion));
     rig.steps(100);
     assert_eq!((rig.mode(), rig.seen().authority.plan_time_s), (A::MODE_HOLDING, paused.plan_time_s));
-    rig.demand(R::VERB_RESUME, &[]);
+    rig.demand(Request::Resume);
     rig.until(70, |rig| rig.seen().authority.plan_rate == 1.0);
     assert_eq!(rig.mode(), A::MODE_FOLLOWING);
 }
@@ -114,25 +114,25 @@ fn pause_keeps_the_motion_and_resume_goes_on() {
 fn stop_gives_the_motion_up_on_the_path() {
     let mut rig = Rig::following([0.02, -0.02, 0.0]);
     let epoch = rig.seen().authority.epoch;
-    rig.demand(R::VERB_STOP, &[]);
+    rig.demand(Request::Stop);
     assert_eq!(rig.mode(), A::MODE_STOPPING);
     let cycles = rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
     assert!(cycles < 60, "{cycles}");
     assert!(rig.seen().authority.epoch > epoch);
     rig.steps(50);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
-    let (accepted, sentence) = rig.ask(R::VERB_RESUME, &[]);
+    let (accepted, sentence) = rig.ask(Request::Resume);
     assert!(!accepted, "{sentence}");
 }
 
 #[test]
 fn the_speed_is_a_ramp_of_the_plan_clock() {
     let mut rig = Rig::following([0.02, 0.0, 0.0]);
-    rig.demand(R::VERB_SPEED, &[0.25]);
+    rig.demand(Request::Speed { rate: 0.25 });
     rig.steps(60);
     assert_eq!(rig.seen().authority.plan_rate, 0.25);
     for bad in [0.0, 0.01, 1.5, f64::NAN] {
-        let (accepted, sentence) = rig.ask(R::VERB_SPEED, &[bad]);
+        let (accepted, sentence) = rig.ask(Request::Speed { rate: bad });
         assert!(!accepted && sentence.contains("accepted"), "{sentence}");
     }
 }
@@ -146,14 +146,14 @@ fn a_dead_controller_stops_the_robot_on_the_path_and_the_motion_can_go_on() {
     assert_eq!(rig.seen().authority.lost_answer, 3);
     rig.until(30, |rig| rig.mode() == A::MODE_HOLDING);
     assert_eq!(rig.faults(), A::FAULT_COMMAND_LOST);
-    let (accepted, sentence) = rig.ask(R::VERB_RESUME, &[]);
+    let (accepted, sentence) = rig.ask(Request::Resume);
     assert!(!accepted && sentence.contains("controller"), "{sentence}");
-    // A new controller may go on, but only when told to.
+    // A new controller may continue, but only on request.
     rig.incarnation += 1;
     rig.controller = Some([0.0; 8]);
     rig.steps(100);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
-    rig.demand(R::VERB_RESUME, &[]);
+    rig.demand(Request::Resume);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
 }
 
@@ -193,7 +193,7 @@ fn a_lost_supervisor_stops_the_robot_on_its_path() {
 fn a_lost_planner_lets_what_is_known_be_finished() {
     let mut rig = Rig::default().ready();
     rig.offer(4.0);
-    // The mission goes on after the segments that are known.
+    // The known segments are flown to their end.
     rig.motion.end_s += 100.0;
     rig.controller = Some([0.01, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     rig.until(5, |rig| rig.mode() == A::MODE_FOLLOWING);
@@ -207,9 +207,9 @@ fn a_lost_planner_lets_what_is_known_be_finished() {
 }
 
 #[test]
-fn a_planner_started_anew_does_not_take_the_motion_over() {
+fn a_restarted_planner_does_not_take_the_motion_over() {
     let mut rig = Rig::following([0.05, 0.0, 0.0]);
-    // Another life of the planner: other motion, other segments, and the controller follows them.
+    // A restarted planner: another motion, other segments, and the controller follows them.
     rig.motion.motion = 900;
     rig.motion.current.id = 901;
     rig.until(60, |rig| rig.mode() == A::MODE_HOLDING);
@@ -220,27 +220,27 @@ fn a_planner_started_anew_does_not_take_the_motion_over() {
 fn jogging_moves_one_cable_the_distance_and_no_other() {
     let mut rig = Rig::default();
     rig.steps(3);
-    rig.demand(R::VERB_ARM, &[]);
+    rig.demand(Request::Arm);
     let before = rig.length_m;
-    rig.demand(R::VERB_JOG, &[2.0, -0.123]);
+    rig.demand(Request::Jog { cable: 2, distance_m: -0.123 });
     assert_eq!(rig.mode(), A::MODE_JOGGING);
     rig.until(600, |rig| rig.mode() == A::MODE_HOLDING);
     rig.steps(50);
     assert!((rig.length_m[1] - before[1] + 0.123).abs() < 1e-4, "{}", rig.length_m[1] - before[1]);
     assert_eq!((rig.length_m[0], rig.length_m[2]), (before[0], before[2]));
-    for (args, word) in [
-        ([0.0, 0.1], "no cable"),
-        ([4.0, 0.1], "no cable"),
-        ([1.5, 0.1], "no cable"),
-        ([1.0, 2.5], "no distance"),
-        ([1.0, f64::NAN], "no distance"),
+    for ((cable, distance_m), word) in [
+        ((0, 0.1), "no cable"),
+        ((4, 0.1), "no cable"),
+        ((255, 0.1), "no cable"),
+        ((1, 2.5), "no distance"),
+        ((1, f64::NAN), "no distance"),
     ] {
-        let (accepted, sentence) = rig.ask(R::VERB_JOG, &args);
+        let (accepted, sentence) = rig.ask(Request::Jog { cable, distance_m });
         assert!(!accepted && sentence.contains(word), "{sentence}");
     }
-    rig.demand(R::VERB_JOG, &[1.0, 1.0]);
+    rig.demand(Request::Jog { cable: 1, distance_m: 1.0 });
     rig.steps(20);
-    rig.demand(R::VERB_HOLD, &[]);
+    rig.demand(Request::Hold);
     rig.until(20, |rig| rig.mode() == A::MODE_HOLDING);
 }
 
@@ -248,9 +248,9 @@ fn jogging_moves_one_cable_the_distance_and_no_other() {
 fn a_jog_is_as_long_as_it_was_asked_for_where_the_machine_stands_still_meanwhile() {
     let mut rig = Rig::default();
     rig.steps(3);
-    rig.demand(R::VERB_ARM, &[]);
+    rig.demand(Request::Arm);
     let before = rig.length_m;
-    rig.demand(R::VERB_JOG, &[2.0, -0.05]);
+    rig.demand(Request::Jog { cable: 2, distance_m: -0.05 });
     rig.steps(50);
     rig.step_after(150_000_000, 150_000_000);
     rig.until(600, |rig| rig.mode() == A::MODE_HOLDING);
@@ -261,24 +261,24 @@ fn a_jog_is_as_long_as_it_was_asked_for_where_the_machine_stands_still_meanwhile
 #[test]
 fn a_jog_beyond_the_length_limit_is_refused_once_lengths_are_known() {
     let mut rig = Rig::default().ready();
-    rig.demand(R::VERB_ZERO_LENGTHS, &[13.5, 5.0, 5.0]);
-    let (accepted, sentence) = rig.ask(R::VERB_JOG, &[1.0, 0.8]);
+    rig.demand(rig::lengths([13.5, 5.0, 5.0]));
+    let (accepted, sentence) = rig.ask(Request::Jog { cable: 1, distance_m: 0.8 });
     assert!(!accepted && sentence.contains("14"), "{sentence}");
-    rig.demand(R::VERB_JOG, &[1.0, -0.2]);
+    rig.demand(Request::Jog { cable: 1, distance_m: -0.2 });
 }
 
 #[test]
 fn running_into_a_length_limit_stops_everything_and_the_way_back_is_open() {
     let mut rig = Rig::default().ready();
-    rig.demand(R::VERB_ZERO_LENGTHS, &[13.5, 5.0, 5.0]);
+    rig.demand(rig::lengths([13.5, 5.0, 5.0]));
     rig.offer(100.0);
     rig.controller = Some([0.3, -0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]);
     rig.until(300, |rig| rig.mode() == A::MODE_FAULTED);
     assert_eq!((rig.faults(), rig.seen().authority.fault_cable[0]), (A::FAULT_LENGTH_LIMIT, 1));
     rig.until(30, |rig| speed(rig) == 0.0);
     assert!(rig.seen().state.length_m[0] < 14.0);
-    rig.demand(R::VERB_RESET, &[]);
-    rig.demand(R::VERB_JOG, &[1.0, -0.3]);
+    rig.demand(Request::Reset);
+    rig.demand(Request::Jog { cable: 1, distance_m: -0.3 });
     rig.until(900, |rig| rig.mode() == A::MODE_HOLDING);
     assert_eq!(rig.faults(), 0);
 }
@@ -286,32 +286,33 @@ fn running_into_a_length_limit_stops_everything_and_the_way_back_is_open() {
 #[test]
 fn the_emergency_stop_is_at_once_and_stays_until_reset() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
-    rig.demand(R::VERB_ESTOP, &[]);
+    rig.demand(Request::Estop);
     assert_eq!((rig.mode(), speed(&rig)), (A::MODE_EMERGENCY_STOP, 0.0));
     assert_eq!(rig.last.as_ref().unwrap().sent.released[..3], [false; 3]);
-    for verb in [R::VERB_ARM, R::VERB_JOG, R::VERB_RESUME, R::VERB_ZERO_LENGTHS] {
-        assert!(!rig.ask(verb, &[1.0, 0.1, 5.0]).0);
+    let jog = Request::Jog { cable: 1, distance_m: 0.1 };
+    for request in [Request::Arm, jog, Request::Resume, rig::lengths([1.0, 0.1, 5.0])] {
+        assert!(!rig.ask(request).0);
         assert_eq!(rig.mode(), A::MODE_EMERGENCY_STOP);
     }
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
-    // Pressed while the drives were off, it does not switch them on.
+    // With the drives off, it does not switch them on.
     let mut rig = Rig::default();
     rig.steps(3);
-    rig.demand(R::VERB_ESTOP, &[]);
+    rig.demand(Request::Estop);
     assert_eq!(rig.last.as_ref().unwrap().sent.released, [true; 8]);
-    rig.demand(R::VERB_RESET, &[]);
+    rig.demand(Request::Reset);
     assert_eq!(rig.mode(), A::MODE_DISARMED);
 }
 
 #[test]
 fn disarming_needs_rest() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
-    let (accepted, sentence) = rig.ask(R::VERB_DISARM, &[]);
+    let (accepted, sentence) = rig.ask(Request::Disarm);
     assert!(!accepted && sentence.contains("stop first"), "{sentence}");
-    rig.demand(R::VERB_STOP, &[]);
+    rig.demand(Request::Stop);
     rig.until(200, |rig| rig.mode() == A::MODE_HOLDING);
-    rig.demand(R::VERB_DISARM, &[]);
+    rig.demand(Request::Disarm);
     assert_eq!(rig.mode(), A::MODE_DISARMED);
 }
 
@@ -319,7 +320,7 @@ fn disarming_needs_rest() {
 fn zeroing_at_a_position_gives_unstretched_lengths() {
     let mut rig = Rig::default();
     rig.steps(3);
-    rig.demand(R::VERB_ZERO_AT, &[4.8, 3.0, 0.3]);
+    rig.demand(Request::ZeroAt { position_m: [4.8, 3.0, 0.3] });
     let state = rig.seen().state;
     assert_eq!(state.position_known, MotorState::POSITION_KNOWN);
     // By hand: straight length, tension from the 3 x 3 system, then (L + Lx) / (1 + T / EA) - Lx.
@@ -342,7 +343,7 @@ fn zeroing_at_a_position_gives_unstretched_lengths() {
         assert!((state.length_m[cable] - wanted).abs() < 1e-9, "{} {wanted}", state.length_m[cable]);
     }
     for bad in [[4.8, 3.0, 5.0], [50.0, 50.0, 1.0], [f64::NAN, 0.0, 0.0]] {
-        let (accepted, sentence) = rig.ask(R::VERB_ZERO_AT, &bad);
+        let (accepted, sentence) = rig.ask(Request::ZeroAt { position_m: bad });
         assert!(!accepted && sentence.starts_with("Not zeroed"), "{sentence}");
     }
 }
@@ -350,19 +351,20 @@ fn zeroing_at_a_position_gives_unstretched_lengths() {
 #[test]
 fn the_position_from_before_the_cut_has_to_be_confirmed() {
     let mut rig = Rig::default();
-    // Unit 1 was running all the time, and its encoder 1 has counted on for 0.1 m; unit 2 has been switched off and starts elsewhere.
+    // Unit 1 was running all the time, and its encoder 1 has counted on for 0.1 m; unit 2 has been switched off and
+    // starts elsewhere.
     rig.alive[0] = 1;
     rig.inbox.first(99, Some(([4.0, 5.0, 6.0, 0.0, 0.0, 0.0, 0.0, 0.0], [49_000, -50_000, 900_000, 0, 0, 0, 0, 0])));
     rig.steps(2);
     let state = rig.seen().state;
-    assert_eq!(state.position_known, MotorState::POSITION_FROM_BEFORE_THE_CUT);
+    assert_eq!(state.position_known, MotorState::POSITION_RESTORED);
     assert!((state.length_m[0] - 4.1).abs() < 1e-9 && (state.length_m[2] - 6.0).abs() < 1e-9);
     assert_eq!(rig.seen().authority.epoch, 99);
-    rig.demand(R::VERB_ARM, &[]);
+    rig.demand(Request::Arm);
     rig.offer(5.0);
     rig.steps(20);
     assert_eq!(rig.mode(), A::MODE_HOLDING);
-    rig.demand(R::VERB_CONFIRM_POSITION, &[]);
+    rig.demand(Request::ConfirmPosition);
     rig.offer(5.0);
     rig.until(10, |rig| rig.mode() == A::MODE_FOLLOWING);
 }
@@ -373,7 +375,7 @@ fn a_freeze_is_the_computers_and_the_plan_keeps_up_with_the_drives() {
     let before = rig.seen().authority;
     rig.step_after(190_000_000, 190_000_000);
     let after = rig.seen().authority;
-    // Its command was fresh all the same. What was lost is the periods that never ran, and the next tick shows them.
+    // Its command was fresh. The lost periods are those that never ran, and the next cycle counts them.
     assert_eq!((after.mode, after.period, after.unsteered()), (A::MODE_FOLLOWING, A::PERIOD_STEERED, 0));
     rig.step();
     let then = rig.seen().authority;
@@ -389,12 +391,12 @@ fn a_command_that_is_missing_because_the_machine_stood_still_is_the_computers_to
     rig.step_after(30_000_000, 30_000_000);
     let after = rig.seen().authority;
     assert_eq!((after.mode, after.lost_answer, after.lost_computer), (A::MODE_FOLLOWING, 0, before.lost_computer + 1));
-    // Back on the grid at once: whoever answers had no time for it since the state was published.
+    // Back on schedule at once: the chain had no time to answer since the state was published.
     rig.step_after(-5_000_000, 50_000);
     let after = rig.seen().authority;
     // Two periods never ran.
     assert_eq!((after.mode, after.lost_answer, after.lost_computer), (A::MODE_FOLLOWING, 0, before.lost_computer + 4));
-    // From here on it has.
+    // From here on it has the time.
     rig.controller = velocity;
     rig.step();
     rig.controller = None;
@@ -408,7 +410,7 @@ fn a_freeze_of_the_drives_too_is_not_caught_up_with() {
     let before = rig.seen().authority;
     let frozen = rig.length_m;
     rig.step_after(190_000_000, 190_000_000);
-    // What the drives did is taken back, as in a virtual box that stood still as well.
+    // The drives' motion is removed, as in a virtual motor box that stood still too.
     let mut rig = {
         rig.length_m = frozen;
         rig
@@ -430,7 +432,7 @@ fn after_a_gap_beyond_the_watchdog_the_robot_waits_and_goes_on_by_itself() {
 }
 
 #[test]
-fn after_a_long_gap_the_robot_holds_until_somebody_resumes() {
+fn after_a_long_gap_the_robot_holds_until_a_resume() {
     let mut rig = Rig::following([0.1, -0.1, 0.05]);
     rig.velocity_m_s = [0.0; 8];
     rig.step_after(1_500_000_000, 1_500_000_000);
@@ -438,20 +440,18 @@ fn after_a_long_gap_the_robot_holds_until_somebody_resumes() {
     let authority = rig.seen().authority;
     assert_eq!((authority.mode, authority.plan_rate, authority.faults), (A::MODE_HOLDING, 0.0, A::FAULT_LONG_GAP));
     assert_eq!(authority.motion, rig.motion.motion);
-    rig.demand(R::VERB_RESUME, &[]);
+    rig.demand(Request::Resume);
     rig.steps(100);
     assert_eq!((rig.faults(), rig.mode()), (0, A::MODE_FOLLOWING));
 }
 
 #[test]
 fn a_request_that_comes_too_late_may_only_calm_the_robot() {
-    for (verb, args) in
-        [(R::VERB_ARM, [0.0; 8]), (R::VERB_JOG, [1.0, 0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]), (R::VERB_RESUME, [0.0; 8])]
-    {
+    for request in [Request::Arm, Request::Jog { cable: 1, distance_m: 0.1 }, Request::Resume] {
         let mut rig = Rig::default().ready();
         let made_ns = rig.now_ns;
         rig.steps(600);
-        assert!(rig.inbox.request_made(1, verb, &args, made_ns));
+        assert!(rig.inbox.request_made(1, &request.body(), made_ns));
         let answer = rig.step().answers[0];
         assert!(!answer.is_accepted() && answer.sentence.contains("ask again"), "{}", answer.sentence);
         assert_eq!(rig.mode(), A::MODE_HOLDING);
@@ -459,7 +459,7 @@ fn a_request_that_comes_too_late_may_only_calm_the_robot() {
     let mut rig = Rig::following([0.02, 0.0, 0.0]);
     let made_ns = rig.now_ns;
     rig.steps(600);
-    assert!(rig.inbox.request_made(1, R::VERB_STOP, &[0.0; 8], made_ns));
+    assert!(rig.inbox.request_made(1, &Request::Stop.body(), made_ns));
     assert!(rig.step().answers[0].is_accepted());
     assert_eq!(rig.mode(), A::MODE_STOPPING);
 }
@@ -481,11 +481,11 @@ fn a_dead_estimator_is_not_called_a_dead_controller() {
 fn a_jog_up_to_the_length_limit_is_made() {
     let mut rig = Rig::default();
     rig.steps(3);
-    rig.demand(R::VERB_ZERO_LENGTHS, &[13.9, 5.0, 5.0]);
-    rig.demand(R::VERB_ARM, &[]);
-    let (accepted, sentence) = rig.ask(R::VERB_JOG, &[1.0, 0.11]);
+    rig.demand(rig::lengths([13.9, 5.0, 5.0]));
+    rig.demand(Request::Arm);
+    let (accepted, sentence) = rig.ask(Request::Jog { cable: 1, distance_m: 0.11 });
     assert!(!accepted && sentence.contains("14"), "{sentence}");
-    rig.demand(R::VERB_JOG, &[1.0, 0.1]);
+    rig.demand(Request::Jog { cable: 1, distance_m: 0.1 });
     rig.until(600, |rig| rig.mode() == A::MODE_HOLDING);
     rig.steps(30);
     assert_eq!(rig.faults(), 0);
@@ -495,12 +495,12 @@ fn a_jog_up_to_the_length_limit_is_made() {
 #[test]
 fn without_its_supervisor_nothing_is_jogged_or_begun() {
     let mut rig = Rig::default().ready();
-    rig.demand(R::VERB_JOG, &[1.0, 1.5]);
+    rig.demand(Request::Jog { cable: 1, distance_m: 1.5 });
     rig.steps(50);
     let beat = rig.supervisor.take();
     rig.until(260, |rig| rig.mode() == A::MODE_HOLDING);
     assert_eq!(rig.faults(), A::FAULT_SUPERVISOR_LOST);
-    let (accepted, sentence) = rig.ask(R::VERB_JOG, &[1.0, 0.1]);
+    let (accepted, sentence) = rig.ask(Request::Jog { cable: 1, distance_m: 0.1 });
     assert!(!accepted && sentence.contains("supervisor"), "{sentence}");
     rig.offer(5.0);
     rig.steps(50);
@@ -511,7 +511,7 @@ fn without_its_supervisor_nothing_is_jogged_or_begun() {
 }
 
 #[test]
-fn a_planner_that_was_started_anew_is_named_and_what_it_had_planned_is_flown() {
+fn a_restarted_planner_is_named_and_the_known_motion_is_flown() {
     let mut rig = Rig::default().ready();
     rig.offer(3.0);
     let mut all = [0.0; 8];
@@ -542,7 +542,7 @@ fn every_request_is_answered_with_a_sentence_in_every_mode() {
         || Rig::default().ready(),
         || {
             let mut rig = Rig::default().ready();
-            rig.demand(R::VERB_JOG, &[1.0, 0.5]);
+            rig.demand(Request::Jog { cable: 1, distance_m: 0.5 });
             rig
         },
         || Rig::following([0.1, 0.0, 0.0]),
@@ -555,7 +555,7 @@ fn every_request_is_answered_with_a_sentence_in_every_mode() {
         },
         || {
             let mut rig = Rig::following([0.1, 0.0, 0.0]);
-            rig.demand(R::VERB_ESTOP, &[]);
+            rig.demand(Request::Estop);
             rig
         },
     ];
@@ -563,7 +563,7 @@ fn every_request_is_answered_with_a_sentence_in_every_mode() {
         for verb in 1..=255 {
             let mut rig = make();
             let mode = rig.mode();
-            let (_, sentence) = rig.ask(verb, &[1.0, 0.1, 5.0]);
+            let (_, sentence) = rig.ask_body(&rig::body(verb, [1.0, 0.1, 5.0]));
             assert!(sentence.len() > 5 && sentence.ends_with('.'), "verb {verb} in mode {mode}: {sentence}");
             if verb > 30 {
                 break;

@@ -1,10 +1,11 @@
-//! Whatever arrives, in whatever order: limits hold, faults stay, every request is answered, and a replay gives the same bytes.
+//! For arbitrary input in any order, limits hold, faults stay, every request is answered, and a replay gives the same
+//! bytes.
 
 use crate::rig;
 
 use bytemuck::bytes_of;
 use messages::faults::HARD;
-use messages::{MotorAuthority as A, MotorInput, OperatorRequest as R};
+use messages::{MotorAuthority as A, MotorInput, Request, RequestBody as R};
 use motor_io::Core;
 use proptest::prelude::*;
 use rig::{Rig, Step};
@@ -12,7 +13,7 @@ use rig::{Rig, Step};
 #[derive(Debug, Clone)]
 enum Event {
     Steps(u32),
-    Ask(u8, [f64; 3]),
+    Ask(R),
     Controller(Option<[f64; 3]>),
     Offer(f64),
     Unit(usize, u8),
@@ -42,13 +43,13 @@ fn velocity() -> impl Strategy<Value = f64> {
 fn event() -> impl Strategy<Value = Event> {
     let verbs = prop_oneof![
         4 => Just(R::VERB_ARM), 2 => Just(R::VERB_RESET), 2 => Just(R::VERB_RESUME), 1 => 0..40u8,
-        2 => Just(R::VERB_JOG), 1 => Just(R::VERB_PAUSE), 1 => Just(R::VERB_CONFIRM_POSITION), 1 => Just(R::VERB_SPEED),
+        2 => Just(R::VERB_JOG), 1 => Just(R::VERB_PAUSE), 1 => Just(R::VERB_CONFIRM), 1 => Just(R::VERB_SPEED),
     ];
     prop_oneof![
         6 => (1..40u32).prop_map(Event::Steps),
-        5 => (verbs, prop::array::uniform3(number())).prop_map(|(verb, args)| Event::Ask(verb, args)),
-        2 => Just(Event::Ask(R::VERB_ZERO_LENGTHS, [5.0, 6.0, 7.0])),
-        2 => (1..4u8, -1.0..1.0f64).prop_map(|(cable, m)| Event::Ask(R::VERB_JOG, [f64::from(cable), m, 0.0])),
+        5 => (verbs, prop::array::uniform3(number())).prop_map(|(verb, numbers)| Event::Ask(rig::body(verb, numbers))),
+        2 => Just(Event::Ask(rig::lengths([5.0, 6.0, 7.0]).body())),
+        2 => (1..4u8, -1.0..1.0f64).prop_map(|(cable, distance_m)| Event::Ask(Request::Jog { cable, distance_m }.body())),
         4 => prop::option::weighted(0.9, prop::array::uniform3(velocity())).prop_map(Event::Controller),
         5 => (0.1..20.0f64).prop_map(Event::Offer),
         1 => (0..2usize, 0..5u8).prop_map(|(unit, state)| Event::Unit(unit, state)),
@@ -70,7 +71,7 @@ fn event() -> impl Strategy<Value = Event> {
 fn check(config: &motor_io::CoreConfig, before: Option<&Step>, now: &Step, asked: bool) -> Result<(), TestCaseError> {
     let (authority, state, v) = (&now.seen.authority, &now.seen.state, &now.sent.speed_m_s);
     let mode = authority.mode;
-    // No NaN leaves.
+    // All outputs are finite.
     prop_assert!(
         v.iter().chain(&state.length_m).chain(&state.velocity_m_s).chain(&state.command_m_s).all(|x| x.is_finite())
     );
@@ -94,7 +95,7 @@ fn check(config: &motor_io::CoreConfig, before: Option<&Step>, now: &Step, asked
             prop_assert!((v[i] - old[i]).abs() <= step, "cable {i}: {} to {} in mode {mode}", old[i], v[i]);
         }
     }
-    // What was decided in this cycle: a fault found in its second half acts in the next.
+    // Mode of the decision: a fault found in the second half of a cycle acts in the next one.
     let decided = if [A::MODE_FAULTED, A::MODE_EMERGENCY_STOP].contains(&mode) { was } else { mode };
     let still = [A::MODE_DISARMED, A::MODE_HOLDING, A::MODE_EMERGENCY_STOP].contains(&decided);
     prop_assert!(!still || now.sent.is_hold() || asked, "moves in mode {decided}");
@@ -132,7 +133,7 @@ fn check(config: &motor_io::CoreConfig, before: Option<&Step>, now: &Step, asked
 proptest! {
     #![proptest_config(ProptestConfig { failure_persistence: None, ..ProptestConfig::default() })]
     #[test]
-    fn whatever_arrives(events in prop::collection::vec(event(), 10..80)) {
+    fn invariants_hold_for_any_input(events in prop::collection::vec(event(), 10..80)) {
         let config = rig::config();
         let mut rig = Rig::new(config.clone()).ready();
         let mut record: Vec<Step> = Vec::new();
@@ -140,10 +141,8 @@ proptest! {
             let (mut steps, mut gap, mut asked) = (1, 0, false);
             match event {
                 Event::Steps(count) => steps = count,
-                Event::Ask(verb, args) => {
-                    let mut all = [0.0; 8];
-                    all[..3].copy_from_slice(&args);
-                    prop_assert!(rig.inbox.request(1, verb, &all));
+                Event::Ask(body) => {
+                    prop_assert!(rig.inbox.request(1, &body));
                     asked = true;
                 }
                 Event::Controller(answer) => rig.controller = answer.map(|v| [v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0, 0.0]),
@@ -164,7 +163,7 @@ proptest! {
                 let now = rig.step_after(if step == 0 { gap as i64 } else { 0 }, if step == 0 { gap } else { 0 }).clone();
                 let asked = asked && step == 0;
                 check(&config, record.last(), &now, asked)?;
-                let verbs = now.input.request_verb.iter().filter(|verb| **verb != 0).count();
+                let verbs = now.input.request.iter().filter(|body| body.verb != 0).count();
                 prop_assert_eq!(now.answers.len(), verbs);
                 for answer in &now.answers {
                     prop_assert!(answer.sentence.ends_with('.') && answer.sentence.len() > 5, "{}", answer.sentence);
@@ -184,18 +183,14 @@ proptest! {
             let mut steps = 1;
             match event {
                 Event::Steps(count) => steps = count,
-                Event::Ask(verb, args) => {
-                    let mut all = [0.0; 8];
-                    all[..3].copy_from_slice(&args);
-                    prop_assert!(rig.inbox.request(1, verb, &all));
-                }
+                Event::Ask(body) => prop_assert!(rig.inbox.request(1, &body)),
                 Event::Controller(answer) => rig.controller = answer.map(|v| [v[0], v[1], v[2], 0.0, 0.0, 0.0, 0.0, 0.0]),
                 Event::Offer(seconds) if rig.last.is_some() => rig.offer(seconds),
                 Event::Unit(unit, state) => rig.unit[unit] = state,
                 Event::Jump(cable, counts) => rig.count_offset[cable] = counts,
                 Event::Tension(cable, newtons) => rig.tension_n[cable] = newtons,
                 Event::Gap(ms) => {
-                    // The live core decides before the replies are there, the replayed one finds them in the same sample.
+                    // The live core decides before the replies arrive; the replayed one finds them in the same sample.
                     let now = rig.step_after(ms as i64 * 1_000_000, 0).clone();
                     let sent = replayed.decide(&now.input);
                     prop_assert_eq!(sent, now.sent);

@@ -1,8 +1,8 @@
-//! What is the computer's fault is called that, and what is not, is not.
+//! Faults of a busy computer are attributed to it, and no others.
 
 use crate::rig;
 
-use messages::{MotorAuthority as A, MotorInput, OperatorRequest as R, SLOTS};
+use messages::{MotorAuthority as A, MotorInput, Request, SLOTS};
 use rig::Rig;
 
 const PERIOD_NS: u64 = 10_000_000;
@@ -21,7 +21,7 @@ fn waits(rig: &mut Rig, seat: usize, cycles: u32) {
 }
 
 #[test]
-fn a_starved_chain_slows_the_robot_down_and_it_goes_on_by_itself() {
+fn a_starved_chain_slows_the_robot_down_without_a_stop() {
     for seat in [CONTROLLER_A, ESTIMATOR_A] {
         let mut rig = following();
         let velocity = rig.controller.take();
@@ -32,7 +32,7 @@ fn a_starved_chain_slows_the_robot_down_and_it_goes_on_by_itself() {
         rig.controller = velocity;
         rig.steps(20);
         assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, A::FAULT_COMPUTER));
-        // It is said for a second, and then it is over.
+        // The cause is shown for a second.
         rig.steps(90);
         assert_eq!((rig.mode(), rig.faults(), rig.seen().authority.plan_rate), (A::MODE_FOLLOWING, 0, 1.0));
     }
@@ -48,7 +48,7 @@ fn starved_for_longer_it_holds_by_that_name_and_can_be_resumed() {
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMPUTER));
     rig.controller = velocity;
     rig.steps(3);
-    rig.demand(R::VERB_RESUME, &[]);
+    rig.demand(Request::Resume);
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FOLLOWING, 0));
 }
@@ -63,7 +63,7 @@ fn a_dead_controller_is_no_busy_computer_even_where_it_was_one_a_moment_ago() {
     let mut rig = following();
     rig.controller = None;
     waits(&mut rig, CONTROLLER_A, 2);
-    // One that waits for a processor shows it in every cycle; soon it is known that this one does not.
+    // A process that waits for a processor shows it in every cycle; this one does not.
     rig.steps(60);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_HOLDING, A::FAULT_COMMAND_LOST));
 }
@@ -78,7 +78,7 @@ fn a_starved_standby_excuses_nothing() {
 }
 
 #[test]
-fn a_line_out_of_step_is_not_lost_while_this_program_starves() {
+fn a_resynchronising_unit_is_not_lost_while_motor_io_starves() {
     let mut rig = following();
     rig.unit[0] = MotorInput::UNIT_RESYNC;
     rig.estimate_valid = false;
@@ -87,33 +87,33 @@ fn a_line_out_of_step_is_not_lost_while_this_program_starves() {
         rig.step();
     }
     assert_eq!((rig.mode(), rig.faults() & A::FAULT_LOST_UNIT), (A::MODE_FOLLOWING, 0));
-    // Once it has the processor, the same silence is the unit's.
+    // With a processor, the same silence is due to the unit.
     rig.until(60, |rig| rig.mode() == A::MODE_FAULTED);
     assert_eq!(rig.faults() & A::FAULT_LOST_UNIT, A::FAULT_LOST_UNIT);
 }
 
 #[test]
-fn a_silent_drive_is_a_silent_drive_and_beside_a_busy_computer_both_are_said() {
+fn a_silent_drive_is_named_and_a_busy_computer_beside_it_too() {
     let mut rig = following();
     rig.unit[1] = MotorInput::UNIT_LOST;
     rig.until(10, |rig| rig.mode() == A::MODE_FAULTED);
     assert_eq!((rig.faults(), rig.seen().authority.fault_unit[1]), (A::FAULT_LOST_UNIT, 1));
 
-    // The chain starves, this program does not: nothing excuses the drive.
+    // The chain has no processor, but motor-io has: nothing excuses the drive.
     let mut rig = following();
     waits(&mut rig, ESTIMATOR_A, 10);
     rig.unit[1] = MotorInput::UNIT_LOST;
     waits(&mut rig, ESTIMATOR_A, 5);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_LOST_UNIT | A::FAULT_COMPUTER));
 
-    // A hiccup of the computer a moment before explains nothing.
+    // A hiccup of the computer shortly before explains nothing.
     let mut rig = following();
     waits(&mut rig, ESTIMATOR_A, 2);
     rig.unit[1] = MotorInput::UNIT_LOST;
     rig.steps(5);
     assert_eq!((rig.mode(), rig.faults()), (A::MODE_FAULTED, A::FAULT_LOST_UNIT));
 
-    // However busy the computer is: a drive that never answers is gone.
+    // A drive that never answers is lost, however busy the computer is.
     let mut rig = following();
     rig.unit[1] = MotorInput::UNIT_LOST;
     for _ in 0..400 {
@@ -138,7 +138,7 @@ fn silent_drives_that_delay_the_chain_are_no_busy_computer() {
 }
 
 #[test]
-fn tensions_from_late_readings_make_no_line_slack() {
+fn tensions_from_late_readings_make_no_cable_slack() {
     let mut rig = following();
     rig.tension_n[2] = 0.1;
     for _ in 0..60 {
@@ -148,7 +148,7 @@ fn tensions_from_late_readings_make_no_line_slack() {
     assert_eq!((rig.mode(), rig.faults() & A::FAULT_SLACK), (A::MODE_FOLLOWING, 0));
     rig.until(60, |rig| rig.mode() == A::MODE_FAULTED);
     assert_eq!(rig.faults(), A::FAULT_SLACK | A::FAULT_COMPUTER);
-    // Without any evidence it is the line alone.
+    // Without evidence, only the cable is named.
     let mut rig = following();
     rig.tension_n[2] = 0.1;
     rig.until(60, |rig| rig.mode() == A::MODE_FAULTED);
@@ -159,7 +159,7 @@ fn tensions_from_late_readings_make_no_line_slack() {
 fn a_slow_or_silent_drive_is_no_busy_computer() {
     let mut rig = following();
     let before = rig.seen().authority;
-    // The exchange waits for the unit until the next tick and half of the period behind it; a tick falls into it each time.
+    // The exchange waits for the unit until half a period after the next cycle is due, so one due time falls into it.
     (rig.unit[1], rig.exchange_ns) = (MotorInput::UNIT_SILENT, 17_000_000);
     rig.step();
     for _ in 0..20 {
@@ -169,7 +169,7 @@ fn a_slow_or_silent_drive_is_no_busy_computer() {
     assert_eq!((after.lost_computer, after.faults & A::FAULT_COMPUTER), (before.lost_computer, 0));
     assert!(after.lost_drive > before.lost_drive + 30, "{} periods", after.lost_drive - before.lost_drive);
 
-    // Drives that answer late, and leave the chain no time: theirs too.
+    // Drives that answer late and leave the chain no time are the cause too.
     let mut rig = following();
     let before = rig.seen().authority;
     rig.controller = None;
@@ -177,6 +177,6 @@ fn a_slow_or_silent_drive_is_no_busy_computer() {
     rig.steps(2);
     let after = rig.seen().authority;
     let lost = [after.lost_computer - before.lost_computer, after.lost_drive - before.lost_drive];
-    // The first answer that is missing is to a cycle that left time enough.
+    // The first missing answer is to a cycle that left enough time.
     assert_eq!((lost, after.lost_answer - before.lost_answer), ([0, 1], 1));
 }

@@ -2,13 +2,13 @@
 //! that were caused by a lack of CPU time.
 
 use super::robot::Robot;
+use crate::operate::MissionText;
 use bus::clock;
 use command::{Answer, Failure};
 use indicatif::{ProgressBar, ProgressStyle};
-use messages::{MotorAuthority, NodeEstimate, OperatorRequest, PlanStatus, text_of};
+use messages::{MotorAuthority, NodeEstimate, PlanStatus, Request, text_of};
 use robot_state::sentences::mode_name;
 use std::io::IsTerminal;
-use std::path::Path;
 use std::time::Duration;
 
 /// How long a request is repeated while the robot is not ready for it: the drives connect and the estimate settles.
@@ -30,15 +30,16 @@ const RESUMABLE_FAULTS: u32 = MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_PLANNER_LOST;
 
 /// Arms the robot, sets its position to `start`, flies the mission and waits for its end.
-pub fn fly(robot: &mut Robot, mission: &Path, start: &[f64; 3], planned_s: f64) -> Answer {
-    send_until_accepted(robot, client::MOTOR_IO, &client::plain(OperatorRequest::VERB_ARM))?;
-    send_until_accepted(robot, client::MOTOR_IO, &client::with_args(OperatorRequest::VERB_ZERO_AT, start)?)?;
+pub fn fly(robot: &mut Robot, mission: &MissionText, start: &[f64; 3], planned_s: f64) -> Answer {
+    send_until_accepted(robot, client::MOTOR_IO, &Request::Arm)?;
+    send_until_accepted(robot, client::MOTOR_IO, &Request::ZeroAt { position_m: *start })?;
     let mut estimates = robot.bus().subscriber::<NodeEstimate>("node/estimate/a")?;
     wait(robot, SETTLE, "the estimator published no valid position", |_| {
         Ok(estimates.latest()?.is_some_and(|estimate| estimate.valid == 1))
     })?;
     let mut plans = robot.bus().subscriber::<PlanStatus>("plan/status")?;
-    send_until_accepted(robot, client::PLANNER, &client::run_request(mission, false)?)?;
+    let request = mission.request(robot.bus(), false)?;
+    send_until_accepted(robot, client::PLANNER, &request)?;
 
     let bar = if std::io::stderr().is_terminal() { ProgressBar::new(1000) } else { ProgressBar::hidden() };
     let style = ProgressStyle::with_template("{msg:40} {wide_bar} {percent:>3} %")
@@ -108,8 +109,7 @@ impl Resumes {
     fn resume(&mut self, robot: &mut Robot) {
         let faults = robot.authority().map(|authority| authority.faults & RESUMABLE_FAULTS);
         let Some(faults) = faults.filter(|bits| *bits != 0) else { return };
-        let resume = client::plain(OperatorRequest::VERB_RESUME);
-        if let Err(refusal) = client::send(robot.bus(), client::MOTOR_IO, &resume) {
+        if let Err(refusal) = client::send(robot.bus(), client::MOTOR_IO, &Request::Resume) {
             self.refused = Some(refusal.to_string());
             return;
         }
@@ -175,7 +175,7 @@ impl TimeLimits {
 }
 
 /// Repeats a request until it is accepted: just after the start a process may not be ready for it.
-fn send_until_accepted(robot: &mut Robot, process: &str, request: &OperatorRequest) -> Answer {
+fn send_until_accepted(robot: &mut Robot, process: &str, request: &Request) -> Answer {
     let give_up = clock::now_ns() + SETTLE.as_nanos() as u64;
     loop {
         match client::send(robot.bus(), process, request) {

@@ -3,7 +3,7 @@
 mod flying;
 mod robot;
 
-use crate::operate;
+use crate::operate::{self, MissionText};
 use analysis::accuracy::{self, Analysis};
 use analysis::accuracy_plot;
 use command::{Answer, Failure, Output};
@@ -49,17 +49,18 @@ pub fn run(args: &Args, domain: Option<&str>) -> Answer<Output> {
     };
     let path =
         operate::mission_path(args.mission.as_deref().unwrap_or(&file.planner.demo), Some(&file.planner.missions))?;
-    let mission = Mission::read(&path).map_err(Failure::bad)?;
-    let flight = check::fly(&mission, &file, &start)?;
+    let text = MissionText::read(&path)?;
+    let mission = &text.mission;
+    let flight = check::fly(mission, &file, &start)?;
     check::can_be_built(&file)?;
 
     let domain = domain.unwrap_or(&file.name);
     let options = StartOptions { config: &config, domain, run: args.run.as_deref(), mission: &path };
     let mut robot = Robot::start(&options, command::stop_flag()?)?;
-    let flown = flying::fly(&mut robot, &path, &start, flight.duration_s);
+    let flown = flying::fly(&mut robot, &text, &start, flight.duration_s);
     let because = flown.as_ref().err().map_or_else(|| "the mission is done".to_owned(), ToString::to_string);
     let ending = robot.end(&because)?;
-    let report = Report { mission: &mission, flight: &flight, file: &file, ending: &ending };
+    let report = Report { mission, flight: &flight, file: &file, ending: &ending };
     let aborted = flown.err();
     match report.write(aborted.as_ref().map(|_| because.as_str())) {
         Ok((output, unsound)) => Ok(output.failing(failure(aborted, &ending, Ok(unsound)))),
@@ -119,7 +120,7 @@ impl Report<'_> {
         let page = run.join(analysis::report::PAGE);
         let verdict = analysis::report::report(std::slice::from_ref(run), Some(&page))?.words;
         let value = json!({
-            "mission": mission.name, "box": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
+            "mission": mission.name, "system": file.name, "planned_s": flight.duration_s, "length_m": flight.length_m, "analysis": analysis,
             "recorded": { "messages": report.messages, "channels": report.channels.len(), "lost": lost(&report), "healthy": report.healthy },
             "mode": ending.mode, "run": run, "picture": analysis.as_ref().map(|_| &picture), "page": page, "died": ending.value["died"],
             "unrecorded": ending.value["unrecorded"], "broken_off": aborted,

@@ -16,6 +16,47 @@ const LONG_M: f64 = 2.0;
 /// Halvings in the search for the largest share of a sag or swing that can be flown: to one in 128.
 const HALVINGS: usize = 7;
 
+impl Plan {
+    /// Plans and checks a whole mission that starts at `start` (m) at `start_s` on the plan clock; segments are
+    /// numbered from `first_id`.
+    ///
+    /// # Errors
+    /// The first thing that is wrong: where, which cable, how much.
+    pub fn new(
+        mission: &Mission,
+        config: &PlannerConfig,
+        start: Vector3<f64>,
+        start_s: f64,
+        first_id: u32,
+    ) -> Result<Self, PlanError> {
+        let mut builder = Builder::new(mission, config, start, start_s, first_id)?;
+        let origin = if mission.relative { start } else { Vector3::zeros() };
+        for (i, leg) in mission.leg.iter().enumerate() {
+            builder.leg(i + 1, leg, origin)?;
+        }
+        builder.plan()
+    }
+
+    /// What is left of this plan of `mission` from a point of its way on, for a node that hangs at `here` (m): straight to that point
+    /// and on, at `start_s` on the plan clock, numbered from `first_id`.
+    ///
+    /// # Errors
+    /// The way back cannot be flown, or there is no such point.
+    pub fn rest(
+        &self,
+        mission: &Mission,
+        config: &PlannerConfig,
+        from: Mark,
+        here: Vector3<f64>,
+        start_s: f64,
+        first_id: u32,
+    ) -> Result<Self, PlanError> {
+        let mut builder = Builder::new(mission, config, here, start_s, first_id)?;
+        builder.rest(self, from)?;
+        builder.plan()
+    }
+}
+
 /// Makes segments, one after the other.
 pub(super) struct Builder<'a> {
     config: &'a PlannerConfig,

@@ -3,7 +3,10 @@
 use cable_robot::energy::{WinchEnergy, flight};
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
-use messages::{Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, text_of};
+use messages::{
+    GotoPath, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, Request,
+    text_of,
+};
 use planner::mission::{Leg, Line, Mission, Parabola, PathShape, Polyline, Spiral};
 use planner::plan::{Plan, SHORTEST_S};
 use planner::{Inputs, Planner, PlannerConfig, dry_run, requests};
@@ -155,7 +158,7 @@ fn everything_that_is_not_ready_is_answered_with_what_to_do() {
         ("nims reset", |w| w.authority.mode = MotorAuthority::MODE_FAULTED),
         ("emergency", |w| w.authority.mode = MotorAuthority::MODE_EMERGENCY_STOP),
         ("nims zero", |w| w.authority.position_known = MotorState::POSITION_UNKNOWN),
-        ("nims confirm-position", |w| w.authority.position_known = MotorState::POSITION_FROM_BEFORE_THE_CUT),
+        ("nims confirm-position", |w| w.authority.position_known = MotorState::POSITION_RESTORED),
         ("estimate", |w| w.estimate.valid = 0),
         ("estimate", |w| w.estimate.header.cycle = 900),
         ("not known", |w| w.estimate.position_m[1] = f64::NAN),
@@ -415,47 +418,60 @@ fn points_may_count_from_the_start() {
 fn requests_are_answered() {
     let world = World::ready();
     let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("short.toml"), "name = \"short\"\n[[leg]]\nline = { to_m = [4.9, 3.0, 0.4] }\n")
-        .unwrap();
+    let short = "name = \"short\"\n[[leg]]\nline = { to_m = [4.9, 3.0, 0.4] }\n";
     let run = |text: &str| {
-        let mut request = OperatorRequest { verb: OperatorRequest::VERB_RUN, ..OperatorRequest::default() };
-        messages::put_text(&mut request.text, text);
-        request
+        let hash = config::store_mission(folder.path(), text).unwrap();
+        Request::Run { mission: "any".to_owned(), hash, continues: false }.encode().unwrap()
     };
-    let goto = |args| OperatorRequest { verb: OperatorRequest::VERB_GOTO, args, ..OperatorRequest::default() };
-    let path = folder.path().join("short.toml").display().to_string();
+    let goto = |to_m: [f64; 3], speed_m_s: Option<f64>, path: GotoPath| {
+        Request::Goto { to_m, path, speed_m_s }.encode().unwrap()
+    };
+    let there = |path: GotoPath| goto([5.0, 3.0, 0.4], Some(0.1), path);
+    let parabola = |mu_per_m: Option<f64>| GotoPath::Parabola { mu_per_m };
+    let missing = Request::Run { mission: "none".to_owned(), hash: [9; 32], continues: false }.encode().unwrap();
+    let mut unknown = Request::Arm.encode().unwrap();
+    unknown.body.verb = 99;
+    let mut no_path = there(GotoPath::Line);
+    no_path.body.path = 7;
     for (request, accepted, says) in [
-        (run("short"), OperatorRequest::ACCEPTED, "short"),
-        (run("short.toml"), OperatorRequest::ACCEPTED, "short"),
-        (run(&path), OperatorRequest::ACCEPTED, "short"),
-        (run("none"), OperatorRequest::BAD_INPUT, "none.toml"),
-        (run("/no/where.toml"), OperatorRequest::BAD_INPUT, "/no/where.toml"),
-        (goto([5.0, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), OperatorRequest::ACCEPTED, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.2, 0.0, 0.0]), OperatorRequest::ACCEPTED, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 1.0, 0.0, 0.0, 0.0]), OperatorRequest::ACCEPTED, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 2.0, 0.0, 0.0, 0.0]), OperatorRequest::ACCEPTED, "accepted"),
-        (goto([5.0, 3.0, 0.4, 0.1, 1.0, f64::NAN, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "mu"),
-        (goto([5.0, 3.0, 0.4, 0.1, 7.0, 0.0, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "path 7"),
-        (goto([5.0, 3.0, 0.4, -0.1, 0.0, 0.0, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "speed_m_s"),
-        (goto([f64::NAN, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "to_m"),
-        (goto([50.0, 3.0, 0.4, 0.0, 0.0, 0.0, 0.0, 0.0]), OperatorRequest::BAD_INPUT, "cable"),
-        (OperatorRequest { verb: 99, ..OperatorRequest::default() }, OperatorRequest::BAD_INPUT, "99"),
+        (run(short), OperatorRequest::ACCEPTED, "short"),
+        (run("name = 3\n"), OperatorRequest::BAD_INPUT, "line 1"),
+        (missing, OperatorRequest::BAD_INPUT, "request the mission again"),
+        (goto([5.0, 3.0, 0.4], None, GotoPath::Line), OperatorRequest::ACCEPTED, "accepted"),
+        (there(parabola(Some(0.2))), OperatorRequest::ACCEPTED, "accepted"),
+        (there(parabola(None)), OperatorRequest::ACCEPTED, "accepted"),
+        (there(GotoPath::Lateral), OperatorRequest::ACCEPTED, "accepted"),
+        (there(parabola(Some(f64::NAN))), OperatorRequest::BAD_INPUT, "mu"),
+        (no_path, OperatorRequest::BAD_INPUT, "path is 7"),
+        (goto([5.0, 3.0, 0.4], Some(-0.1), GotoPath::Line), OperatorRequest::BAD_INPUT, "speed_m_s"),
+        (goto([f64::NAN, 3.0, 0.4], None, GotoPath::Line), OperatorRequest::BAD_INPUT, "to_m"),
+        (goto([50.0, 3.0, 0.4], None, GotoPath::Line), OperatorRequest::BAD_INPUT, "cable"),
+        (Request::Arm.encode().unwrap(), OperatorRequest::BAD_INPUT, "another process"),
+        (unknown, OperatorRequest::BAD_INPUT, "99"),
     ] {
         let mut planner = Planner::new(config());
         let (is, sentence) = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
         assert!(is == accepted && sentence.contains(says), "{says:?}: {is} {sentence}");
     }
+    // A copy that was changed after the request is not flown.
+    let request = run(short);
+    let copy = config::mission_copy(folder.path(), &request.hash);
+    std::fs::write(copy, short.replace("0.4", "0.9")).unwrap();
+    let mut planner = Planner::new(config());
+    let (is, sentence) = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
+    assert!(is == OperatorRequest::BAD_INPUT && sentence.contains("SHA-256"), "{sentence}");
+    assert_eq!(planner.step(&world.seen()).0.motion, 0);
     // Nothing moves for somebody who did not wait for the answer.
     let mut planner = Planner::new(config());
-    let (is, sentence) = requests::answer(&mut planner, &run("short"), || false, folder.path(), &world.seen());
+    let (is, sentence) = requests::answer(&mut planner, &run(short), || false, folder.path(), &world.seen());
     assert!(is == OperatorRequest::REFUSED && sentence.contains("did not wait"), "{sentence}");
     let (motion, status) = planner.step(&world.seen());
     assert_eq!((motion.motion, motion.current.id, status.state), (0, 0, PlanStatus::STATE_REFUSED));
     // What can be asked again later is no bad input.
     let mut disarmed = World::ready();
     disarmed.authority.mode = MotorAuthority::MODE_DISARMED;
-    let there = goto([4.8, 3.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0]);
-    for (world, request) in [(&disarmed, run("short")), (&world, there)] {
+    let here = goto([4.8, 3.0, 0.3], None, GotoPath::Line);
+    for (world, request) in [(&disarmed, run(short)), (&world, here)] {
         let (is, sentence) =
             requests::answer(&mut Planner::new(config()), &request, || true, folder.path(), &world.seen());
         assert_eq!(is, OperatorRequest::REFUSED, "{sentence}");

@@ -2,7 +2,7 @@
 
 use cable_robot::{Distribution, Path, Robot, RobotParts, Segment, Vector3};
 use messages::{
-    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, put_text,
+    FieldMap, Header, MotorAuthority, MotorState, NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, Request,
 };
 use planner::mission::Mission;
 use planner::plan::Plan;
@@ -183,7 +183,7 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     assert_eq!(world.fly(&mut planner, 20.0).state, PlanStatus::STATE_ABORTED);
     // a single move in between changes nothing
     let share = std::mem::take(&mut world.share);
-    planner.goto([4.9, 3.0, 0.6], 0.0, planner::mission::PathShape::Line, 0.0, &world.seen()).unwrap();
+    planner.goto([4.9, 3.0, 0.6], None, planner::mission::PathShape::Line, None, &world.seen()).unwrap();
     let end_s = planner.step(&world.seen()).0.end_s;
     assert_eq!(world.fly(&mut planner, end_s + 0.1).state, PlanStatus::STATE_DONE);
     (world.estimate.position_m, world.share) = ([4.9, 3.0, 0.6], share);
@@ -193,13 +193,11 @@ fn going_on_needs_a_mission_that_was_begun_is_the_same_and_is_not_done() {
     let moved = Progress { at_m: [1.0, 1.0, 1.0], ..planner.progress().unwrap().clone() };
     elsewhere.remember(moved);
     assert!(refused(&mut elsewhere, &world, &scan).contains("configured otherwise"));
-    // by request, by its file
-    let folder = tempfile::tempdir().unwrap();
-    std::fs::write(folder.path().join("scan.toml"), toml::to_string(&scan).unwrap()).unwrap();
-    let mut request = OperatorRequest { verb: OperatorRequest::VERB_RUN, ..OperatorRequest::default() };
-    request.args[0] = OperatorRequest::RUN_CONTINUE;
-    put_text(&mut request.text, "scan");
-    let (accepted, sentence) = requests::answer(&mut planner, &request, || true, folder.path(), &world.seen());
+    // by request
+    let run = tempfile::tempdir().unwrap();
+    let hash = config::store_mission(run.path(), &toml::to_string(&scan).unwrap()).unwrap();
+    let request = Request::Run { mission: "scan".to_owned(), hash, continues: true }.encode().unwrap();
+    let (accepted, sentence) = requests::answer(&mut planner, &request, || true, run.path(), &world.seen());
     assert!(accepted == OperatorRequest::ACCEPTED && sentence.contains("goes on"), "{sentence}");
     let end_s = planner.step(&world.seen()).0.end_s;
     let done = world.fly(&mut planner, end_s + 0.1);

@@ -20,12 +20,12 @@ const fn table() -> [u16; 256] {
     table
 }
 
-/// A running checksum. Fed with a message and then with its checksum it is 0.
+/// Running checksum. It is 0 after a message and its checksum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Crc(u16);
 
 impl Crc {
-    /// Take these bytes in as well.
+    /// Adds bytes.
     #[must_use]
     pub fn with(self, bytes: &[u8]) -> Crc {
         Crc(bytes.iter().fold(self.0, |crc, &byte| {
@@ -34,14 +34,14 @@ impl Crc {
         }))
     }
 
-    /// The checksum of what was taken in.
+    /// Checksum of the bytes added.
     #[must_use]
     pub fn value(self) -> u16 {
         self.0
     }
 }
 
-/// The checksum of `bytes`.
+/// Checksum of `bytes`.
 #[must_use]
 pub fn crc16(bytes: &[u8]) -> u16 {
     Crc::default().with(bytes).value()

@@ -1,9 +1,9 @@
-//! A few bytes with their length, on the stack.
+//! Bytes of a packet, on the stack.
 
 /// Longest packet of the protocol that this crate uses: a version text of 48 bytes and its checksum.
 pub const MAX_PACKET: usize = 64;
 
-/// Bytes of one command or one answer. Bytes beyond [`MAX_PACKET`] are dropped; no packet of the protocol has them.
+/// Bytes of one command or one answer. Bytes beyond [`MAX_PACKET`] are dropped; no packet of the protocol is that long.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Packet {
     bytes: [u8; MAX_PACKET],
@@ -11,13 +11,13 @@ pub struct Packet {
 }
 
 impl Packet {
-    /// No bytes.
+    /// An empty packet.
     #[must_use]
     pub const fn new() -> Packet {
         Packet { bytes: [0; MAX_PACKET], len: 0 }
     }
 
-    /// Append bytes.
+    /// Appends bytes.
     pub fn extend(&mut self, bytes: &[u8]) {
         for &byte in bytes {
             if let Some(slot) = self.bytes.get_mut(self.len) {
@@ -27,7 +27,7 @@ impl Packet {
         }
     }
 
-    /// The bytes.
+    /// The bytes as a slice.
     #[must_use]
     pub fn as_slice(&self) -> &[u8] {
         self.bytes.get(..self.len).unwrap_or_default()

@@ -1,14 +1,15 @@
-//! Time that does not pass in a simulated device, and how the program at the other end of its line learns of it.
+//! Time that a simulated device leaves out, shared with the program at the other end of its port.
 //!
-//! A simulated device and the program that drives it share a computer. Where that computer has no time for one of them, the other must
-//! not take it for a fault: a deadline that passes while the device has no processor says nothing about the device. So the device keeps a
-//! small file beside its port, [`LeftOut`], and the two tell each other who they are and how much time was left out. A program that does not
-//! know of the file, or does not use this crate, sees a device that runs on the machine's clock.
+//! A simulated device and the program that drives it share a computer. Where that computer has no time for one of them,
+//! the other must not count it as a fault: a deadline that passes while the device has no processor says nothing about
+//! the device. The device therefore keeps a small file beside its port, [`LeftOut`], in which both write their threads
+//! and the device the time that it left out. For a program that does not use the file the device runs on the machine's
+//! clock.
 //!
-//! A device that is killed leaves its file: who runs the domain removes it with the rest (`Domain::sweep` of the crate `bus`, which knows the
-//! end of its name).
+//! A killed device leaves its file; the owner of the domain removes it (`Domain::sweep` of the crate `bus`, which has
+//! its suffix).
 //!
-//! The file holds numbers, each followed by its complement, so that half a number is never taken for one.
+//! The file holds numbers, each followed by its complement, so that a half-written number is detected.
 
 use std::fs::{File, OpenOptions};
 use std::io;
@@ -20,24 +21,24 @@ use evidence::{State, Thread};
 use rustix::io::{pread, pwrite};
 use rustix::thread::gettid;
 
-use crate::transport::monotonic_ns;
+use crate::clock::monotonic_ns;
 
-/// Where each number stands, bytes from the beginning.
+/// Offset of each number, bytes.
 const LEFT_OUT: u64 = 0;
 const DEVICE: u64 = 16;
 const PROGRAM: u64 = 32;
 const WAKES: u64 = 48;
 
-/// A device that sleeps for so much longer than it wanted to was not woken, ns: every wake-up takes some.
+/// A device that sleeps this much longer than planned has no processor, ns; an ordinary wake-up takes less.
 const OVERSLEPT_NS: u64 = 500_000;
 
-/// A program at the far end of a simulated device's line, by its threads.
+/// Threads of the program at the far end of a simulated device's port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Program {
-    /// Its first thread, which is also the number of the process.
+    /// First thread, whose number is that of the process.
     pub main: u32,
-    /// The thread that has the line.
-    pub line: u32,
+    /// Thread that owns the port.
+    pub port: u32,
 }
 
 /// The device's side of the file.
@@ -48,10 +49,10 @@ pub struct LeftOut {
 }
 
 impl LeftOut {
-    /// Makes the file beside a port; the calling thread is the one that has to run for the device to live.
+    /// Creates the file beside a port. The calling thread is the one that runs the device.
     ///
     /// # Errors
-    /// The file cannot be made or written.
+    /// The file cannot be created or written.
     pub fn create(link: &Path) -> io::Result<Self> {
         let path = beside(link);
         let file = OpenOptions::new().read(true).write(true).create(true).truncate(true).mode(0o600).open(&path)?;
@@ -62,7 +63,7 @@ impl LeftOut {
         Ok(left_out)
     }
 
-    /// Tells how much time has been left out so far, ns.
+    /// Writes the time that has been left out so far, ns.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -70,7 +71,7 @@ impl LeftOut {
         write(&self.file, LEFT_OUT, left_out_ns)
     }
 
-    /// Tells until when the device sleeps, monotonic ns, before it has something to say or to take in; 0 where it only waits to be asked.
+    /// Writes the monotonic time until which the device sleeps, ns; 0 where it only waits for bytes.
     ///
     /// # Errors
     /// The file cannot be written.
@@ -78,11 +79,11 @@ impl LeftOut {
         write(&self.file, WAKES, wakes_ns)
     }
 
-    /// The program that has said that it goes by this file.
+    /// Program that uses this file.
     #[must_use]
     pub fn program(&self) -> Option<Program> {
         let both = read(&self.file, PROGRAM).filter(|both| *both != 0)?;
-        Some(Program { main: (both >> 32) as u32, line: both as u32 })
+        Some(Program { main: (both >> 32) as u32, port: both as u32 })
     }
 }
 
@@ -92,9 +93,9 @@ impl Drop for LeftOut {
     }
 }
 
-/// The program's side: what a line goes by beside the machine's clock. Nothing where the device is a real one.
+/// The program's side of the file: corrections to the machine's clock. No file, and no correction, for a real device.
 #[derive(Debug)]
-pub struct LineClock {
+pub struct PortClock {
     path: PathBuf,
     far_side: Mutex<FarSide>,
 }
@@ -103,48 +104,48 @@ pub struct LineClock {
 struct FarSide {
     file: Option<File>,
     device: Option<Thread>,
-    line: Option<Thread>,
-    /// What the device told last, and what of it, or of devices before it, was left out while this line was connected.
+    port: Option<Thread>,
+    /// Last number of the device, and the time left out by this and earlier devices while the port was connected, ns.
     told_ns: u64,
     left_out_ns: u64,
 }
 
-impl LineClock {
+impl PortClock {
     pub(crate) fn new(link: &str) -> Self {
         Self { path: beside(Path::new(link)), far_side: Mutex::default() }
     }
 
-    /// The port was opened by the calling thread: looks for the file, and says who has the line.
+    /// Looks for the file after the calling thread opened the port, and writes the thread into it.
     pub(crate) fn connected(&self) {
         let mut far_side = self.far_side();
         far_side.file = OpenOptions::new().read(true).write(true).open(&self.path).ok();
         far_side.told_ns = far_side.file.as_ref().and_then(|file| read(file, LEFT_OUT)).unwrap_or_default();
-        (far_side.device, far_side.line) = (None, None);
+        (far_side.device, far_side.port) = (None, None);
         if let Some(file) = &far_side.file {
             let both = u64::from(std::process::id()) << 32 | thread_id();
-            // A device that does not learn of this program lives on the machine's clock.
+            // Without this entry the device runs on the machine's clock.
             let _ = write(file, PROGRAM, both);
             let device = read(file, DEVICE).and_then(|tid| Thread::of(tid as u32).ok());
             far_side.device = device;
         }
-        far_side.line = Thread::of(thread_id() as u32).ok();
+        far_side.port = Thread::of(thread_id() as u32).ok();
     }
 
-    /// The port was closed: the device goes on without this program.
+    /// Removes this program from the file after the port was closed.
     pub(crate) fn closed(&self) {
         let mut far_side = self.far_side();
         if let Some(file) = far_side.file.take() {
             let _ = write(&file, PROGRAM, 0);
         }
-        (far_side.device, far_side.line) = (None, None);
+        (far_side.device, far_side.port) = (None, None);
     }
 
-    /// Time that the device has left out so far, while this line was connected, ns; never goes back.
+    /// Time that the device has left out while this port was connected, ns; never decreases.
     #[must_use]
     pub fn left_out_ns(&self) -> u64 {
         let mut far_side = self.far_side();
         if let Some(told_ns) = far_side.file.as_ref().and_then(|file| read(file, LEFT_OUT)) {
-            // Less than before: another device has taken over the file, and begins at 0.
+            // Less than before: a new device has taken over the file and begins at 0.
             let more_ns = told_ns.checked_sub(far_side.told_ns).unwrap_or(told_ns);
             far_side.left_out_ns += more_ns;
             far_side.told_ns = told_ns;
@@ -152,9 +153,9 @@ impl LineClock {
         far_side.left_out_ns
     }
 
-    /// Whether the device wants a processor at this moment, or the memory that a crowded computer took from it, so that its answer may only be
-    /// late: it waits for one, or sleeps on when its time is over, as on a processor of a virtual machine that its host does not run.
-    /// One that was stopped, or has ended, does not.
+    /// True while the device waits for a processor or for memory that a crowded computer took from it, so that its
+    /// answer may only be late. That includes a device that sleeps past its time, as on a virtual machine whose host
+    /// does not run it. A device that was stopped or has ended does not wait.
     #[must_use]
     pub fn device_wants_to_run(&self) -> bool {
         let mut far_side = self.far_side();
@@ -170,26 +171,26 @@ impl LineClock {
         }
     }
 
-    /// Whether the device, or the thread that has the line, wants a processor at this moment. For a third one: a thread that asks runs.
+    /// True while the device or the thread that owns the port waits for a processor. To be called by another thread.
     #[must_use]
     pub fn either_wants_to_run(&self) -> bool {
-        self.is_simulated() && (self.device_wants_to_run() || !self.line_sleeps())
+        self.is_simulated() && (self.device_wants_to_run() || !self.port_sleeps())
     }
 
-    /// Whether the thread that has the line sleeps, which it does only where it waits for what the device says, and the device could say
-    /// it. For a third one: a thread that asks runs.
+    /// True while the thread that owns the port sleeps, which it does only while it waits for the device, and the
+    /// device has a processor. To be called by another thread.
     #[must_use]
-    pub fn line_waits_for_the_device(&self) -> bool {
-        !self.device_wants_to_run() && self.line_sleeps()
+    pub fn port_waits_for_device(&self) -> bool {
+        !self.device_wants_to_run() && self.port_sleeps()
     }
 
-    fn line_sleeps(&self) -> bool {
+    fn port_sleeps(&self) -> bool {
         let mut far_side = self.far_side();
         let sleeps = |thread: &mut Thread| thread.look(monotonic_ns()).is_some() && thread.state() == State::Asleep;
-        far_side.line.as_mut().is_some_and(sleeps)
+        far_side.port.as_mut().is_some_and(sleeps)
     }
 
-    /// Whether the far side is a simulated device that tells of its time.
+    /// True where the far side is a simulated device with a file.
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.far_side().file.is_some()
@@ -218,7 +219,7 @@ fn write(file: &File, at: u64, number: u64) -> io::Result<()> {
     Ok(())
 }
 
-/// A number, unless it is not there or just being written.
+/// Reads a number; `None` if it is missing or half-written.
 fn read(file: &File, at: u64) -> Option<u64> {
     let mut bytes = [0; 16];
     if pread(file, &mut bytes, at).ok()? != bytes.len() {
@@ -242,18 +243,18 @@ mod tests {
         let link = link("both");
         let device = LeftOut::create(&link)?;
         assert_eq!(device.program(), None);
-        let line = LineClock::new(&link.to_string_lossy());
-        assert_eq!((line.left_out_ns(), line.is_simulated()), (0, false));
-        line.connected();
-        let own = Program { main: std::process::id(), line: thread_id() as u32 };
-        assert_eq!((device.program(), line.is_simulated()), (Some(own), true));
+        let port = PortClock::new(&link.to_string_lossy());
+        assert_eq!((port.left_out_ns(), port.is_simulated()), (0, false));
+        port.connected();
+        let own = Program { main: std::process::id(), port: thread_id() as u32 };
+        assert_eq!((device.program(), port.is_simulated()), (Some(own), true));
         device.tell(7)?;
-        assert_eq!(line.left_out_ns(), 7);
-        // the device is this very thread
-        assert!(line.device_wants_to_run());
-        line.closed();
-        assert!(!line.device_wants_to_run());
-        assert_eq!((device.program(), line.left_out_ns()), (None, 7));
+        assert_eq!(port.left_out_ns(), 7);
+        // The device is this thread.
+        assert!(port.device_wants_to_run());
+        port.closed();
+        assert!(!port.device_wants_to_run());
+        assert_eq!((device.program(), port.left_out_ns()), (None, 7));
         drop(device);
         assert!(!beside(&link).exists());
         Ok(())
@@ -271,19 +272,19 @@ mod tests {
         });
         let Ok(file) = told.recv() else { panic!("no device") };
         let file = file?;
-        let line = LineClock::new(&link.to_string_lossy());
-        line.connected();
-        // Once its thread sleeps, what it said decides.
-        while line.device_wants_to_run() {
+        let port = PortClock::new(&link.to_string_lossy());
+        port.connected();
+        // Once its thread sleeps, the time in the file decides.
+        while port.device_wants_to_run() {
             std::thread::yield_now();
         }
         let now_ns = monotonic_ns();
         file.sleeps_until(now_ns + 60_000_000_000)?;
-        assert!(!line.device_wants_to_run());
+        assert!(!port.device_wants_to_run());
         file.sleeps_until(now_ns - 2 * OVERSLEPT_NS)?;
-        assert!(line.device_wants_to_run());
+        assert!(port.device_wants_to_run());
         file.sleeps_until(0)?;
-        assert!(!line.device_wants_to_run());
+        assert!(!port.device_wants_to_run());
         drop(end);
         device.join().map_err(|_| io::Error::other("the device"))
     }
@@ -291,19 +292,19 @@ mod tests {
     #[test]
     fn what_was_left_out_never_goes_back() -> io::Result<()> {
         let link = link("back");
-        let line = LineClock::new(&link.to_string_lossy());
+        let port = PortClock::new(&link.to_string_lossy());
         let first = LeftOut::create(&link)?;
-        line.connected();
+        port.connected();
         first.tell(5)?;
-        assert_eq!(line.left_out_ns(), 5);
-        // another one in its place, in the same file
+        assert_eq!(port.left_out_ns(), 5);
+        // Another device in the same file.
         let second = LeftOut::create(&link)?;
-        assert_eq!(line.left_out_ns(), 5);
+        assert_eq!(port.left_out_ns(), 5);
         second.tell(2)?;
-        assert_eq!(line.left_out_ns(), 7);
-        // the same one again
-        line.connected();
-        assert_eq!(line.left_out_ns(), 7);
+        assert_eq!(port.left_out_ns(), 7);
+        // The same device again.
+        port.connected();
+        assert_eq!(port.left_out_ns(), 7);
         Ok(())
     }
 

@@ -1,19 +1,20 @@
-//! A serial line in memory with a virtual clock, a simulated device at the far end, and faults on request.
+//! A serial port in memory with a virtual clock, a simulated device at the far end, and faults on request.
 //!
-//! The clock only moves when the near side waits, and then jumps to the next thing that happens, so a simulated hour costs no
-//! more than the work done in it, and a run is the same every time.
+//! The clock moves only when the near side waits, and then jumps to the next event, so a simulated hour costs no more
+//! than its work, and every run is the same.
 
 use std::sync::Arc;
 
 use crate::pace::Paced;
 use crate::{Error, Random, StatusPin, Transport};
 
-/// What is at the far end of a [`Pipe`].
+/// Device at the far end of a [`Pipe`].
 pub trait Device: Send {
-    /// A byte arrived at `now_ns`. An answer is put on the wire with [`Paced::push`], at the time the device begins to send it.
+    /// Receives a byte at `now_ns`. The answer goes onto the wire with [`Paced::push`], at the time at which the device
+    /// begins to send.
     fn receive(&mut self, now_ns: u64, byte: u8, reply: &mut Paced);
 
-    /// The clock has reached `now_ns`. Called in order, before the bytes that arrive at that time.
+    /// Advances the device to `now_ns`. Called in order, before the bytes that arrive at that time.
     fn advance(&mut self, now_ns: u64) {
         let _ = now_ns;
     }
@@ -22,41 +23,41 @@ pub trait Device: Send {
 /// Faults of the wire. Probabilities are per byte, in both directions, except `late`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Faults {
-    /// A byte is lost.
+    /// A byte is dropped.
     pub drop: f64,
-    /// One bit of a byte is turned over.
+    /// One bit of a byte is inverted.
     pub corrupt: f64,
     /// A byte arrives twice.
     pub duplicate: f64,
     /// A random byte is inserted before a byte.
     pub insert: f64,
-    /// An answer as a whole comes late, and holds up what comes after it.
+    /// An answer as a whole is delayed, with everything after it.
     pub late: f64,
-    /// By how much it comes late, ns.
+    /// Delay of a late answer, ns.
     pub late_ns: u64,
 }
 
-/// What a pipe did to the bytes so far.
+/// Event counts of a pipe.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct PipeCounts {
     /// Bytes written by the near side.
     pub written: u64,
     /// Bytes sent by the device.
     pub answered: u64,
-    /// Bytes dropped, corrupted, doubled or inserted.
+    /// Bytes dropped, corrupted, duplicated or inserted.
     pub faults: u64,
     /// Answers delayed.
     pub late: u64,
 }
 
-/// The near end of the line; see the [crate's example](crate).
+/// The near end of the pipe; see the [crate's example](crate).
 #[derive(Debug)]
 pub struct Pipe<D> {
     name: Arc<str>,
     now_ns: u64,
     to_device: Paced,
     from_device: Paced,
-    /// The device writes here first, so that its bytes can be tampered with.
+    /// The device writes here first, so that faults can change its bytes.
     outbox: Paced,
     device: D,
     faults: Faults,
@@ -64,13 +65,13 @@ pub struct Pipe<D> {
     plugged: bool,
     silent_until_ns: u64,
     connections: u32,
-    /// What all its status pins are; `None`: it has none.
+    /// State of all status pins; `None`: it has no pins.
     pins: Option<bool>,
     counts: PipeCounts,
 }
 
 impl<D: Device> Pipe<D> {
-    /// A plugged-in line without faults, its clock at zero. `baud` 0 means that bytes take no time.
+    /// A connected pipe without faults, its clock at zero. `baud` 0: bytes take no time.
     pub fn new(name: &str, baud: u32, device: D) -> Pipe<D> {
         Pipe {
             name: name.into(),
@@ -90,28 +91,29 @@ impl<D: Device> Pipe<D> {
         }
     }
 
-    /// Set the faults from now on, drawn from a generator with this seed.
+    /// Sets the faults from now on, drawn from a generator with this seed.
     pub fn set_faults(&mut self, faults: Faults, seed: u64) {
         self.faults = faults;
         self.random = Random::new(seed);
     }
 
-    /// Switch all its status pins on or off; a new line has none.
+    /// Switches all status pins on or off; a new pipe has no pins.
     pub fn set_pins(&mut self, on: bool) {
         self.pins = Some(on);
     }
 
-    /// Everything the device sends until `until_ns` is lost.
+    /// Drops everything that the device sends until `until_ns`.
     pub fn silence_until(&mut self, until_ns: u64) {
         self.silent_until_ns = until_ns;
     }
 
-    /// Let bytes that nobody sent arrive now.
+    /// Injects bytes that arrive now.
     pub fn inject(&mut self, bytes: &[u8]) {
         self.from_device.push(self.now_ns, bytes);
     }
 
-    /// Pull the plug: what is on the way is lost, the near side finds the device gone. The device lives on.
+    /// Unplugs the device: bytes in transit are lost, and the near side finds the device gone. The device continues to
+    /// run.
     pub fn unplug(&mut self) {
         self.plugged = false;
         self.to_device.clear();
@@ -119,7 +121,7 @@ impl<D: Device> Pipe<D> {
         self.outbox.clear();
     }
 
-    /// Plug it in again.
+    /// Plugs the device in again.
     pub fn plug(&mut self) {
         if !self.plugged {
             self.plugged = true;
@@ -127,17 +129,17 @@ impl<D: Device> Pipe<D> {
         }
     }
 
-    /// The device at the far end.
+    /// Device at the far end.
     pub fn device(&self) -> &D {
         &self.device
     }
 
-    /// The device at the far end.
+    /// Device at the far end.
     pub fn device_mut(&mut self) -> &mut D {
         &mut self.device
     }
 
-    /// What was done to the bytes so far.
+    /// Event counts.
     #[must_use]
     pub fn counts(&self) -> PipeCounts {
         self.counts
@@ -147,7 +149,7 @@ impl<D: Device> Pipe<D> {
         Error::Gone { port: Arc::clone(&self.name), doing }
     }
 
-    /// Put bytes on one direction of the wire, each at the mercy of the faults.
+    /// Puts a byte onto one direction of the wire, with faults.
     fn send(faults: &Faults, random: &mut Random, counts: &mut PipeCounts, wire: &mut Paced, at_ns: u64, byte: u8) {
         if random.chance(faults.insert) {
             counts.faults += 1;
@@ -170,7 +172,7 @@ impl<D: Device> Pipe<D> {
         }
     }
 
-    /// Let everything happen that happens up to `until_ns`.
+    /// Runs all events up to `until_ns`.
     fn run_until(&mut self, until_ns: u64) {
         while let Some(at_ns) = self.to_device.next_ns().filter(|&at_ns| at_ns <= until_ns) {
             self.now_ns = self.now_ns.max(at_ns);
@@ -202,7 +204,7 @@ impl<D: Device> Pipe<D> {
                 Self::send(&self.faults, &mut self.random, &mut self.counts, wire, at_ns + late_ns, byte);
             }
         }
-        // A device that was told to wait does not hold up a later, unrelated answer by the outbox's own clock.
+        // A delayed answer must not delay a later one by the outbox's own clock.
         self.outbox.clear();
     }
 }
@@ -251,7 +253,7 @@ impl<D: Device> Transport for Pipe<D> {
             if taken > 0 || buffer.is_empty() || self.now_ns >= deadline_ns {
                 return Ok(taken);
             }
-            // Jump to the next arrival at either end.
+            // Jumps to the next arrival at either end.
             let next_ns = [self.from_device.next_ns(), self.to_device.next_ns()].into_iter().flatten().min();
             self.run_until(next_ns.unwrap_or(u64::MAX).min(deadline_ns));
         }
@@ -274,7 +276,7 @@ impl<D: Device> Transport for Pipe<D> {
 
     fn clear(&mut self) -> Result<(), Error> {
         if !self.plugged {
-            return Err(self.gone("clearing the line"));
+            return Err(self.gone("clearing the port"));
         }
         self.from_device.discard_arrived(self.now_ns);
         self.to_device.clear();

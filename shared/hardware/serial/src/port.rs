@@ -1,4 +1,4 @@
-//! One serial device of this machine, held by this program alone.
+//! One serial device of this machine, opened exclusively.
 
 use std::fs;
 use std::io::{Read, Write};
@@ -9,17 +9,18 @@ use std::time::Duration;
 use serialport::{ClearBuffer, SerialPort, TTYPort};
 
 use crate::Error;
+use crate::clock::{monotonic_ns, sleep_until};
 use crate::error::only_a_pause;
-use crate::transport::{StatusPin, Transport, monotonic_ns, sleep_until};
+use crate::transport::{StatusPin, Transport};
 
-/// How long the adapter may sit on received bytes before it passes them on.
+/// Time for which the adapter may hold received bytes back.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Latency {
     /// The adapter has no such timer (native UART, USB-CDC, pseudo-terminal).
     Immediate,
     /// The adapter's timer was set to, or already was, its shortest: 1 ms.
     Short,
-    /// The adapter waits this many milliseconds, and this user may not change it.
+    /// The adapter waits this many milliseconds, and the user has no permission to change it.
     Long(u32),
 }
 
@@ -32,10 +33,11 @@ pub struct Port {
 }
 
 impl Port {
-    /// Open the device for this program alone, ask its adapter for low latency, and throw away what an earlier program left unread.
+    /// Opens the device exclusively, sets its adapter to low latency, and discards bytes that an earlier program left
+    /// unread.
     ///
-    /// A protocol on top should still let the line be quiet for a while and ask something harmless first: the far side may be in
-    /// the middle of an answer.
+    /// A protocol on top should still wait for silence and ask something harmless first: the far side may be in the
+    /// middle of an answer.
     pub fn open(name: &Arc<str>, baud: u32) -> Result<Port, Error> {
         let tty = serialport::new(&**name, baud)
             .timeout(Duration::ZERO)
@@ -47,7 +49,7 @@ impl Port {
         Ok(port)
     }
 
-    /// How long this port's adapter may hold back received bytes.
+    /// Time for which this port's adapter may hold received bytes back.
     #[must_use]
     pub fn latency(&self) -> Latency {
         self.latency
@@ -59,7 +61,7 @@ impl Port {
 
     fn allow_until(&mut self, deadline_ns: u64) {
         let left = deadline_ns.saturating_sub(monotonic_ns());
-        // serialport cannot fail here: it only stores the value.
+        // serialport only stores the value, so this cannot fail.
         let _ = self.tty.set_timeout(Duration::from_nanos(left));
     }
 }
@@ -106,7 +108,7 @@ impl Transport for Port {
         loop {
             self.allow_until(deadline_ns);
             match self.tty.read(buffer) {
-                // A terminal that has data never gives none of it: this is how some adapters say that they were pulled out.
+                // A readable terminal with no data: some adapters report unplugging like this.
                 Ok(0) => return Err(self.gone("reading")),
                 Ok(n) => return Ok(n),
                 Err(error) if only_a_pause(error.kind()) => {
@@ -124,7 +126,7 @@ impl Transport for Port {
     }
 
     fn clear(&mut self) -> Result<(), Error> {
-        self.tty.clear(ClearBuffer::All).map_err(|_| self.gone("clearing the line"))
+        self.tty.clear(ClearBuffer::All).map_err(|_| self.gone("clearing the port"))
     }
 
     fn is_on(&mut self, pin: StatusPin) -> Result<bool, Error> {
@@ -133,12 +135,13 @@ impl Transport for Port {
             StatusPin::Dsr => self.tty.read_data_set_ready(),
             StatusPin::Cd => self.tty.read_carrier_detect(),
         };
-        // A device that is gone and one without such an input say the same; that it is gone the next byte shows.
+        // A lost device and one without such an input give the same error; the next byte shows which.
         state.map_err(|_| Error::NoPin { port: Arc::clone(&self.name) })
     }
 }
 
-/// FTDI adapters hold short answers back for 16 ms by default; their timer is a file that the device's owner may write.
+/// Sets the latency timer of an FTDI adapter, which holds short answers back for 16 ms by default: a file that the
+/// device's owner can write.
 fn lower_latency(path: &Path) -> Latency {
     let Some(timer) = fs::canonicalize(path)
         .ok()

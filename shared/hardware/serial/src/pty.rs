@@ -1,4 +1,4 @@
-//! The device's side of a serial line of this machine: a pseudo-terminal under a name that stays.
+//! The device's side of a serial port of this machine: a pseudo-terminal under a stable name.
 
 use std::fs;
 use std::io;
@@ -13,17 +13,19 @@ use rustix::termios::{OptionalActions, QueueSelector, ioctl_tiocnxcl, tcflush, t
 
 use crate::Error;
 
-/// A pseudo-terminal in raw mode. Programs open its [`path`](Pty::path) as a serial port; this side reads and writes without waiting.
+/// A pseudo-terminal in raw mode. Programs open its [`path`](Pty::path) as a serial port; this side reads and writes
+/// without blocking.
 #[derive(Debug)]
 pub struct Pty {
     master: OwnedFd,
-    /// Held open so that the terminal keeps its settings, and reading this side is no error while no program has it open.
+    /// Kept open so that the terminal keeps its settings, and reading this side does not fail while no program has it
+    /// open.
     slave: OwnedFd,
     path: PathBuf,
 }
 
 impl Pty {
-    /// A new pseudo-terminal. Needs no privileges.
+    /// Creates a pseudo-terminal. Needs no privileges.
     pub fn open() -> Result<Pty, Error> {
         let failed =
             |doing| move |error: rustix::io::Errno| terminal_error(Path::new("/dev/ptmx"), doing, error.into());
@@ -34,9 +36,9 @@ impl Pty {
         let name = ptsname(&master, Vec::new()).map_err(failed("learn its name"))?;
         let flags = OFlags::RDWR | OFlags::NOCTTY | OFlags::CLOEXEC;
         let slave = rustix::fs::open(name.as_c_str(), flags, Mode::empty()).map_err(failed("open its other side"))?;
-        // A terminal is made for its user and the group of those who send messages to users: nobody else is to move the motors.
+        // By default the group `tty` may write to a terminal; only the user may move the motors.
         rustix::fs::fchmod(&slave, Mode::RUSR | Mode::WUSR).map_err(failed("make it private"))?;
-        // Raw before any program can see it: otherwise the terminal echoes the first command back.
+        // Raw before a program can open it: otherwise the terminal echoes the first command.
         let mut settings = tcgetattr(&slave).map_err(failed("read its settings"))?;
         settings.make_raw();
         tcsetattr(&slave, OptionalActions::Now, &settings).map_err(failed("make it raw"))?;
@@ -46,32 +48,32 @@ impl Pty {
         Ok(Pty { master, slave, path })
     }
 
-    /// Where programs open it.
+    /// Path under which programs open it.
     #[must_use]
     pub fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Take what programs wrote; 0 where there is nothing.
+    /// Reads bytes that programs wrote; 0 if there are no bytes.
     pub fn read(&self, buffer: &mut [u8]) -> Result<usize, Error> {
         self.without_waiting("read from it", rustix::io::read(&self.master, buffer))
     }
 
-    /// Give bytes to the program; returns how many were taken (fewer when nobody reads and the terminal is full).
+    /// Writes bytes for the program; returns how many fit (fewer if no program reads and the terminal is full).
     pub fn write(&self, bytes: &[u8]) -> Result<usize, Error> {
         self.without_waiting("write to it", rustix::io::write(&self.master, bytes))
     }
 
-    /// Let the port be opened again after its last user was killed. Call this now and then, once a tick is plenty.
+    /// Allows the port to be opened again after its last user was killed. Call it a few times per second.
     ///
-    /// A program that opens a terminal for itself alone and is killed leaves that lock on a pseudo-terminal for as long as this
-    /// side lives, and an unprivileged program then never gets in again. What keeps two programs apart is the file lock, which
-    /// ends with its holder.
+    /// A killed program leaves its exclusive mode on a pseudo-terminal for as long as this side is open, and an
+    /// unprivileged program can then never open it. Two programs are kept apart by the file lock, which ends with its
+    /// holder.
     pub fn release_exclusive(&self) {
         let _ = ioctl_tiocnxcl(&self.slave);
     }
 
-    /// Throw away what this side wrote and no program has read: a real device does not queue up for a program that is not there.
+    /// Discards bytes that no program has read: a real device does not queue bytes for an absent program.
     pub fn discard_unread(&self) {
         let _ = tcflush(&self.slave, QueueSelector::IFlush);
     }
@@ -86,13 +88,13 @@ impl Pty {
 }
 
 impl AsFd for Pty {
-    /// This side's descriptor, to wait for bytes together with other things.
+    /// Descriptor of this side, for `poll`.
     fn as_fd(&self) -> BorrowedFd<'_> {
         self.master.as_fd()
     }
 }
 
-/// A socket that a pseudo-terminal can be pulled out of and plugged into again: a link whose name stays.
+/// A stable link to a pseudo-terminal that can be unplugged and plugged in again.
 #[derive(Debug)]
 pub struct Jack {
     link: PathBuf,
@@ -100,19 +102,19 @@ pub struct Jack {
 }
 
 impl Jack {
-    /// An empty socket; nothing is published yet.
+    /// An empty jack; nothing is published yet.
     #[must_use]
     pub fn new(link: &Path) -> Jack {
         Jack { link: link.to_owned(), pty: None }
     }
 
-    /// The name programs use.
+    /// Name that programs use.
     #[must_use]
     pub fn link(&self) -> &Path {
         &self.link
     }
 
-    /// Make a new pseudo-terminal and let the link point at it, in one step, so that nobody sees half of it. Creates the link's folder.
+    /// Creates a pseudo-terminal and points the link at it, atomically. Creates the link's folder.
     pub fn plug(&mut self) -> Result<&Pty, Error> {
         let pty = Pty::open()?;
         let link = self.link.clone();
@@ -126,7 +128,7 @@ impl Jack {
         if fs::symlink_metadata(&self.link).is_ok_and(|there| !there.is_symlink()) {
             return Err(Error::NotALink { port: Arc::from(self.link.to_string_lossy()) });
         }
-        // The process number keeps two boxes that are started at once from sharing the temporary name.
+        // The process number keeps the temporary names of two boxes that start at once apart.
         let mut fresh = self.link.clone().into_os_string();
         fresh.push(format!(".{}", std::process::id()));
         let _ = fs::remove_file(&fresh);
@@ -135,17 +137,17 @@ impl Jack {
         Ok(self.pty.insert(pty))
     }
 
-    /// Take the link away and close the pseudo-terminal: a program that has it open finds its device gone.
+    /// Removes the link and closes the pseudo-terminal: a program that has it open finds its device gone.
     pub fn unplug(&mut self) {
         if let Some(pty) = self.pty.take()
-            // Somebody else may have published another terminal under this name meanwhile.
+            // Another process may have published its terminal under this name meanwhile.
             && fs::read_link(&self.link).is_ok_and(|target| target == pty.path)
         {
             let _ = fs::remove_file(&self.link);
         }
     }
 
-    /// The pseudo-terminal, while it is plugged in.
+    /// Pseudo-terminal while it is plugged in.
     #[must_use]
     pub fn pty(&self) -> Option<&Pty> {
         self.pty.as_ref()

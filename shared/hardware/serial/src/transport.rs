@@ -1,30 +1,10 @@
-//! The one interface between a protocol and the wire.
+//! Interface between a protocol and the wire.
 
 use std::sync::Arc;
 
-use rustix::thread::{ClockId, clock_nanosleep_absolute};
-use rustix::time::Timespec;
+use crate::{Error, PortClock};
 
-use crate::{Error, LineClock};
-
-const NS_PER_S: u64 = 1_000_000_000;
-
-/// Nanoseconds of the machine's monotonic clock (`CLOCK_MONOTONIC`), the same in every process.
-#[must_use]
-pub fn monotonic_ns() -> u64 {
-    let now = rustix::time::clock_gettime(rustix::time::ClockId::Monotonic);
-    // Both parts are non-negative by the clock's definition.
-    now.tv_sec.unsigned_abs() * NS_PER_S + now.tv_nsec.unsigned_abs()
-}
-
-/// Sleep until the monotonic clock shows `until_ns`; returns at once where that is over.
-pub fn sleep_until(until_ns: u64) {
-    let until = Timespec { tv_sec: (until_ns / NS_PER_S) as i64, tv_nsec: (until_ns % NS_PER_S) as i64 };
-    // Only a signal ends the sleep early; the time asked for is absolute, so it can simply be asked for again.
-    while let Err(rustix::io::Errno::INTR) = clock_nanosleep_absolute(ClockId::Monotonic, &until) {}
-}
-
-/// An input of a serial port beside its data: what drives it is on or off.
+/// Status input of a serial port besides its data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum StatusPin {
     /// Clear to send.
@@ -36,58 +16,60 @@ pub enum StatusPin {
 }
 
 impl StatusPin {
-    /// Every pin, with its name in configuration files.
+    /// Every pin with its name in configuration files.
     pub const NAMES: [(&'static str, StatusPin); 3] =
         [("cts", StatusPin::Cts), ("dsr", StatusPin::Dsr), ("cd", StatusPin::Cd)];
 
-    /// The pin of that name.
+    /// Returns the pin of that name.
     #[must_use]
     pub fn named(name: &str) -> Option<StatusPin> {
         StatusPin::NAMES.iter().find(|(known, _)| *known == name).map(|(_, pin)| *pin)
     }
 }
 
-/// A byte stream with a clock. Every wait has an absolute deadline on that clock; a deadline that is over means "only what is there".
+/// A byte stream with a clock. Every wait has an absolute deadline on that clock; after the deadline only available
+/// bytes are returned.
 pub trait Transport: Send {
-    /// The name the operator knows it by.
+    /// Name for the operator.
     fn name(&self) -> &Arc<str>;
 
-    /// This transport's clock, ns. For devices of this machine it is [`monotonic_ns`], less what a simulated one left out.
+    /// Time of this transport's clock, ns: [`monotonic_ns`] for devices of this machine, less the time that a simulated
+    /// one left out.
     fn now_ns(&self) -> u64;
 
-    /// The present instant as others stamp it, ns: for devices of this machine [`monotonic_ns`].
+    /// Present time for stamps, ns: [`monotonic_ns`] for devices of this machine.
     fn stamp_ns(&self) -> u64 {
         self.now_ns()
     }
 
-    /// What a simulated device of this machine leaves out of its time, for others than the line's own thread.
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    /// Clock of a simulated device of this machine, for other threads than the port's.
+    fn clock(&self) -> Option<Arc<PortClock>> {
         None
     }
 
-    /// Let time pass until this transport's clock shows `until_ns`.
+    /// Waits until this transport's clock shows `until_ns`.
     fn wait_until(&mut self, until_ns: u64);
 
-    /// Which connection this is: 1 for the first, one more each time the line came back. May try to connect, without waiting.
-    /// When the number has changed, the far side may have lost everything it was told.
+    /// Number of the connection: 1 for the first, one more each time the device came back. Tries to connect, without
+    /// waiting. When the number has changed, the far side may have lost its settings.
     fn connection(&mut self) -> Result<u32, Error>;
 
-    /// Hand all bytes to the device. They may still be on their way when this returns.
+    /// Writes all bytes to the device. They may still be in transit when this returns.
     fn write_all(&mut self, bytes: &[u8], deadline_ns: u64) -> Result<(), Error>;
 
-    /// Wait for at least one byte and take what fits into `buffer`; 0 where the deadline came first.
+    /// Waits for at least one byte and reads as many as fit into `buffer`; 0 after the deadline.
     fn read(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error>;
 
-    /// Bytes received and not yet read.
+    /// Number of bytes received and not yet read.
     fn pending(&mut self) -> Result<usize, Error>;
 
-    /// Throw away what was received and not read, and what was written and not sent.
+    /// Discards bytes received and not read, and bytes written and not sent.
     fn clear(&mut self) -> Result<(), Error>;
 
-    /// Whether an input beside the data is on.
+    /// Reads a status input.
     fn is_on(&mut self, pin: StatusPin) -> Result<bool, Error>;
 
-    /// Read until `buffer` is full or the deadline has come; returns how many bytes were read.
+    /// Reads until `buffer` is full or the deadline has passed; returns the number of bytes.
     fn fill(&mut self, buffer: &mut [u8], deadline_ns: u64) -> Result<usize, Error> {
         let mut filled = 0;
         while let Some(rest) = buffer.get_mut(filled..).filter(|rest| !rest.is_empty()) {
@@ -110,7 +92,7 @@ impl<T: Transport + ?Sized> Transport for Box<T> {
     fn stamp_ns(&self) -> u64 {
         (**self).stamp_ns()
     }
-    fn clock(&self) -> Option<Arc<LineClock>> {
+    fn clock(&self) -> Option<Arc<PortClock>> {
         (**self).clock()
     }
     fn wait_until(&mut self, until_ns: u64) {

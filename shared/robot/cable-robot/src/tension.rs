@@ -1,159 +1,28 @@
-//! How lines share the force on the node: (15)-(16), (27)-(43).
+//! Distribution of the force on the node over the cables: (15)-(16), (27)-(43).
 //!
-//! As many lines as directions have one solution. Four in space have a line of solutions, T = Tp + λ N / |N|, with the null vector
-//! N_k = (-1)^k det(Λ without column k) and Tp the least-norm solution; limits cut an interval out of it. This is the
-//! same as the paper's elimination of one cable, without its division by a determinant that may vanish. More lines are
-//! solved through the dual problem, which has one unknown per direction whatever their number; so is every planar robot
-//! with more than two.
+//! As many cables as directions have one solution. Four cables in space have a line of solutions, T = Tp + λ N / |N|,
+//! with the null vector N_k = (-1)^k det(Λ without column k) and the least-norm solution Tp; the limits cut an interval
+//! out of it. This is equivalent to the paper's elimination of one cable, without its division by a determinant that
+//! may vanish. More cables, and planar robots with more than two, are solved through the dual problem, which has one
+//! unknown per direction for any number of cables.
 //!
-//! Λ is 3 x N, its columns unit vectors from the node to the anchors; the wrench b = m (a + g) of (15) and tensions are in N. What has no
-//! answer is a [`TensionError`], and says by which cable.
+//! Λ is 3 x N; its columns are unit vectors from the node to the anchors. The wrench b = m (a + g) of (15) and tensions
+//! are in N. A [`TensionError`] gives the reason and, where limits are violated, the cable.
 
+mod distribution;
 pub mod general;
+mod hold;
 
 use nalgebra::Vector3;
-use thiserror::Error;
 
-use crate::kinematics::{KinematicsError, StructureMatrix};
+pub use distribution::{Distribution, TensionError, Tensions, UnknownDistribution, Violation, margin, worst_violation};
+use distribution::{TOLERANCE, check_limits, check_wrench};
+pub use hold::hold;
+
+use crate::kinematics::StructureMatrix;
 use crate::{CableVec, Robot, linalg};
 
-/// Tensions this close to a limit keep it, as a share of the larger of force and limit: rounding.
-const TOLERANCE: f64 = 1e-10;
-
-/// Forces above this are a wrong unit or an error, N; infinity as an upper limit of tension is not a force.
-const STRONGEST_N: f64 = 1e9;
-
-/// Which of the feasible distributions is wanted.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Distribution {
-    /// The only one: as many cables as directions.
-    Unique,
-    /// Least sum of squares (27), the least I²R loss of ideal motors. It moves continuously with the pose.
-    LeastNorm,
-    /// Least sum (37). It jumps between bounds where two cables' roles change.
-    MinSum,
-    /// Greatest distance to the nearest limit.
-    Safest,
-}
-
-impl std::fmt::Display for Distribution {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Unique => "unique",
-            Self::LeastNorm => "least-norm",
-            Self::MinSum => "min-sum",
-            Self::Safest => "safest",
-        })
-    }
-}
-
-/// A name that is no distribution.
-#[derive(Debug, Clone, PartialEq, Eq, Error)]
-#[error("{given:?} is no way to distribute tension; accepted: unique, least-norm, min-sum, safest")]
-pub struct UnknownDistribution {
-    /// What was given.
-    pub given: String,
-}
-
-impl std::str::FromStr for Distribution {
-    type Err = UnknownDistribution;
-
-    /// As it is written, or with an underscore.
-    fn from_str(name: &str) -> Result<Self, UnknownDistribution> {
-        match name {
-            "unique" => Ok(Self::Unique),
-            "least-norm" | "least_norm" => Ok(Self::LeastNorm),
-            "min-sum" | "min_sum" => Ok(Self::MinSum),
-            "safest" => Ok(Self::Safest),
-            _ => Err(UnknownDistribution { given: name.to_owned() }),
-        }
-    }
-}
-
-/// The line that cannot keep its limits, in the distribution that spreads the excess most evenly.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Violation {
-    /// Index of the cable, from 0.
-    pub cable: usize,
-    /// The tension it would have, N.
-    pub tension_n: f64,
-    /// The limit it misses, N.
-    pub limit_n: f64,
-}
-
-impl Violation {
-    /// How far beyond the limit, N.
-    pub fn excess_n(&self) -> f64 {
-        (self.tension_n - self.limit_n).abs()
-    }
-}
-
-impl std::fmt::Display for Violation {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let side = if self.tension_n < self.limit_n { "below the lower" } else { "above the upper" };
-        let (cable, tension, limit) = (self.cable + 1, self.tension_n, self.limit_n);
-        write!(f, "cable {cable} would carry {tension:.2} N, {:.2} N {side} limit of {limit:.2} N", self.excess_n())
-    }
-}
-
-/// No tensions, and why.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-pub enum TensionError {
-    /// No distribution keeps the limits.
-    #[error("no tensions within the limits hold the node: {0}")]
-    Infeasible(Violation),
-    /// The lines do not span the space at this pose.
-    #[error("the lines do not hold the node in every direction here: it is in the plane of the anchors or at one")]
-    Singular,
-    /// The method does not fit the number of cables.
-    #[error("the distribution {method} is not defined for {cables} cables; accepted: {accepted}")]
-    Method {
-        /// What was asked for.
-        method: Distribution,
-        /// How many cables there are.
-        cables: usize,
-        /// What can be asked for.
-        accepted: &'static str,
-    },
-    /// A limit or force is not a number.
-    #[error("{what} is {value}; accepted: {accepted}")]
-    InvalidArgument {
-        /// The quantity.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-        /// What is accepted.
-        accepted: &'static str,
-    },
-}
-
-impl TensionError {
-    /// The kind as a short word for other programs: `infeasible`, `singular` or `invalid_argument`.
-    pub fn kind(&self) -> &'static str {
-        match self {
-            Self::Infeasible(_) => "infeasible",
-            Self::Singular => "singular",
-            Self::Method { .. } | Self::InvalidArgument { .. } => "invalid_argument",
-        }
-    }
-}
-
-impl From<KinematicsError> for TensionError {
-    fn from(_: KinematicsError) -> Self {
-        Self::Singular
-    }
-}
-
-/// A feasible distribution.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Tensions {
-    /// Tension of each cable, N.
-    pub tensions_n: CableVec,
-    /// Least distance to a limit, N.
-    pub margin_n: f64,
-}
-
-/// Tensions of a robot at a position, accelerating: b = m (a + g), within the robot's limits.
+/// Tensions of a robot at a position with an acceleration: b = m (a + g), within the robot's limits.
 pub fn at(
     robot: &Robot,
     position: &Vector3<f64>,
@@ -163,7 +32,7 @@ pub fn at(
     under(robot, position, &robot.wrench_n(acceleration_m_s2), method)
 }
 
-/// Tensions of a robot at a position under any force that the lines have to provide together, N, within the robot's limits.
+/// Tensions of a robot at a position for any force that the cables provide together, N, within the robot's limits.
 pub fn under(
     robot: &Robot,
     position: &Vector3<f64>,
@@ -174,12 +43,12 @@ pub fn under(
     distribute(&structure, wrench_n, robot.tension_limits_n(), method)
 }
 
-/// The acceleration of the node under these tensions (16), m/s²; drag left aside.
+/// Acceleration of the node with these tensions (16), m/s², without drag.
 pub fn node_acceleration(robot: &Robot, structure: &StructureMatrix, tensions_n: &[f64]) -> Vector3<f64> {
     (structure.force(tensions_n) - robot.wrench_n(&Vector3::zeros())) / robot.node_mass_kg()
 }
 
-/// The unique tensions of as many cables as directions (15), N, whatever their limits.
+/// The unique tensions of as many cables as directions (15), N, without limits.
 pub fn unique(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
     if structure.len() != structure.dimensions() {
         let accepted = "three cables, or two in a plane";
@@ -188,12 +57,12 @@ pub fn unique(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<Ca
     least_norm_unbounded(structure, wrench_n)
 }
 
-/// Λᵀ(ΛΛᵀ)⁻¹b: the least norm without limits (38), N. For as many cables as directions the unique solution.
+/// Λᵀ(ΛΛᵀ)⁻¹b: the least norm without limits (38), N. For as many cables as directions, the unique solution.
 pub fn least_norm_unbounded(structure: &StructureMatrix, wrench_n: &Vector3<f64>) -> Result<CableVec, TensionError> {
     linalg::shortest(structure, structure.is_planar(), wrench_n).ok_or(TensionError::Singular)
 }
 
-/// Tensions within `limits_n` = [min, max] whose forces add up to the wrench, N.
+/// Computes tensions within `limits_n` = [min, max] whose forces add up to the wrench, N.
 ///
 /// ```
 /// use cable_robot::Anchors;
@@ -250,51 +119,6 @@ fn check_arguments(wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<(), Te
     check_wrench(wrench_n.as_slice())
 }
 
-fn check_limits([low, high]: [f64; 2]) -> Result<(), TensionError> {
-    if !(0.0..=STRONGEST_N).contains(&low) {
-        return Err(TensionError::InvalidArgument {
-            what: "the lower tension limit",
-            value: low,
-            accepted: "0 N to 1e9 N",
-        });
-    }
-    if !(high >= low) {
-        let accepted = "no less than the lower limit, or infinity";
-        return Err(TensionError::InvalidArgument { what: "the upper tension limit", value: high, accepted });
-    }
-    Ok(())
-}
-
-fn check_wrench(wrench_n: &[f64]) -> Result<(), TensionError> {
-    match wrench_n.iter().find(|v| !(v.abs() <= STRONGEST_N)) {
-        None => Ok(()),
-        Some(value) => Err(TensionError::InvalidArgument {
-            what: "the force on the node",
-            value: *value,
-            accepted: "at most 1e9 N in each direction",
-        }),
-    }
-}
-
-/// Least distance to a limit, N; negative outside.
-pub fn margin(tensions_n: &[f64], [low, high]: [f64; 2]) -> f64 {
-    tensions_n.iter().fold(f64::INFINITY, |m, t| m.min(t - low).min(high - t))
-}
-
-/// The tension farthest outside the limits, if any is outside by more than rounding.
-pub fn worst_violation(tensions_n: &[f64], [low, high]: [f64; 2]) -> Option<Violation> {
-    let scale = tensions_n.iter().fold(low.max(1.0), |m, t| m.max(t.abs()));
-    let mut worst: Option<Violation> = None;
-    for (cable, t) in tensions_n.iter().enumerate() {
-        let limit_n = if *t < low { low } else { high };
-        let excess = (low - t).max(t - high);
-        if excess > TOLERANCE * scale && worst.is_none_or(|w| excess > w.excess_n()) {
-            worst = Some(Violation { cable, tension_n: *t, limit_n });
-        }
-    }
-    worst
-}
-
 /// All solutions of four cables within their limits: T = particular + λ direction, low ≤ λ ≤ high.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FourCables {
@@ -310,7 +134,7 @@ pub struct FourCables {
 }
 
 impl FourCables {
-    /// The line of solutions and the interval (34) the limits leave of it.
+    /// Computes the line of solutions and the interval (34) within the limits.
     pub fn new(structure: &StructureMatrix, wrench_n: &Vector3<f64>, limits_n: [f64; 2]) -> Result<Self, TensionError> {
         if structure.len() != 4 || structure.is_planar() {
             let method = Distribution::LeastNorm;
@@ -326,7 +150,7 @@ impl FourCables {
         let (mut low_n, mut high_n) = (f64::NEG_INFINITY, f64::INFINITY);
         for (t, d) in particular_n.iter().zip(direction.iter()) {
             if d.abs() < 1e-12 {
-                // This cable's tension does not depend on λ: not a bound, a test.
+                // The tension of this cable does not depend on λ: it gives no bound, only a test.
                 if *t < min - TOLERANCE * scale || *t > max + TOLERANCE * scale {
                     (low_n, high_n) = (f64::INFINITY, f64::NEG_INFINITY);
                 }
@@ -354,13 +178,12 @@ impl FourCables {
         self.particular_n.zip_map(&self.direction, |t, d| t + lambda_n * d)
     }
 
-    /// λ of the least norm: 0, or the end of the interval nearest to it (36).
+    /// The least norm: λ = 0, or the end of the interval nearest to it (36).
     pub fn least_norm(&self) -> CableVec {
         self.at(0.0f64.clamp(self.low_n, self.high_n))
     }
 
-    /// The least sum: the end of the interval that the sign of c of (37) says; the least norm where the sum is the same
-    /// everywhere.
+    /// The least sum: the end of the interval given by the sign of c of (37); the least norm if the sum is constant.
     pub fn min_sum(&self) -> CableVec {
         let c = self.direction.sum();
         let lambda = if c > 1e-12 {
@@ -370,11 +193,11 @@ impl FourCables {
         } else {
             return self.least_norm();
         };
-        // Without an upper limit on tension, an end may be open only where the sum grows towards it.
+        // Without an upper tension limit an end may be infinite, but only where the sum grows towards it.
         if lambda.is_finite() { self.at(lambda) } else { self.least_norm() }
     }
 
-    /// The greatest distance to the nearest limit. Where it has no bound, the least norm.
+    /// The greatest distance to the nearest limit; the least norm if that distance is unbounded.
     pub fn safest(&self) -> CableVec {
         match self.most_even() {
             Some((lambda, _)) => self.at(lambda.clamp(self.low_n, self.high_n)),
@@ -392,14 +215,14 @@ impl FourCables {
         [a.min(b), a.max(b)]
     }
 
-    /// c of (37): how the sum of tensions changes with the tension of the last cable. Infinite where the last cable's
-    /// tension is fixed.
+    /// c of (37): derivative of the sum of tensions with respect to the tension of the last cable. Infinite if the
+    /// tension of the last cable is fixed.
     pub fn c(&self) -> f64 {
         self.direction.sum() / self.direction[3]
     }
 
-    /// λ that maximises the least distance to a limit, and that distance. A concave piecewise linear function has its
-    /// maximum where a rising and a falling piece meet; with eight pieces all pairs are tried.
+    /// λ that maximises the smallest distance to a limit, and that distance. A concave piecewise linear function has
+    /// its maximum where a rising and a falling piece meet; with eight pieces all pairs are tried.
     fn most_even(&self) -> Option<(f64, f64)> {
         let mut pieces = [(0.0, 0.0); 8];
         let mut count = 0;
@@ -417,7 +240,7 @@ impl FourCables {
             for (p1, d1) in pieces.iter().filter(|p| p.1 <= 0.0) {
                 let lambda = (p1 - p0) / (d0 - d1);
                 let least = pieces.iter().fold(f64::INFINITY, |m, (p, d)| m.min(p + lambda * d));
-                // The maximum is a plateau where one cable does not depend on λ: take its point of least norm.
+                // The maximum is a plateau if one cable does not depend on λ: take its point of least norm.
                 let better = best.is_none_or(|(at, value)| {
                     least > value + 1e-12 || (least > value - 1e-12 && lambda.abs() < at.abs())
                 });
@@ -432,7 +255,7 @@ impl FourCables {
     fn least_violation(&self) -> Violation {
         let lambda = self.most_even().map_or(0.0, |(lambda, _)| lambda);
         let tensions = self.at(lambda);
-        // At the best compromise at least two cables miss by the same amount; the first is named.
+        // With the most even excess at least two cables miss by the same amount; report the first.
         worst_violation(&tensions, self.limits_n).unwrap_or(Violation {
             cable: 0,
             tension_n: tensions[0],
@@ -451,7 +274,7 @@ fn null_vector(s: &StructureMatrix) -> CableVec {
     })
 }
 
-/// Least norm within limits for any number of cables (27), of a planar robot too.
+/// Least norm within limits for any number of cables (27), also of a planar robot.
 pub fn least_norm(
     structure: &StructureMatrix,
     wrench_n: &Vector3<f64>,

@@ -10,106 +10,21 @@
 //! undetermined are a [`CalibrationError`].
 
 mod descent;
+mod input;
 
 use nalgebra::DMatrix;
 
-use super::Undetermined;
 use super::covariance::AnchorCovariance;
 use super::error::{CalibrationError, check_sigma, invalid};
 use super::heights::{self, Frame, check_lengths, closed_form};
-use super::survey::{Range, check_anchors, check_ranges, to_gauge};
+use super::survey::{check_anchors, check_ranges, to_gauge};
 use cable_robot::CableVec;
-use descent::{Layout, Problem, State, descend, inverse};
+pub use input::{DirectHeight, JointInput, Loss};
 
-/// Least squared height that a measured height is compared with, m²: its square root has no derivative at zero.
-const LEAST_SQUARED_HEIGHT_M2: f64 = 1e-6;
-
-/// Huber's and Cauchy's constants for 95 % efficiency with normal errors, in standard deviations (Zhang, "Parameter
-/// estimation techniques", 1997).
-const HUBER: f64 = 1.345;
-const CAUCHY: f64 = 2.3849;
+use descent::{Layout, Problem, State, descend, inverse, open};
 
 /// A length with less weight than this is an outlier that says nothing about the scatter of the others.
 const LEAST_WEIGHT: f64 = 0.1;
-
-/// How much a length that does not fit counts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Loss {
-    /// By its square: best if all errors are normal.
-    #[default]
-    Squared,
-    /// By its square up to 1.345 standard deviations, linearly beyond.
-    Huber,
-    /// Logarithmically beyond 2.385 standard deviations: a gross outlier counts almost nothing.
-    Cauchy,
-}
-
-impl Loss {
-    /// rho(r) and the weight rho'(r) / r, for half squares: rho = r²/2 near zero. r in standard deviations.
-    fn at(self, r: f64) -> (f64, f64) {
-        match self {
-            Self::Squared => (0.5 * r * r, 1.0),
-            Self::Huber if r.abs() <= HUBER => (0.5 * r * r, 1.0),
-            Self::Huber => (HUBER * (r.abs() - 0.5 * HUBER), HUBER / r.abs()),
-            Self::Cauchy => {
-                let t = r / CAUCHY;
-                (0.5 * CAUCHY * CAUCHY * libm::log1p(t * t), 1.0 / (1.0 + t * t))
-            }
-        }
-    }
-}
-
-/// A height measured directly.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct DirectHeight {
-    /// The anchor, counted from 0.
-    pub anchor: usize,
-    /// Its height above the plane of the points, m.
-    pub m: f64,
-    /// Standard deviation, m.
-    pub sigma_m: f64,
-    /// Measured with the line itself, released until it touches the floor: then it has the scale and the zero of that
-    /// line. Otherwise by laser or tape.
-    pub by_line: bool,
-}
-
-/// What [`calibrate_joint`] takes.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct JointInput<'a> {
-    /// x and y of the anchors, m: fixed without ranges, a first guess with them.
-    pub anchors_xy_m: &'a [[f64; 2]],
-    /// Lengths, one set per point, m.
-    pub lengths_m: &'a [CableVec],
-    /// Standard deviation of a length, m.
-    pub sigma_length_m: f64,
-    /// Ranges between plumb lines; with any of them x and y are estimated too, anchor 1 at the origin and anchor 2 on the
-    /// x axis.
-    pub ranges: &'a [Range],
-    /// Heights measured directly.
-    pub heights: &'a [DirectHeight],
-    /// Standard deviation of the scale about 1; None for a scale of exactly 1.
-    pub sigma_scale: Option<f64>,
-    /// Standard deviation of the encoder zeros about 0, m; None for zeros of exactly 0.
-    pub sigma_offset_m: Option<f64>,
-    /// The loss of the lengths. Ranges, heights and priors count by their squares.
-    pub loss: Loss,
-}
-
-impl<'a> JointInput<'a> {
-    /// Lengths alone: x and y fixed, no scale, no zeros, squared loss.
-    pub fn new(anchors_xy_m: &'a [[f64; 2]], lengths_m: &'a [CableVec], sigma_length_m: f64) -> Self {
-        Self {
-            anchors_xy_m,
-            lengths_m,
-            sigma_length_m,
-            ranges: &[],
-            heights: &[],
-            sigma_scale: None,
-            sigma_offset_m: None,
-            loss: Loss::Squared,
-        }
-    }
-}
 
 /// What comes out.
 #[derive(Debug, Clone, PartialEq)]
@@ -285,16 +200,6 @@ fn start(input: &JointInput, to_frame: bool) -> Result<State, CalibrationError> 
     let frame = Frame::new(&xy);
     let points = input.lengths_m.iter().map(|l| frame.point(l, &w)).collect();
     Ok(State { w, xy, scale: 1.0, offsets: vec![0.0; n], points })
-}
-
-/// The refusal of data that leave an unknown open, with the likely reason.
-fn open(state: &State) -> CalibrationError {
-    CalibrationError::RankDeficient(if heights::is_flat(&state.points) {
-        let [along_m, across_m] = heights::spread(&state.points);
-        Undetermined::OpenNearALine { across_m, along_m }
-    } else {
-        Undetermined::Open
-    })
 }
 
 fn anchor_covariance(layout: &Layout, state: &State, inverse: &DMatrix<f64>) -> AnchorCovariance {

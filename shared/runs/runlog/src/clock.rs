@@ -1,13 +1,9 @@
 //! One offset per run between the clock of the control cycle (CLOCK_MONOTONIC) and UNIX time.
 
 use std::fs;
-use std::path::Path;
 
 use rustix::time::{ClockId, clock_gettime};
 use serde::{Deserialize, Serialize};
-
-use crate::read::first_about;
-use crate::segments;
 
 /// One instant on both clocks. Every stamp of a run is converted with it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -50,25 +46,11 @@ impl RunClock {
                 let before = nanoseconds(ClockId::Monotonic);
                 let unix = nanoseconds(ClockId::Realtime);
                 let after = nanoseconds(ClockId::Monotonic);
+                debug_assert!(after >= before, "CLOCK_MONOTONIC went back from {before} to {after}");
                 (after - before, Self { t0_unix_ns: unix, t0_mono_ns: before + (after - before) / 2 })
             })
             .min_by_key(|(width, _)| *width)
             .map_or(Self { t0_unix_ns: 0, t0_mono_ns: 0 }, |(_, clock)| clock)
-    }
-
-    /// The clock of a run: the one in its files if they were written since the last boot, else the one `set` for all
-    /// processes of the run, else the current reading of both clocks.
-    ///
-    /// A restarted recorder continues with the clock of the first, whatever happened to the wall clock in the meantime.
-    #[must_use]
-    pub fn of_run(folder: &Path, set: Option<Self>) -> Self {
-        let of_file = |file: &std::path::PathBuf| {
-            let about = first_about(file)?;
-            let same = about.get(BOOT_ID).is_some_and(|boot| !boot.is_empty() && *boot == boot_id());
-            same.then(|| Self::of_about(&about)).flatten()
-        };
-        let files = segments(folder).unwrap_or_default();
-        files.iter().find_map(of_file).or(set).unwrap_or_else(Self::now)
     }
 
     /// The clock stored in the metadata of a run file.

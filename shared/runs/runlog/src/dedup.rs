@@ -58,6 +58,7 @@ impl Duplicates {
             past.last.pop_front();
         }
         past.last.push_back(key);
+        debug_assert!(past.last.len() <= REMEMBERED, "more samples are remembered than compared");
         false
     }
 

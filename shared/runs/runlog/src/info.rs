@@ -106,7 +106,7 @@ pub struct RunReport {
     pub files: Vec<FileReport>,
     /// Channels by name.
     pub channels: Vec<ChannelReport>,
-    /// The gaps that the recorder reported, limited to the first [`GAPS`].
+    /// The gaps that the recorder reported, limited to the first `GAPS`.
     pub gaps: Vec<GapReport>,
     /// Names of the attached files.
     pub attachments: Vec<String>,
@@ -186,7 +186,8 @@ impl RunInspection {
     /// The report, once `reader` has reached the end of the run.
     #[must_use]
     pub fn report(self, reader: &RunReader) -> RunReport {
-        report(reader, self.counts.into_values().collect(), self.bounds, &self.gaps)
+        let counts: Vec<_> = self.counts.into_values().collect();
+        report(reader, &counts, self.bounds, &self.gaps)
     }
 }
 
@@ -239,56 +240,50 @@ pub fn cause_phrase(cause: u8) -> &'static str {
     }
 }
 
+fn seconds(ns: u64) -> f64 {
+    ns as f64 * 1e-9
+}
+
+fn channel_report(channel: &RecordedChannel, count: &Count, begin_ns: u64) -> ChannelReport {
+    let span = seconds(count.last_ns - count.first_ns);
+    let regular = count.messages > 1 && span > 0.0;
+    ChannelReport {
+        name: channel.name.clone(),
+        schema: channel.schema_name.clone(),
+        messages: count.messages,
+        bytes: count.bytes,
+        rate_hz: regular.then(|| (count.messages - 1) as f64 / span),
+        first_s: seconds(count.first_ns - begin_ns),
+        last_s: seconds(count.last_ns - begin_ns),
+        longest_silence_s: seconds(count.silence_ns),
+        lost: count.sequence.lost,
+        gaps: count.sequence.gaps,
+        unrecorded_s: seconds(count.unrecorded_ns),
+        refused: channel.refused.clone(),
+    }
+}
+
+fn file_report(reader: &RunReader, path: &Path, finished: bool, bytes: u64) -> FileReport {
+    let damage = reader.damage().iter().filter(|(file, _)| file == path).map(|(_, one)| one.clone()).collect();
+    let recovered = reader.recovered().iter().any(|(file, _)| file == path);
+    let recording = !finished && is_held(path);
+    // A recorder that is suspended, or waits for its disk, also holds the lock.
+    let silent_s = if recording { silent_s(path) } else { 0 };
+    FileReport { path: path.to_owned(), bytes, finished, recording, silent_s, recovered, damage }
+}
+
 fn report(
     reader: &RunReader,
-    counts: Vec<(Arc<RecordedChannel>, Count)>,
+    counts: &[(Arc<RecordedChannel>, Count)],
     bounds: Option<(u64, u64)>,
     gaps: &[RecorderGap],
 ) -> RunReport {
     let begin = bounds.map_or(0, |(first, _)| first);
-    let seconds = |ns: u64| ns as f64 * 1e-9;
-    let mut channels: Vec<ChannelReport> = counts
-        .into_iter()
-        .map(|(channel, count)| {
-            let span = seconds(count.last_ns - count.first_ns);
-            let regular = count.messages > 1 && span > 0.0;
-            ChannelReport {
-                name: channel.name.clone(),
-                schema: channel.schema_name.clone(),
-                messages: count.messages,
-                bytes: count.bytes,
-                rate_hz: regular.then(|| (count.messages - 1) as f64 / span),
-                first_s: seconds(count.first_ns - begin),
-                last_s: seconds(count.last_ns - begin),
-                longest_silence_s: seconds(count.silence_ns),
-                lost: count.sequence.lost,
-                gaps: count.sequence.gaps,
-                unrecorded_s: seconds(count.unrecorded_ns),
-                refused: channel.refused.clone(),
-            }
-        })
-        .collect();
+    let mut channels: Vec<ChannelReport> =
+        counts.iter().map(|(channel, count)| channel_report(channel, count, begin)).collect();
     channels.sort_by(|a, b| (&a.name, &a.schema).cmp(&(&b.name, &b.schema)));
-    let files: Vec<FileReport> = reader
-        .files()
-        .iter()
-        .map(|(path, finished, bytes)| {
-            let damage = reader.damage().iter().filter(|(file, _)| file == path).map(|(_, one)| one.clone()).collect();
-            let recovered = reader.recovered().iter().any(|(file, _)| file == path);
-            let recording = !finished && is_held(path);
-            // A recorder that is suspended, or waits for its disk, also holds the lock.
-            let silent_s = if recording { silent_s(path) } else { 0 };
-            FileReport {
-                path: path.clone(),
-                bytes: *bytes,
-                finished: *finished,
-                recording,
-                silent_s,
-                recovered,
-                damage,
-            }
-        })
-        .collect();
+    let files: Vec<FileReport> =
+        reader.files().iter().map(|(path, finished, bytes)| file_report(reader, path, *finished, *bytes)).collect();
     let fast = channels.iter().filter(|channel| channel.rate_hz.is_some_and(|rate_hz| rate_hz >= FAST_HZ));
     let unrecorded_s = fast.map(|channel| channel.unrecorded_s).fold(0.0, f64::max);
     let findings = findings(&files, &channels, unrecorded_s, reader.orphaned());

@@ -7,6 +7,7 @@ use std::sync::{Arc, OnceLock};
 use mcap::records::Record;
 use messages::Message;
 
+use crate::clock::{BOOT_ID, boot_id};
 use crate::dedup::Duplicates;
 use crate::recover::RECOVERED;
 use crate::scan::{Item, Scanner};
@@ -346,6 +347,23 @@ pub(crate) fn first_about(file: &Path) -> Option<BTreeMap<String, String>> {
         }
     }
     None
+}
+
+impl RunClock {
+    /// The clock of a run: the one in its files if they were written since the last boot, else the one `set` for all
+    /// processes of the run, else the current reading of both clocks.
+    ///
+    /// A restarted recorder continues with the clock of the first, whatever happened to the wall clock in the meantime.
+    #[must_use]
+    pub fn of_run(folder: &Path, set: Option<Self>) -> Self {
+        let of_file = |file: &std::path::PathBuf| {
+            let about = first_about(file)?;
+            let same = about.get(BOOT_ID).is_some_and(|boot| !boot.is_empty() && *boot == boot_id());
+            same.then(|| Self::of_about(&about)).flatten()
+        };
+        let files = segments(folder).unwrap_or_default();
+        files.iter().find_map(of_file).or(set).unwrap_or_else(Self::now)
+    }
 }
 
 /// All samples of one channel with their publication times (UNIX time, ns).

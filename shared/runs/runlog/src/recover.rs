@@ -72,6 +72,7 @@ pub fn recover(path: &Path, progress: &mut dyn FnMut(u64, u64)) -> Result<Recove
     }
     let unfinished = path.as_os_str().to_string_lossy().ends_with(PART_ENDING);
     let target = target_of(path)?;
+    debug_assert!(target != path, "a recovery would overwrite its source {}", path.display());
     let mut temporary = OsString::from(target.as_os_str());
     temporary.push(".recovering");
     let temporary = PathBuf::from(temporary);

@@ -216,20 +216,14 @@ impl Scanner {
                 return Ok(false);
             }
             op::CHUNK => {
-                self.raw.resize((HEAD + length) as usize, 0);
-                let mut raw = std::mem::take(&mut self.raw);
-                let read = self.read_at(begin, &mut raw).map(|()| {
-                    raw[0] = op::CHUNK;
-                    self.unpack(&raw)
-                });
-                self.raw = raw;
-                if let Err(why) = read? {
+                if let Err(why) = self.read_chunk(begin, length)? {
                     self.chunks = chunk_reader();
                     self.entries.clear();
                     self.bytes.clear();
                     self.vouched = self.vouched.max(begin);
                     return self.skip(begin, why);
                 }
+                debug_assert!(end > self.vouched, "verified up to {}, then up to {end}", self.vouched);
                 self.vouched = end;
             }
             op::HEADER | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::ATTACHMENT | op::METADATA => {
@@ -249,8 +243,21 @@ impl Scanner {
             // indexes, statistics and private records are not needed
             _ => {}
         }
+        debug_assert!(begin < end && end <= self.length, "the scan moved from {begin} to {end} of {}", self.length);
         self.at = end;
         Ok(true)
+    }
+
+    /// Reads a chunk and queues its records; the inner error says why it is invalid.
+    fn read_chunk(&mut self, begin: u64, length: u64) -> Result<Result<(), String>, RunError> {
+        let mut raw = std::mem::take(&mut self.raw);
+        raw.resize((HEAD + length) as usize, 0);
+        let read = self.read_at(begin, &mut raw).map(|()| {
+            raw[0] = op::CHUNK;
+            self.unpack(&raw)
+        });
+        self.raw = raw;
+        read
     }
 
     /// Decompresses and verifies a chunk, and queues its records.
@@ -281,6 +288,12 @@ impl Scanner {
         // the error may lie before the record at which it shows: a wrong length of an earlier record may have led here
         let end = self.find_chunk(self.doubtful(begin))?.unwrap_or(self.length);
         let begin = if end < begin { self.vouched } else { begin };
+        debug_assert!(
+            self.vouched <= begin && begin < end && end <= self.length,
+            "damage from {begin} to {end}; verified up to {} of {}",
+            self.vouched,
+            self.length
+        );
         self.push_damage(Damage { offset: begin, bytes: end - begin, why, torn_end: false });
         self.at = end;
         Ok(true)
@@ -299,6 +312,7 @@ impl Scanner {
     }
 
     fn push_damage(&mut self, damage: Damage) {
+        debug_assert!(damage.offset + damage.bytes <= self.length, "damage beyond the end of the file: {damage:?}");
         self.damage.push(damage);
         self.entries.push(Entry::Damage(self.damage.len() - 1));
     }

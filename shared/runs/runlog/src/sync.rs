@@ -63,6 +63,7 @@ impl Syncer {
                     Ok(()) => {
                         guard.report.done += 1;
                         guard.report.failing = false;
+                        debug_assert!(bytes >= guard.report.safe_bytes, "the synchronised file shrank to {bytes}");
                         guard.report.safe_bytes = bytes;
                     }
                     Err(_) => {

@@ -39,7 +39,7 @@ const BUFFER_BYTES: usize = 64 * 1024;
 /// A file attached to the run file: a configuration, a calibration.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Attachment {
-    /// e.g. `box.toml`.
+    /// e.g. `system.toml`.
     pub name: String,
     /// e.g. `application/toml`.
     pub media_type: String,
@@ -147,7 +147,7 @@ impl RunWriter {
         fields.insert("t0_mono_ns".into(), clock.t0_mono_ns.to_string());
         fields.insert(BOOT_ID.into(), boot_id());
         writer.write_metadata(&Metadata { name: RUN.into(), metadata: fields }).map_err(RunError::write(&part))?;
-        if let Some(name) = about.get("box") {
+        if let Some(name) = about.get("system") {
             // Foxglove's own tools show this as the name of the device
             let metadata = BTreeMap::from([("deviceName".to_owned(), name.clone())]);
             let device = Metadata { name: "foxglove".into(), metadata };
@@ -241,6 +241,7 @@ impl RunWriter {
         self.scratch.extend_from_slice(&CDR_HEADER);
         self.scratch.extend_from_slice(sample);
         self.writer.write_to_known_channel(&header, &self.scratch).map_err(RunError::write(&self.part))?;
+        debug_assert!(self.open <= CHUNK_BYTES, "a chunk with {} bytes was not closed", self.open);
         self.open += (MESSAGE_BYTES + self.scratch.len()) as u64;
         if self.open > CHUNK_BYTES { self.close_chunk() } else { Ok(()) }
     }
@@ -249,7 +250,9 @@ impl RunWriter {
         self.writer.flush().map_err(RunError::write(&self.part))?;
         self.open = 0;
         self.settled += 1;
-        self.settled_bytes = self.bytes();
+        let bytes = self.bytes();
+        debug_assert!(bytes >= self.settled_bytes, "the file offset went back from {} to {bytes}", self.settled_bytes);
+        self.settled_bytes = bytes;
         Ok(())
     }
 
@@ -278,6 +281,7 @@ impl RunWriter {
     /// # Errors
     /// The file cannot be written.
     pub fn flush(&mut self) -> Result<(), RunError> {
+        debug_assert!(self.repeated <= self.channels.len(), "more channels are repeated than defined");
         if self.repeated < self.channels.len() {
             self.repeats += 1;
             let all: Vec<&ChannelDefinition> = self.channels.iter().map(|row| &row.repeated).collect();

@@ -67,7 +67,7 @@ fn the_sentences_are_those_of_the_file() {
     ] {
         sentences.push(named(&finding, &finding));
     }
-    for cause in [RecorderGap::CAUSE_NOT_HEARD, RecorderGap::CAUSE_DISK_FULL, RecorderGap::CAUSE_FAILED] {
+    for cause in [RecorderGap::CAUSE_OVERFLOW, RecorderGap::CAUSE_DISK_FULL, RecorderGap::CAUSE_FAILED] {
         sentences.push((format!("cause {cause}"), cause_phrase(cause).to_owned()));
     }
     sentences::compare(env!("CARGO_MANIFEST_DIR"), sentences);

@@ -13,7 +13,6 @@ use iceoryx2::service::port_factory::event;
 use messages::hash_of;
 
 use crate::clock::{SECOND_NS, now_ns, sleep_until};
-use crate::node::failed;
 use crate::{BusError, Domain};
 
 /// Bytes of one attribute's value, and attributes of one service (constants of iceoryx2).
@@ -72,9 +71,9 @@ fn continuation(
     name: &str,
     part: &str,
 ) -> Result<SchemaContinuation, BusError> {
-    let service = ServiceName::new(name).map_err(|error| failed(name, "be named", &error))?;
+    let service = ServiceName::new(name).map_err(|error| BusError::failed(name, "be named", &error))?;
     let specifier = parts(AttributeSpecifier::new(), part);
-    let specifier = specifier.ok_or_else(|| failed(name, "be written", &"iceoryx2 rejects a part of it"))?;
+    let specifier = specifier.ok_or_else(|| BusError::failed(name, "be written", &"iceoryx2 rejects a part of it"))?;
     let builder =
         || node.service_builder(&service).event().max_notifiers(1).max_listeners(1).max_nodes(CONTINUATION_NODES);
     let give_up = now_ns() + OPEN_TIMEOUT_NS;
@@ -89,7 +88,7 @@ fn continuation(
             Err(error) => Some(format!("{error:?}")),
         };
         if now_ns() > give_up {
-            return Err(failed(name, "be created", &error));
+            return Err(BusError::failed(name, "be created", &error));
         }
         domain.remove_half_made();
         sleep_until(now_ns() + 2_000_000);

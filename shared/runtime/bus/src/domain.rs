@@ -28,6 +28,8 @@ const NAME_BYTES: usize = 20;
 const CREATION_TIMEOUT: Duration = Duration::from_millis(200);
 /// Lock file of the domain's owner, with its process id.
 const CLAIM_FILE: &str = "owner";
+/// The socket of motor-io for emergency stops.
+pub(crate) const ESTOP_SOCKET: &str = "estop";
 /// Marks a folder given by the user as that of a domain; nothing is removed from a folder without it.
 const MARKER_FILE: &str = ".nims-domain";
 /// Files of the supervisor (a trailing `.new` marks one that is being written) and the socket of motor-io.
@@ -38,7 +40,7 @@ const OWN_FILES: [&str; 7] = [
     "running.json.new",
     CLOCK_FILE,
     "clock.txt.new",
-    crate::estop::SOCKET,
+    ESTOP_SOCKET,
 ];
 /// Ending of the file that a virtual motor box stores for each of its ports (`LeftOut` of the crate `serial`). It
 /// remains if the virtual motor box is killed.

@@ -288,6 +288,11 @@ fn type_cure(channel: &str, holders: &str) -> String {
 }
 
 impl BusError {
+    /// A refusal by iceoryx2 at a channel.
+    pub(crate) fn failed(channel: &str, what: &'static str, error: &impl std::fmt::Debug) -> Self {
+        Self::Failed { channel: channel.to_owned(), what, why: format!("iceoryx2 says {error:?}") }
+    }
+
     /// Returns whether the caller's input is wrong (a program then exits with 2).
     #[must_use]
     pub fn is_bad_input(&self) -> bool {

@@ -14,15 +14,13 @@ use std::os::unix::net::{SocketAddr, UnixDatagram};
 use std::time::Duration;
 
 use arrayvec::ArrayVec;
-use messages::{OperatorRequest, put_sentence};
+use messages::{OperatorRequest, Request, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
-use crate::node::seconds;
+use crate::domain::ESTOP_SOCKET;
 use crate::requester::sign_from_memory;
 use crate::{BusError, Domain};
 
-/// The socket in the domain's folder.
-pub(crate) const SOCKET: &str = "estop";
 const MAGIC: [u8; 16] = *b"nims emergency 1";
 const NUMBER: std::ops::Range<usize> = 16..24;
 const BODY: usize = 24;
@@ -58,7 +56,7 @@ impl Receiver {
     /// # Errors
     /// [`BusError::DomainFolder`] if the socket cannot be created.
     pub fn open(domain: &Domain) -> Result<Self, BusError> {
-        let path = domain.root().join(SOCKET);
+        let path = domain.root().join(ESTOP_SOCKET);
         let unusable = |error: io::Error| BusError::DomainFolder { path: path.clone(), why: error.into() };
         match std::fs::remove_file(&path) {
             Err(error) if error.kind() != io::ErrorKind::NotFound => return Err(unusable(error)),
@@ -90,7 +88,7 @@ impl Receiver {
                 Some(body) if body.len() == size_of::<OperatorRequest>() => bytemuck::pod_read_unaligned(body),
                 _ => OperatorRequest::default(),
             };
-            request.verb = OperatorRequest::VERB_ESTOP;
+            request.body = Request::Estop.body();
             if request.id == 0 {
                 request.id = u64::from_ne_bytes(number).max(1);
             }
@@ -115,7 +113,7 @@ impl Receiver {
 /// Returns whether a motor-io has created its socket in this domain; it may have been killed since.
 #[must_use]
 pub fn is_heard(domain: &Domain) -> bool {
-    domain.root().join(SOCKET).exists()
+    domain.root().join(ESTOP_SOCKET).exists()
 }
 
 /// Sends an emergency stop and waits for its answer: the request with `answered`, `accepted` and `answer` filled in.
@@ -132,8 +130,11 @@ pub fn send(
     patience: Duration,
     uneasy: impl FnOnce(),
 ) -> Result<OperatorRequest, BusError> {
-    let failed =
-        |error: io::Error| BusError::Failed { channel: SOCKET.to_owned(), what: "be sent", why: error.to_string() };
+    let failed = |error: io::Error| BusError::Failed {
+        channel: ESTOP_SOCKET.to_owned(),
+        what: "be sent",
+        why: error.to_string(),
+    };
     let absent = || BusError::NoServer { process: "motor-io".to_owned(), domain: domain.name().to_owned() };
     let mut sent = *request;
     sign_from_memory(&mut sent);
@@ -149,7 +150,7 @@ pub fn send(
     datagram.extend_from_slice(&number);
     datagram.extend_from_slice(bytemuck::bytes_of(&sent));
 
-    let path = domain.root().join(SOCKET);
+    let path = domain.root().join(ESTOP_SOCKET);
     let after = |time: Duration| begun + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
     let (deadline, uneasy_at, mut again_ns) = (after(timeout), after(patience), 0);
     let (mut uneasy, mut got_through) = (Some(uneasy), false);
@@ -175,7 +176,7 @@ pub fn send(
         }
         if now >= deadline {
             let why = "is busy or has died";
-            return Err(BusError::NoAnswer { process: "motor-io".to_owned(), seconds: seconds(timeout), why });
+            return Err(BusError::NoAnswer { process: "motor-io".to_owned(), seconds: timeout.as_secs_f64(), why });
         }
         if now >= uneasy_at
             && let Some(say) = uneasy.take()

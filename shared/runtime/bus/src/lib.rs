@@ -32,6 +32,7 @@
 //! # Ok::<(), bus::BusError>(())
 //! ```
 
+mod admission;
 pub mod clock;
 mod definition;
 mod domain;

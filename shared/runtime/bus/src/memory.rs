@@ -23,7 +23,7 @@ use rustix::io::Errno;
 
 use crate::domain::{MEMORY_FILE_SYSTEMS, SHARED_MEMORY};
 use crate::places::Party;
-use crate::{Bus, BusError, Domain};
+use crate::{BusError, Domain};
 
 /// Largest number of interruptions of one reservation by signals.
 const INTERRUPTIONS: usize = 1000;
@@ -31,8 +31,8 @@ const INTERRUPTIONS: usize = 1000;
 pub(crate) const CONNECTION_BYTES: usize = 24 << 10;
 
 thread_local! {
-    /// Number of failed reservations of this thread.
-    static SHORT: Cell<u64> = const { Cell::new(0) };
+    /// Reservations of this thread for which there was no room.
+    pub(crate) static SHORT: Cell<u64> = const { Cell::new(0) };
 }
 
 /// Shared memory of the machine, and its use by a domain.
@@ -89,40 +89,6 @@ impl Domain {
     }
 }
 
-impl Bus {
-    /// Checks that `bytes` of shared memory can be allocated in addition to the reserved margin, before several objects
-    /// are created.
-    ///
-    /// # Errors
-    /// [`BusError::NoMemory`] if there is not enough memory.
-    pub fn room_for(&self, bytes: usize, what: &str) -> Result<(), BusError> {
-        self.need(bytes, what)
-    }
-
-    /// Creates a port and checks that all its connections have memory. iceoryx2 also creates a port if a connection has
-    /// none, and that connection never delivers a sample.
-    pub(crate) fn make_complete<R>(
-        &self,
-        what: &str,
-        make: impl FnOnce() -> Result<R, BusError>,
-    ) -> Result<R, BusError> {
-        let before = SHORT.get();
-        let port = make()?;
-        if SHORT.get() == before {
-            return Ok(port);
-        }
-        drop(port);
-        let needed = CONNECTION_BYTES as u64 + self.party.margin();
-        Err(BusError::NoMemory { what: what.to_owned(), needed, free: room().map_or(0, |(_, free)| free) })
-    }
-
-    /// Checks that `bytes` can be allocated, so that neither this object nor one that another process is creating
-    /// remains incomplete. The margin that must remain depends on the kind of participant.
-    pub(crate) fn need(&self, bytes: usize, what: &str) -> Result<(), BusError> {
-        need(bytes, self.party, what)
-    }
-}
-
 pub(crate) fn need(bytes: usize, party: Party, what: &str) -> Result<(), BusError> {
     let Some((total, free)) = room() else { return Ok(()) };
     let needed = bytes as u64 + party.margin();
@@ -132,8 +98,8 @@ pub(crate) fn need(bytes: usize, party: Party, what: &str) -> Result<(), BusErro
     Err(BusError::NoMemory { what: what.to_owned(), needed, free })
 }
 
-/// Returns size and free bytes of shared memory; `None` if the system call fails.
-fn room() -> Option<(u64, u64)> {
+/// Size and free bytes of shared memory; `None` if it cannot be asked.
+pub(crate) fn room() -> Option<(u64, u64)> {
     let found = statvfs(SHARED_MEMORY).ok()?;
     Some((found.f_blocks.saturating_mul(found.f_frsize), found.f_bavail.saturating_mul(found.f_frsize)))
 }

@@ -177,7 +177,7 @@ impl Bus {
                         PublishSubscribeCreateError::AlreadyExists
                         | PublishSubscribeCreateError::IsBeingCreatedByAnotherInstance,
                     ) => true,
-                    Err(error) => return Err(failed(channel, "be created", &error)),
+                    Err(error) => return Err(BusError::failed(channel, "be made", &error)),
                 },
                 PublishSubscribeOpenError::ExceedsMaxNumberOfNodes if !cleaned => {
                     self.clean();
@@ -216,7 +216,7 @@ impl Bus {
             E::VersionMismatch => {
                 quality_mismatch(channel_name, "it was created with another version of iceoryx2", holders)
             }
-            other => failed(channel, "be opened", &other),
+            other => BusError::failed(channel, "be opened", &other),
         }
     }
 
@@ -268,12 +268,12 @@ impl Bus {
                 .open_or_create();
             match made {
                 Ok(service) => return Ok(service),
-                Err(error) if now_ns() > give_up => return Err(failed(channel, "open its event", &error)),
+                Err(error) if now_ns() > give_up => return Err(BusError::failed(channel, "open its event", &error)),
                 Err(EventOpenOrCreateError::EventOpenError(_) | EventOpenOrCreateError::SystemInFlux) => {
                     self.domain.remove_half_made();
                     sleep_until(now_ns() + 2_000_000);
                 }
-                Err(error) => return Err(failed(channel, "create its event", &error)),
+                Err(error) => return Err(BusError::failed(channel, "make its event", &error)),
             }
         }
     }
@@ -291,7 +291,7 @@ impl Bus {
         };
         self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
             Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, PlaceKind::Wakers),
-            Refused::Error(error) => failed(channel, "create its event", &error),
+            Refused::Error(error) => BusError::failed(channel, "make its event", &error),
         })
     }
 
@@ -308,7 +308,7 @@ impl Bus {
         };
         self.take_place(EVENT_PORTS, taken, make).map_err(|refused| match refused {
             Refused::NoPlace(limit) => self.full(channel, MessagingPattern::Event, limit, PlaceKind::Waiters),
-            Refused::Error(error) => failed(channel, "be waited for", &error),
+            Refused::Error(error) => BusError::failed(channel, "be waited for", &error),
         })
     }
 
@@ -346,10 +346,6 @@ fn quality_mismatch(channel: String, why: &str, holders: String) -> BusError {
     BusError::QualityMismatch { channel, why: why.to_owned(), holders }
 }
 
-pub(crate) fn failed(channel: &str, what: &'static str, error: &impl std::fmt::Debug) -> BusError {
-    BusError::Failed { channel: channel.to_owned(), what, why: format!("iceoryx2 reports {error:?}") }
-}
-
 pub(crate) fn service_name(channel: &str) -> Result<ServiceName, BusError> {
     let bad = || BusError::ChannelName { name: channel.to_owned() };
     let word = |word: &str| {
@@ -371,9 +367,4 @@ fn raise_descriptor_limit() {
     if limit.current.is_some_and(|now| now < wanted) {
         let _ = setrlimit(Resource::Nofile, Rlimit { current: Some(wanted), maximum: limit.maximum });
     }
-}
-
-/// Returns a duration in seconds, for error messages.
-pub(crate) fn seconds(duration: Duration) -> f64 {
-    duration.as_secs_f64()
 }

@@ -3,11 +3,7 @@
 //! A channel has a fixed number of places, and a process that hangs keeps its place. So each kind of participant leaves
 //! some places to more important kinds. The name of a port contains the kind, so that other processes can read it.
 
-use std::time::Duration;
-
 use iceoryx2::prelude::{PortName, SemanticStringError};
-
-use crate::Bus;
 
 /// Kind of participant, in ascending order of importance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -64,9 +60,8 @@ impl Party {
             .unwrap_or_default()
     }
 
-    /// Returns whether `coming` more ports next to those with these names are within the share of this kind. iceoryx2
-    /// itself enforces the limit for members.
-    fn within(self, names: &[PortName], limit: usize, coming: usize) -> bool {
+    /// Whether so many ports of these names are within what this kind may have; a member is only bound by the limit itself.
+    pub(crate) fn within(self, names: &[PortName], limit: usize, coming: usize) -> bool {
         let taken = names.iter().filter(|name| Self::from_port_name(name) <= self).count();
         self == Self::Member || taken + coming <= self.ceiling(limit)
     }
@@ -78,41 +73,6 @@ pub(crate) enum Refused<E> {
     NoPlace(usize),
     /// An error of iceoryx2.
     Error(E),
-}
-
-/// Number of further attempts to create a port: another process may be leaving, or giving back a place in excess.
-const ATTEMPTS: usize = 10;
-/// Time between two attempts.
-const PAUSE: Duration = Duration::from_millis(20);
-
-impl Bus {
-    /// Creates a port if this process's kind has a place left; `taken` returns the names of the existing ports.
-    pub(crate) fn take_place<R, E>(
-        &self,
-        limit: usize,
-        taken: impl Fn() -> Vec<PortName>,
-        make: impl Fn() -> Result<R, E>,
-    ) -> Result<R, Refused<E>> {
-        let party = self.party;
-        // A process that has died since this one joined may hold a place.
-        if !party.within(&taken(), limit, 1) {
-            self.clean();
-            if !party.within(&taken(), limit, 1) {
-                return Err(Refused::NoPlace(party.ceiling(limit)));
-            }
-        }
-        let mut port = make().or_else(|_| self.after_cleaning(&make));
-        for _ in 0..if party == Party::Guest { 0 } else { ATTEMPTS } {
-            if port.is_ok() || taken().len() < limit {
-                break;
-            }
-            std::thread::sleep(PAUSE);
-            port = make();
-        }
-        let port = port.map_err(Refused::Error)?;
-        // Check again: several processes may have created a port at the same time.
-        if party.within(&taken(), limit, 0) { Ok(port) } else { Err(Refused::NoPlace(party.ceiling(limit))) }
-    }
 }
 
 /// Collects the items that `list` passes to its callback.

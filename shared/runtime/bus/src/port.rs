@@ -17,7 +17,7 @@ use crate::BusError;
 use crate::error::PlaceKind;
 use crate::losses::Losses;
 use crate::memory::CONNECTION_BYTES;
-use crate::node::{BORROWS, Bus, LOANS, PubSub, failed};
+use crate::node::{BORROWS, Bus, LOANS, PubSub};
 use crate::places::{Refused, collect_listed};
 use crate::shm_sample::ShmSample;
 
@@ -72,7 +72,7 @@ impl Bus {
             PublisherCreateError::ExceedsMaxSupportedPublishers => {
                 self.full(channel, MessagingPattern::PublishSubscribe, quality.publishers, PlaceKind::Publishers)
             }
-            other => failed(channel, "be published on", &other),
+            other => BusError::failed(channel, "be published on", &other),
         };
         let port = self.make_complete(channel, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
         let publisher = Publisher { port, notifier: self.notifier(channel)?, channel: channel.to_owned(), seq: 0 };
@@ -144,7 +144,7 @@ impl Bus {
             Refused::Error(SubscriberCreateError::ExceedsMaxSupportedSubscribers) => {
                 full(limit, PlaceKind::Subscribers)
             }
-            Refused::Error(other) => failed(channel, "be subscribed to", &other),
+            Refused::Error(other) => BusError::failed(channel, "be subscribed to", &other),
         };
         self.make_complete(channel, || self.take_place(limit, names, make).map_err(refused))
     }
@@ -166,8 +166,8 @@ impl<T: Payload> Publisher<T> {
     }
 
     fn publish(&mut self, sample: T) -> Result<usize, BusError> {
-        let loan = self.port.loan_uninit().map_err(|error| failed(&self.channel, "lend a sample", &error))?;
-        loan.write_payload(ShmSample(sample)).send().map_err(|error| failed(&self.channel, "send", &error))
+        let loan = self.port.loan_uninit().map_err(|error| BusError::failed(&self.channel, "lend a sample", &error))?;
+        loan.write_payload(ShmSample(sample)).send().map_err(|error| BusError::failed(&self.channel, "send", &error))
     }
 
     /// Connects to subscribers created since the last [`Publisher::send`], and sends them the history.
@@ -208,7 +208,7 @@ impl<T: Payload> Subscriber<T> {
             }
             other => other,
         }
-        .map_err(|error| failed(&self.channel, "receive", &error))?;
+        .map_err(|error| BusError::failed(&self.channel, "receive", &error))?;
         Ok(sample.map(|sample| {
             let ShmSample(value) = *sample.payload();
             self.losses.record(sample.header().publisher_id().value(), value.seq());

@@ -11,7 +11,7 @@ use messages::{OperatorRequest, put_sentence};
 
 use crate::clock::{now_ns, sleep_until};
 use crate::error::PlaceKind;
-use crate::node::{Bus, failed, seconds};
+use crate::node::Bus;
 use crate::places::{Refused, collect_listed};
 use crate::requester::sign;
 use crate::shm_sample::ShmSample;
@@ -105,7 +105,7 @@ impl Bus {
                         holders: process.to_owned(),
                     });
                 }
-                Err(error) if now_ns() > give_up => return Err(failed(&channel, "be opened", &error)),
+                Err(error) if now_ns() > give_up => return Err(BusError::failed(&channel, "be opened", &error)),
                 Err(_) => {
                     self.domain().remove_half_made();
                     sleep_until(now_ns() + POLL_NS);
@@ -136,7 +136,7 @@ impl Bus {
                 what: PlaceKind::Server,
                 holders: format!("another `{process}`"),
             },
-            other => failed(&event, "be answered", &other),
+            other => BusError::failed(&event, "be answered", &other),
         };
         let port = self.make_complete(&event, || make().or_else(|_| self.after_cleaning(make)).map_err(refused))?;
         Ok(Server { port, log: self.publisher(REQUESTS)?, event })
@@ -166,7 +166,7 @@ impl Bus {
         };
         let refused = |refused| match refused {
             Refused::NoPlace(limit) => self.full(&event, MessagingPattern::RequestResponse, limit, PlaceKind::Clients),
-            Refused::Error(error) => failed(&event, "be asked", &error),
+            Refused::Error(error) => BusError::failed(&event, "be asked", &error),
         };
         let port = self.make_complete(&event, || self.take_place(CLIENTS, taken, make).map_err(refused))?;
         let notifier = self.notifier(&event)?;
@@ -192,7 +192,7 @@ impl Server {
             .port
             .receive()
             .or_else(|_| self.port.receive())
-            .map_err(|error| failed(&self.event, "receive", &error))?;
+            .map_err(|error| BusError::failed(&self.event, "receive", &error))?;
         let Some(active) = active else { return Ok(None) };
         let ShmSample(request) = *active.payload();
         let mut published = request;
@@ -279,12 +279,12 @@ impl Client {
         let pending = self
             .port
             .send_copy(ShmSample(sent))
-            .map_err(|error| failed(&request_event(&self.process), "be asked", &error))?;
+            .map_err(|error| BusError::failed(&request_event(&self.process), "be asked", &error))?;
         let _ = self.notifier.notify();
         if pending.number_of_server_connections() == 0 {
             return Err(absent());
         }
-        let late = |why| BusError::NoAnswer { process: self.process.clone(), seconds: seconds(timeout), why };
+        let late = |why| BusError::NoAnswer { process: self.process.clone(), seconds: timeout.as_secs_f64(), why };
         let after = |time: Duration| started + time.as_nanos().min(u128::from(u64::MAX / 4)) as u64;
         let (deadline, uneasy_at) = (after(timeout), after(patience));
         let mut uneasy = Some(uneasy);
@@ -292,7 +292,7 @@ impl Client {
             match pending.receive() {
                 Ok(Some(answer)) => return Ok(answer.payload().0),
                 Ok(None) => {}
-                Err(error) => return Err(failed(&request_event(&self.process), "be answered", &error)),
+                Err(error) => return Err(BusError::failed(&request_event(&self.process), "be answered", &error)),
             }
             if now_ns() >= deadline {
                 return Err(late("is busy or has died"));

@@ -15,7 +15,7 @@ use messages::{Header, Quality};
 
 use crate::domain::info_of;
 use crate::losses::Losses;
-use crate::node::{failed, service_name};
+use crate::node::service_name;
 use crate::places::collect_listed;
 use crate::{Bus, BusError, Domain, NodeInfo, definition};
 
@@ -76,7 +76,7 @@ impl Bus {
             channels.extend(describe(self.domain(), &details));
             CallbackProgression::Continue
         })
-        .map_err(|error| failed("*", "be listed", &error))?;
+        .map_err(|error| BusError::failed("*", "be listed", &error))?;
         channels.sort_by(|a, b| a.name.cmp(&b.name));
         Ok(channels)
     }
@@ -88,7 +88,7 @@ impl Bus {
     pub fn channel(&self, name: &str) -> Result<Option<ChannelInfo>, BusError> {
         let details =
             ipc::Service::details(&service_name(name)?, self.domain().config(), MessagingPattern::PublishSubscribe)
-                .map_err(|error| failed(name, "be looked up", &error))?;
+                .map_err(|error| BusError::failed(name, "be looked up", &error))?;
         Ok(details.and_then(|details| describe(self.domain(), &details)))
     }
 
@@ -166,7 +166,7 @@ impl Bus {
         let absent = || BusError::NoChannel { channel: name.to_owned(), domain: self.domain().name().to_owned() };
         let service: ServiceName = service_name(name)?;
         let details = ipc::Service::details(&service, self.domain().config(), MessagingPattern::PublishSubscribe)
-            .map_err(|error| failed(name, "be looked up", &error))?
+            .map_err(|error| BusError::failed(name, "be looked up", &error))?
             .ok_or_else(absent)?;
         let info = describe(self.domain(), &details).ok_or_else(absent)?;
         let types = details.static_details.publish_subscribe().message_type_details();
@@ -182,7 +182,7 @@ impl Bus {
                 .__internal_set_user_header_type_details(&types.user_header)
                 .open()
         };
-        Ok((opened.map_err(|error| failed(name, "be opened", &error))?, info))
+        Ok((opened.map_err(|error| BusError::failed(name, "be opened", &error))?, info))
     }
 }
 
@@ -197,7 +197,7 @@ impl Tap {
             Err(ReceiveError::ConnectionFailure(_)) => self.port.receive(),
             other => other,
         }
-        .map_err(|error| failed(&self.info.name, "receive", &error))?;
+        .map_err(|error| BusError::failed(&self.info.name, "receive", &error))?;
         let Some(sample) = sample else { return Ok(None) };
         let payload = sample.payload();
         // SAFETY: `CustomPayloadMarker` is one byte wide (`repr(C)` over a u8), so the length of the slice is in bytes,

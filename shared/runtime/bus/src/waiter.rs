@@ -134,7 +134,7 @@ impl Waiter {
         }
         for (place, (channel, listener)) in self.listeners.iter().enumerate() {
             if wake.channel(place) {
-                listener.try_wait(|_| {}).map_err(|error| crate::node::failed(channel, "be waited for", &error))?;
+                listener.try_wait(|_| {}).map_err(|error| BusError::failed(channel, "be waited for", &error))?;
             }
         }
         Ok(wake)

@@ -9,7 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use bus::{Bus, BusError, Client, Domain, Party, Subscriber, THIS_PROCESS, Tap};
-use messages::{LogEvent, MotorState, OperatorRequest, Quality, quality_of};
+use messages::{LogEvent, MotorState, Quality, Request, quality_of};
 use rustix::fs::{FallocateFlags, fallocate, statvfs};
 
 const STATE: &str = "motor/state";
@@ -123,8 +123,8 @@ fn a_channel_has_a_few_deep_subscribers_and_all_others_are_shallow() {
     assert_eq!(count(&mut shallow), Quality::SHALLOW);
 }
 
-/// Runs one test of this file again in a process with its own /dev/shm of this size, and checks that no signal ends it.
-/// Returns false, with a message, if this user cannot start such a process.
+/// Runs one test of this file again in a process with a /dev/shm of this size, and checks that no signal ends it. False, with a note,
+/// where this user cannot start such a process.
 fn with_shared_memory(size: &str, test: &str) -> bool {
     let mount = format!("mount -t tmpfs -o size={size} tmpfs /dev/shm");
     let unshare = |command: &str| {
@@ -187,7 +187,7 @@ fn without_memory_new_objects_are_rejected_and_existing_ones_still_work() {
         publisher.send(&mut MotorState::default()).unwrap();
     }
     assert_eq!(std::iter::from_fn(|| subscriber.receive().unwrap()).count(), quality_of(STATE).buffer);
-    let request = OperatorRequest { verb: OperatorRequest::VERB_ESTOP, ..OperatorRequest::default() };
+    let request = Request::Estop.encode().unwrap();
     let mut emergency = bus::estop::Receiver::open(&domain).unwrap();
     let answer = std::thread::scope(|scope| {
         let asked = scope.spawn(|| bus::estop::send(&domain, &request, Duration::from_secs(20), Duration::ZERO, || ()));

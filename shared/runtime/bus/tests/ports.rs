@@ -8,7 +8,8 @@ use std::time::Duration;
 use bus::clock::now_ns;
 use bus::{Bus, BusError, CHANNELS_EVENT, ChannelWatch, Domain, PlaceKind};
 use messages::{
-    Field, Header, Heartbeat, Message, MotorState, NodeEstimate, OperatorRequest, PlanMotion, put_text, text_of,
+    Field, Header, Heartbeat, Message, MotorState, NodeEstimate, OperatorRequest, PlanMotion, Request, put_text,
+    text_of,
 };
 
 /// An allocator that counts the allocations of each thread.
@@ -260,9 +261,9 @@ fn requests_are_answered_and_published() {
         move || {
             let bus = Bus::join(&domain, "nims").unwrap();
             let mut client = bus.client("motor-io").unwrap();
-            let request = OperatorRequest { verb: OperatorRequest::VERB_JOG, args: [2.0; 8], ..Default::default() };
+            let request = Request::Jog { cable: 2, distance_m: 2.0 }.encode().unwrap();
             let answer = client.ask(&request, Duration::from_secs(5)).unwrap();
-            assert_eq!((answer.answered, answer.verb), (1, OperatorRequest::VERB_JOG));
+            assert_eq!((answer.answered, answer.body), (1, request.body));
             assert_eq!(answer.accepted, OperatorRequest::BAD_INPUT);
             assert_ne!(answer.id, 0);
             text_of(&answer.answer)
@@ -275,7 +276,7 @@ fn requests_are_answered_and_published() {
         }
         waiter.wait_until(soon()).unwrap();
     };
-    assert_eq!(call.request.args, [2.0; 8]);
+    assert_eq!(Request::decode(&call.request), Ok(Request::Jog { cable: 2, distance_m: 2.0 }));
     assert!(call.is_awaited());
     call.answer(OperatorRequest::BAD_INPUT, "cable 2 is at its end: jog the other way").unwrap();
     assert_eq!(asking.join().unwrap(), "cable 2 is at its end: jog the other way");

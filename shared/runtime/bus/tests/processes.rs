@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use bus::clock::now_ns;
 use bus::{Bus, BusError, Domain, Subscriber, Unfit, Waiter};
-use messages::{MotorState, OperatorRequest};
+use messages::{MotorState, Request};
 
 /// A running peer process; killed when dropped.
 struct Peer(Child);
@@ -119,7 +119,7 @@ fn a_dead_server_is_an_error_and_never_a_hang() {
     let peer = Peer::start(domain.name(), "planner", "answer");
     let bus = Bus::join(&domain, "nims").unwrap();
     let mut client = bus.client("planner").unwrap();
-    let request = OperatorRequest { verb: OperatorRequest::VERB_PAUSE, ..Default::default() };
+    let request = Request::Pause.encode().unwrap();
     assert_eq!(client.ask(&request, Duration::from_secs(20)).unwrap().accepted, 1);
     peer.kill();
     // Its place is still taken, because no process has cleaned up.

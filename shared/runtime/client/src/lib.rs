@@ -1,20 +1,18 @@
-//! Finding a robot that runs, asking its processes, and reading what they say.
+//! Finds a running robot, sends requests to its processes, and reads their channels.
 //!
 //! Invariants:
-//! * A client moves nothing itself: motor-io and the planner decide, and their answer is passed on as it is.
-//! * No request waits for ever: an answer comes within [`ANSWER`], or the request fails.
+//! * A client moves nothing itself: motor-io and the planner decide, and the client returns their answer unchanged.
+//! * Every request ends: an answer comes within [`ANSWER`], or the request fails.
 //! * An emergency stop needs neither a place on the bus nor memory ([`emergency_stop`]).
 #![forbid(unsafe_code)]
 
 mod process_table;
 mod requests;
 mod robot;
-mod supervision;
 
 pub use process_table::{follow, state_name};
-pub use requests::{MOTOR_IO, PLANNER, box_of, plain, robot_of, run_request, send, with_args};
+pub use requests::{MOTOR_IO, PLANNER, SUPERVISOR, box_of, robot_of, running, sample, send};
 pub use robot::{
     ANSWER, RUNNING_FILE, Running, ask, domain, emergency_stop, estimate, join, join_as, newest, unrecorded,
     unrecorded_of,
 };
-pub use supervision::{SUPERVISOR, SupervisorCommand};

@@ -1,10 +1,10 @@
 //! A request to the supervisor, followed on the process table until it has taken effect.
 
+use crate::requests::SUPERVISOR;
 use crate::robot::ask;
-use crate::supervision::{SUPERVISOR, SupervisorCommand};
 use bus::{Bus, clock};
 use command::{Answer, Failure};
-use messages::{ProcessState, text_of};
+use messages::{ProcessState, Request, text_of};
 
 /// How long a process may take to become ready, or to end, and for the supervisor to say so, ns: longer than the supervisor's own patience.
 const PATIENCE_NS: u64 = 25_000_000_000;
@@ -15,12 +15,11 @@ const SETTLED_NS: u64 = 300_000_000;
 ///
 /// # Errors
 /// No supervisor, refused, or it does not come about: why.
-pub fn follow(bus: &Bus, asked: &SupervisorCommand, mut seen: impl FnMut(&ProcessState)) -> Answer<ProcessState> {
-    let request = asked.to_request()?;
+pub fn follow(bus: &Bus, asked: &Request, mut seen: impl FnMut(&ProcessState)) -> Answer<ProcessState> {
     let mut table = bus.subscriber::<ProcessState>("system/process")?;
     let mut waiter = bus.waiter(&["system/process"])?;
     let asked_ns = clock::now_ns();
-    let answer = ask(bus, SUPERVISOR, &request)?;
+    let answer = ask(bus, SUPERVISOR, asked)?;
     let sentence = Failure::of(&answer)?;
     let give_up = clock::now_ns() + PATIENCE_NS;
     loop {
@@ -45,12 +44,19 @@ pub fn follow(bus: &Bus, asked: &SupervisorCommand, mut seen: impl FnMut(&Proces
 }
 
 /// Whether the row is of the process that was asked for, by whichever of its names.
-fn is_meant(row: &ProcessState, asked: &SupervisorCommand) -> bool {
-    let name = asked.name();
-    let named = text_of(&row.name) == name || text_of(&row.law) == name;
+fn is_meant(row: &ProcessState, asked: &Request) -> bool {
+    let (Request::StartProcess { name, .. }
+    | Request::StopProcess { name }
+    | Request::RestartProcess { name }
+    | Request::Plug { name, .. }
+    | Request::Unplug { name }) = asked
+    else {
+        return false;
+    };
+    let named = text_of(&row.name) == *name || text_of(&row.law) == *name;
     match asked {
-        SupervisorCommand::Start { slot, .. } => {
-            let role = text_of(&row.role) == name;
+        Request::StartProcess { slot, .. } => {
+            let role = text_of(&row.role) == *name;
             (named || role) && slot.is_none_or(|slot| usize::from(row.slot) == slot.index() + 1)
         }
         _ => named,
@@ -58,16 +64,14 @@ fn is_meant(row: &ProcessState, asked: &SupervisorCommand) -> bool {
 }
 
 /// Whether it has come about; `None`: not yet.
-fn outcome(row: &ProcessState, asked: &SupervisorCommand, asked_ns: u64) -> Option<bool> {
+fn outcome(row: &ProcessState, asked: &Request, asked_ns: u64) -> Option<bool> {
     match asked {
-        SupervisorCommand::Stop { .. } => match row.state {
+        Request::StopProcess { .. } => match row.state {
             ProcessState::STATE_STOPPED | ProcessState::STATE_DIED | ProcessState::STATE_GAVE_UP => Some(true),
             _ => None,
         },
-        SupervisorCommand::Unplug { .. } => (row.state == ProcessState::STATE_GONE).then_some(true),
-        // No process comes or goes.
-        SupervisorCommand::Set { .. } => Some(true),
-        SupervisorCommand::Start { .. } | SupervisorCommand::Restart { .. } | SupervisorCommand::Plug { .. } => {
+        Request::Unplug { .. } => (row.state == ProcessState::STATE_GONE).then_some(true),
+        Request::StartProcess { .. } | Request::RestartProcess { .. } | Request::Plug { .. } => {
             // An earlier life is not meant, nor is another process of the same role.
             if row.started_ns < asked_ns {
                 return None;
@@ -81,6 +85,8 @@ fn outcome(row: &ProcessState, asked: &SupervisorCommand, asked_ns: u64) -> Opti
                 _ => None,
             }
         }
+        // No process comes or goes.
+        _ => Some(true),
     }
 }
 
@@ -104,8 +110,7 @@ pub fn state_name(state: u8) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use config::Slot;
-    use messages::put_text;
+    use messages::{Slot, put_text};
 
     fn row(name: &str, role: &str, slot: u8, state: u8, started_ns: u64) -> ProcessState {
         let mut row = ProcessState { state, slot, started_ns, ..Default::default() };
@@ -117,7 +122,7 @@ mod tests {
 
     #[test]
     fn the_process_is_found_under_each_of_its_names() {
-        let start = |name: &str, slot| SupervisorCommand::Start { name: name.to_owned(), slot, law: None };
+        let start = |name: &str, slot| Request::StartProcess { name: name.to_owned(), slot, law: None };
         let mut second = row("controller-b", "controller", 2, ProcessState::STATE_READY, 10);
         put_text(&mut second.law, "mine");
         for name in ["controller", "controller-b", "mine"] {
@@ -126,13 +131,13 @@ mod tests {
             assert!(!is_meant(&second, &start(name, Some(Slot::A))), "{name}");
         }
         // Whoever ends `controller` does not mean the one in slot b.
-        assert!(!is_meant(&second, &SupervisorCommand::Stop { name: "controller".to_owned() }));
-        assert!(is_meant(&second, &SupervisorCommand::Stop { name: "mine".to_owned() }));
+        assert!(!is_meant(&second, &Request::StopProcess { name: "controller".to_owned() }));
+        assert!(is_meant(&second, &Request::StopProcess { name: "mine".to_owned() }));
     }
 
     #[test]
     fn an_earlier_life_is_not_taken_for_the_new_one() {
-        let asked = SupervisorCommand::Restart { name: "planner".to_owned() };
+        let asked = Request::RestartProcess { name: "planner".to_owned() };
         let of = |state, started| outcome(&row("planner", "planner", 0, state, started), &asked, 100);
         assert_eq!(of(ProcessState::STATE_READY, 99), None);
         assert_eq!(of(ProcessState::STATE_DIED, 99), None);
@@ -144,7 +149,7 @@ mod tests {
     #[test]
     fn a_program_without_heartbeats_has_to_run_for_a_moment() {
         let (name, command) = ("wind".to_owned(), vec!["wind".to_owned()]);
-        let asked = SupervisorCommand::Plug { name, folder: "/".into(), command, replace: false };
+        let asked = Request::Plug { name, folder: "/".to_owned(), command, replace: false };
         let mut fresh = row("wind", "other", 0, ProcessState::STATE_RUNNING, 100);
         assert_eq!(outcome(&fresh, &asked, 100), None);
         fresh.header.stamp_ns += SETTLED_NS;

@@ -3,7 +3,7 @@
 use bus::{Bus, Domain, Party};
 use command::{Answer, Failure};
 use messages::{
-    Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Rule, SLOT_NAMES, blended_estimate,
+    Message, MotorAuthority, NodeEstimate, OperatorRequest, RecorderStatus, Request, Rule, SLOT_NAMES, blended_estimate,
 };
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -85,12 +85,12 @@ pub fn join_as(name: Option<&str>, party: Party) -> Answer<Bus> {
     Ok(Bus::join_as(&domain(name)?, "nims-command", party)?)
 }
 
-/// Asks a process and waits for its answer.
+/// Sends a request to a process and waits for its answer.
 ///
 /// # Errors
-/// The process does not run, or does not answer.
-pub fn ask(bus: &Bus, process: &str, request: &OperatorRequest) -> Answer<OperatorRequest> {
-    Ok(bus.client(process)?.ask(request, ANSWER)?)
+/// A text that a request cannot hold; the process does not run, or does not answer.
+pub fn ask(bus: &Bus, process: &str, request: &Request) -> Answer<OperatorRequest> {
+    Ok(bus.client(process)?.ask(&crate::requests::sample(request)?, ANSWER)?)
 }
 
 /// How long an emergency stop waits in silence.
@@ -118,8 +118,8 @@ fn listening(name: Option<&str>) -> Answer<Domain> {
 /// motor-io does not run, or does not answer.
 pub fn emergency_stop(name: Option<&str>) -> Answer<String> {
     let helped = |error: bus::BusError| Failure::NotNow(format!("{error}; {HARDWARE_STOP}"));
-    let (verb, origin) = (OperatorRequest::VERB_ESTOP, OperatorRequest::ORIGIN_ESTOP);
-    let request = OperatorRequest { verb, origin, ..OperatorRequest::default() };
+    let (body, origin) = (Request::Estop.body(), OperatorRequest::ORIGIN_ESTOP);
+    let request = OperatorRequest { body, origin, ..OperatorRequest::default() };
     let answer = bus::estop::send(&listening(name)?, &request, ANSWER, UNEASY, || {
         eprintln!("nims: motor-io has not answered for {} s: {HARDWARE_STOP}; still trying", UNEASY.as_secs());
     });

@@ -57,6 +57,12 @@ impl Failure {
     }
 }
 
+impl From<messages::EncodeError> for Failure {
+    fn from(error: messages::EncodeError) -> Self {
+        Self::bad(error)
+    }
+}
+
 impl From<bus::BusError> for Failure {
     fn from(error: bus::BusError) -> Self {
         if error.is_bad_input() { Self::bad(error) } else { Self::not_now(error) }

@@ -4,37 +4,11 @@ use super::{
     ArbiterSection, MotorBoxSection, MotorIoSection, PortSection, ProcessSection, RobotFile, RobotSection, Role,
     SystemFile, UnitSection,
 };
-use crate::{Problem, Slot};
+use crate::number::number;
+use crate::{DriveFamily, Problem, Slot};
 
-/// Baud rates that the vendor's set-up program for the drives offers.
-const BAUDS: [u32; 8] = [2400, 9600, 19_200, 38_400, 57_600, 115_200, 230_400, 460_800];
-/// Longest watchdog time of a drive, s: it stores one byte of tenths.
-const WATCHDOG_MAX_S: f64 = 25.5;
 /// Longest name, characters: it becomes part of the path of a socket, whose length is limited.
 const NAME_MAX: usize = 16;
-
-/// Displays a number in a sentence; very large and very small numbers in exponential notation.
-pub struct Given(pub f64);
-
-impl std::fmt::Display for Given {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self(value) = self;
-        if value.is_finite() && *value != 0.0 && !(1e-6..1e9).contains(&value.abs()) {
-            write!(f, "{value:e}")
-        } else {
-            write!(f, "{value}")
-        }
-    }
-}
-
-/// Rejects `value` unless it is finite and `ok` accepts it.
-pub(super) fn number(key: &str, value: f64, accepted: &str, ok: impl Fn(f64) -> bool) -> Result<(), Problem> {
-    if value.is_finite() && ok(value) {
-        Ok(())
-    } else {
-        Err(Problem::of(key, format!("is {}; accepted: {accepted}", Given(value))))
-    }
-}
 
 fn count(key: &str, value: usize, low: usize, high: usize) -> Result<(), Problem> {
     if (low..=high).contains(&value) {
@@ -219,9 +193,9 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
     }
     ports(section, cables)?;
     let period = 1.0 / rate_hz;
-    number("motor_io.watchdog_s", section.watchdog_s, "0.1 to 25.5 s in steps of 0.1", |v| {
-        (0.1..=WATCHDOG_MAX_S).contains(&v) && ((v * 10.0).round() - v * 10.0).abs() < 1e-6
-    })?;
+    for port in &section.ports {
+        watchdog(section.watchdog_s, &port.protocol.family())?;
+    }
     if section.watchdog_s < 3.0 * period {
         let clause = format!("is {}; accepted: at least three periods of {period} s", section.watchdog_s);
         return Err(Problem::of("motor_io.watchdog_s", clause));
@@ -235,6 +209,16 @@ fn motor_io(section: &MotorIoSection, cables: usize, rate_hz: f64) -> Result<(),
     count("motor_io.stall_cycles", section.stall_cycles as usize, 1, 10_000)?;
     number("motor_io.supply_min_v", section.supply_min_v, "0 to 60 V", |v| (0.0..=60.0).contains(&v))?;
     node_bounds(section)
+}
+
+/// Checks that the drives of a port can be set to this watchdog time.
+fn watchdog(seconds: f64, family: &DriveFamily) -> Result<(), Problem> {
+    let ([shortest_s, longest_s], step_s) = (family.watchdog_s, family.watchdog_step_s);
+    let accepted = format!("{shortest_s} to {longest_s} s in steps of {step_s}");
+    number("motor_io.watchdog_s", seconds, &accepted, |v| {
+        let steps = v / step_s;
+        (shortest_s..=longest_s).contains(&v) && (steps.round() - steps).abs() < 1e-6
+    })
 }
 
 /// Checks the limits that motor-io enforces on the node.
@@ -290,7 +274,8 @@ fn ports(section: &MotorIoSection, cables: usize) -> Result<(), Problem> {
                 );
                 return Err(of_unit(Problem::at("address", sentence)));
             }
-            drive_unit(unit, index + 1, cables, &mut owner).map_err(of_unit)?;
+            let family = port.protocol.family();
+            drive_unit(unit, &family, index + 1, cables, &mut owner).map_err(of_unit)?;
         }
     }
     match owner.iter().position(Option::is_none) {
@@ -306,8 +291,9 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
     if port.path.is_empty() {
         return Err(Problem::of("path", "is empty; accepted: a device, e.g. /dev/serial/by-id/..."));
     }
-    if !BAUDS.contains(&port.baud) {
-        let accepted: Vec<String> = BAUDS.iter().map(u32::to_string).collect();
+    let bauds = port.protocol.family().bauds;
+    if !bauds.contains(&port.baud) {
+        let accepted: Vec<String> = bauds.iter().map(u32::to_string).collect();
         return Err(Problem::of("baud", format!("is {}; accepted: {}", port.baud, accepted.join(", "))));
     }
     if port.units.is_empty() {
@@ -319,13 +305,15 @@ fn serial_port(port: &PortSection) -> Result<(), Problem> {
 /// Checks a unit on the port with this `number`; `owner` contains the port and the address of the unit of each cable.
 fn drive_unit(
     unit: &UnitSection,
+    family: &DriveFamily,
     number: usize,
     cables: usize,
     owner: &mut [Option<(usize, u8)>],
 ) -> Result<(), Problem> {
     let address = unit.address;
-    if !(0x80..=0x87).contains(&address) {
-        let sentence = format!("`address` on port {number} is {address}; accepted: 128 to 135 (0x80 to 0x87)");
+    if !family.addresses.contains(&address) {
+        let accepted = family.addresses_in_words;
+        let sentence = format!("`address` on port {number} is {address}; accepted: {accepted}");
         return Err(Problem::at("address", sentence));
     }
     let at_cables = |sentence: String| Err(Problem::at("cables", sentence));

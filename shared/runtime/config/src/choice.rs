@@ -136,6 +136,14 @@ choice! {
 }
 
 choice! {
+    /// The drive families that motor-io has a driver for.
+    pub enum DriveProtocol {
+        /// RoboClaw packet serial.
+        Roboclaw = "roboclaw",
+    }
+}
+
+choice! {
     /// A status input of a serial port.
     pub enum StopPin {
         /// Clear to send.

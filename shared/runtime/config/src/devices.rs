@@ -1,8 +1,8 @@
 //! Simulated sensors of the virtual motor box, each on its own serial port, and the ground that they measure.
 
-use super::check::number;
-use super::load::join_normalized;
 use crate::Problem;
+use crate::file::join_normalized;
+use crate::number::number;
 use crate::toml_file::{ConfigError, Source};
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};

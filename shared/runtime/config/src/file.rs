@@ -144,6 +144,22 @@ pub fn folder_of(path: &Path) -> &Path {
     }
 }
 
+/// Joins `inner` to `folder` and removes `x/..` from the result.
+pub(crate) fn join_normalized(folder: &Path, inner: &Path) -> PathBuf {
+    use std::path::Component::{CurDir, Normal, ParentDir};
+    let mut result = PathBuf::new();
+    for part in folder.join(inner).components() {
+        match part {
+            CurDir => {}
+            ParentDir if matches!(result.components().next_back(), Some(Normal(_))) => {
+                result.pop();
+            }
+            other => result.push(other),
+        }
+    }
+    result
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -9,11 +9,13 @@
 mod check;
 mod choice;
 mod devices;
+mod drive_family;
 pub mod file;
 mod load;
 mod logger;
 mod measured;
-mod mission_file;
+mod mission_copy;
+mod number;
 mod point;
 mod problem;
 mod process_for;
@@ -24,14 +26,15 @@ pub mod toml_file;
 mod tuning;
 mod viewer;
 
-pub use check::Given;
-pub use choice::{Algorithm, ControlLaw, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
+pub use choice::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, StopPin, TensionDistribution, UnknownChoice};
 pub use devices::{
     CavitySection, CylinderSection, DeviceKind, DeviceSection, FieldSection, GroundFile, PeakSection, PrismSection,
 };
+pub use drive_family::DriveFamily;
 pub use logger::{LoggedSensorSection, SensorLoggerSection};
 pub use measured::{CalibrationFile, MotorTableFile, RESOLVED};
-pub use mission_file::mission_file;
+pub use mission_copy::{INBOX, MissionCopyError, mission_copy, mission_hash, read_mission, store_mission};
+pub use number::Given;
 pub use point::{Point, Points};
 pub use problem::Problem;
 pub use robot_file::{LinesSection, MotorSection, RobotFile, RobotSection, SiteSection};

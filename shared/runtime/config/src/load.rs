@@ -5,6 +5,7 @@ use super::{
     CalibrationFile, ControllerSection, MotorSection, MotorTableFile, Point, RobotFile, RobotSection, SystemFile,
     check, devices,
 };
+use crate::file::join_normalized;
 use crate::toml_file::{ConfigError, Source};
 use crate::{Problem, TensionDistribution};
 use cable_robot::motor::Motor;
@@ -231,22 +232,6 @@ impl SystemFile {
     pub fn period_s(&self) -> f64 {
         1.0 / self.rate_hz
     }
-}
-
-/// Joins `inner` to `folder` and removes `x/..` from the result.
-pub(super) fn join_normalized(folder: &Path, inner: &Path) -> PathBuf {
-    use std::path::Component::{CurDir, Normal, ParentDir};
-    let mut result = PathBuf::new();
-    for part in folder.join(inner).components() {
-        match part {
-            CurDir => {}
-            ParentDir if matches!(result.components().next_back(), Some(Normal(_))) => {
-                result.pop();
-            }
-            other => result.push(other),
-        }
-    }
-    result
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! `[sensor_logger]`: storage of sensor readings and live maps.
 
-use super::check::number;
 use crate::Problem;
+use crate::number::number;
 use serde::{Deserialize, Serialize};
 
 /// `[sensor_logger]`.

@@ -117,7 +117,7 @@ impl MotorTableFile {
 /// Resolves the path `named` in a file of `folder`: relative to `folder`, or, if there is no such file, the file of
 /// that name in `folder` itself.
 pub(super) fn resolve_named_file(folder: &Path, named: &Path) -> PathBuf {
-    let relative = super::load::join_normalized(folder, named);
+    let relative = crate::file::join_normalized(folder, named);
     let copy = named.file_name().map(|name| folder.join(name));
     // A run folder holds copies, which take precedence over the originals.
     let is_run = folder.join(RESOLVED).is_file();

@@ -19,3 +19,18 @@ impl Slot {
         self as usize
     }
 }
+
+impl From<Slot> for messages::Slot {
+    fn from(slot: Slot) -> Self {
+        Self::ALL[slot.index()]
+    }
+}
+
+impl From<messages::Slot> for Slot {
+    fn from(slot: messages::Slot) -> Self {
+        match slot {
+            messages::Slot::A => Self::A,
+            messages::Slot::B => Self::B,
+        }
+    }
+}

@@ -1,7 +1,7 @@
 //! The system file: processes, drives, control rate and parameters of a robot.
 
 use super::{DeviceSection, Point, SensorLoggerSection, ViewerSection};
-use crate::{Algorithm, ControlLaw, EstimatorMethod, Slot, StopPin, TensionDistribution};
+use crate::{Algorithm, ControlLaw, DriveProtocol, EstimatorMethod, Slot, StopPin, TensionDistribution};
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
@@ -114,10 +114,13 @@ pub struct PortSection {
     /// Device, e.g. `/dev/serial/by-id/..`; `{domain}` is replaced by the domain's folder, where the virtual motor box
     /// creates its ports.
     pub path: String,
+    /// Drive family on this port.
+    #[serde(default)]
+    pub protocol: DriveProtocol,
     /// Baud rate.
     #[serde(default = "default_baud")]
     pub baud: u32,
-    /// Drive units on this bus.
+    /// Drive units on this port.
     pub units: Vec<UnitSection>,
     /// Status input of this port, `cts`, `dsr` or `cd`, that the closed contact of a stop button keeps active; default:
     /// none. An inactive or unreadable input is an emergency stop.
@@ -128,7 +131,7 @@ pub struct PortSection {
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct UnitSection {
-    /// Packet serial address, 0x80 to 0x87.
+    /// Address of the unit on the port; which ones there are is up to the drive family.
     pub address: u8,
     /// Numbers, from 1, of the cables on motor 1 and motor 2.
     pub cables: Vec<usize>,

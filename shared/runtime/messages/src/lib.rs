@@ -1,12 +1,14 @@
 //! The fixed-size samples that the processes exchange, their ROS 2 schemas, and the channel table.
 //!
 //! Invariants:
-//! * A sample is `#[repr(C)]`, has no hidden padding (`bytemuck` proves it when this crate compiles) and every number stands at a
-//!   multiple of its own size. It is therefore, byte for byte, a little-endian CDR body: the recorder writes it as it lies in memory.
+//! * A sample is `#[repr(C)]`, has no hidden padding (`bytemuck` proves it when this crate compiles) and every number
+//!   stands at a multiple of its own size. It is therefore, byte for byte, a little-endian CDR body: the recorder
+//!   writes it as it lies in memory.
 //! * A sample begins with a [`Header`].
-//! * No `bool`, no Rust `enum`, no `Option` in a sample: another process may have written any byte. Choices are `u8` constants.
+//! * No `bool`, no Rust `enum`, no `Option` in a sample: another process may have written any byte. Choices are `u8`
+//!   constants.
 //! * The type name that peers compare ends in a hash of the schema text, so two builds that disagree refuse to connect.
-//! * This crate does no I/O and knows nothing else of this project.
+//! * This crate does no I/O and depends on no other crate of this project.
 //!
 //! ```
 //! use messages::{Message, MotorState};
@@ -26,6 +28,7 @@ mod message;
 mod motion;
 mod motor;
 mod node;
+mod request;
 pub mod ros;
 pub mod schema;
 mod system;
@@ -39,7 +42,11 @@ pub use message::{Field, Header, Message, expanded, hash_of, schema_name};
 pub use motion::{KNOTS, PlanMotion, PlanSegment, PlanStatus};
 pub use motor::{Energy, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState};
 pub use node::{ControlStatus, FieldMap, NodeEstimate, Reading, Sample, TruthNode};
-pub use system::{Heartbeat, LogEvent, OperatorRequest, ProcessState, RecorderGap, RecorderStatus};
+pub use request::{
+    DETAIL_BYTES, DecodeError, EncodeError, GotoPath, OperatorRequest, Request, RequestAnswer, RequestBody, Slot,
+    SlotRole,
+};
+pub use system::{Heartbeat, LogEvent, ProcessState, RecorderGap, RecorderStatus};
 pub use text::{MORE, parted, put_sentence, put_text, text_of, words_within};
 
 /// Cables of one robot at most; every per-cable array has this length.

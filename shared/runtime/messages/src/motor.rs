@@ -1,7 +1,7 @@
 //! The samples of the control cycle.
 
 use crate::{CABLES, ROLES, SEATS, SLOTS, UNITS};
-use crate::{Header, message};
+use crate::{Header, RequestBody, message};
 
 message! {
     /// `motor/state`, each cycle: what the drives and encoders say. Cable velocities are dL/dt: positive pays line out.
@@ -30,7 +30,9 @@ message! {
         node_bound_m_s: f64,
         /// Distance of the node from the set point, m; NaN: there is none.
         setpoint_distance_m: f64,
-        /// Status bits per unit, as the drive gave them; a stop button on the unit's port shows as the unit's own.
+        /// Conditions per unit, the same bits for every drive family: bit 0 emergency stop (also of a stop button on the unit's port);
+        /// bits 0 to 15 and 26 to 28 are errors, at which the drive stops; the others are warnings and inputs. `DriveStatus` of the
+        /// crate `drives` names each bit. Runs recorded before there were other families have the same bits.
         status: [u32; UNITS],
         /// 1: this cable's reading is from this cycle.
         fresh: [u8; CABLES],
@@ -39,7 +41,7 @@ message! {
         cable_count: u8,
         unit_count: u8,
         /// How far the position can be trusted.
-        position_known: u8 { POSITION_UNKNOWN = 0, POSITION_FROM_BEFORE_THE_CUT = 1, POSITION_KNOWN = 2 },
+        position_known: u8 { POSITION_UNKNOWN = 0, POSITION_RESTORED = 1, POSITION_KNOWN = 2 },
         pad0: [u8; 5],
     }
 }
@@ -214,8 +216,8 @@ message! {
         supervisor_beat: u64,
         planner_beat: u64,
         /// Requests that arrived; verb 0: none.
+        request: [RequestBody; 4],
         request_id: [u64; 4],
-        request_args: [f64; 32],
         /// When each was made, ns; 0: unknown.
         request_stamp_ns: [u64; 4],
         /// From plan/motion: start of its current segment, end of everything planned, end of the segments it carries.
@@ -235,6 +237,7 @@ message! {
         current_a: [f64; CABLES],
         duty: [f64; CABLES],
         supply_v: [f64; UNITS],
+        /// As in `motor/state`.
         status: [u32; UNITS],
         motion: u32,
         motion_epoch: u32,
@@ -249,7 +252,6 @@ message! {
         estimate_cycle: [u64; SLOTS],
         estimate_valid: [u8; SLOTS],
         command_arrived: [u8; SLOTS],
-        request_verb: [u8; 4],
         /// Per unit, what the exchange gave.
         unit: [u8; UNITS] {
             UNIT_ABSENT = 0, UNIT_OK = 1, UNIT_RESYNC = 2, UNIT_LOST = 3, UNIT_REBOOTED = 4, UNIT_LATE = 5,
@@ -266,7 +268,7 @@ message! {
         /// 1: `setpoint_m` and `setpoint_velocity_m_s` hold; 1: `motion_start_m` holds.
         setpoint_known: u8,
         motion_start_known: u8,
-        pad0: [u8; 3],
+        pad0: [u8; 7],
         /// Mission of plan/motion; 0: none.
         mission: u32,
         /// Emergency stops that arrived in this cycle on their own way, beside the requests.

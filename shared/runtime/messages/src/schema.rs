@@ -19,17 +19,11 @@ use std::collections::HashMap;
 use std::fmt;
 
 mod flaw;
+mod limits;
 
 pub use flaw::{Flaw, SchemaError};
 
-/// Fields of one sample at most, after nested types are laid out; more than any sample has, little enough to be kept in memory.
-const FIELDS: usize = 65_536;
-/// Bytes of one sample at most.
-const BYTES: usize = 1 << 30;
-/// Types within types at most.
-const DEPTH: usize = 16;
-/// Between the definitions.
-const SEPARATOR_LENGTH: usize = 80;
+use limits::{BYTES, DEPTH, FIELDS, SEPARATOR_LENGTH};
 
 /// A kind of number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

@@ -1,39 +1,6 @@
-//! Requests of the operator, life signs, the log, and the state of the recording.
+//! Life signs, the log, the process table, and the state of the recording.
 
 use crate::{Header, message};
-
-message! {
-    /// A request of the operator and, when `answered` is 1, its answer. On `operator/request` both are published.
-    pub struct OperatorRequest {
-        header: Header,
-        id: u64,
-        /// By verb. ZERO_AT: x, y, z. ZERO_LENGTHS: lengths. JOG: cable (from 1), metres. SPEED: fraction. SWAP, ADMIT: role (0 controller, 1 estimator), slot (0 a, 1 b). GOTO: x, y, z, speed m/s (0: default), path (0 line, 1 parabola, 2 lateral), mu 1/m.
-        args: [f64; 8],
-        pid: u32,
-        /// User who asks, as the kernel knows the process that asks.
-        uid: u32,
-        verb: u8 {
-            VERB_NONE = 0, VERB_ARM = 1, VERB_DISARM = 2, VERB_HOLD = 3, VERB_STOP = 4, VERB_ESTOP = 5, VERB_RESET = 6, VERB_ZERO_AT = 7,
-            VERB_ZERO_LENGTHS = 8, VERB_CONFIRM_POSITION = 9, VERB_JOG = 10, VERB_PAUSE = 11, VERB_RESUME = 12, VERB_SPEED = 13, VERB_SWAP = 14, VERB_ADMIT = 15,
-            VERB_GOTO = 20, VERB_RUN = 21, VERB_FAULT = 30,
-            VERB_START_PROCESS = 40, VERB_STOP_PROCESS = 41, VERB_RESTART_PROCESS = 42, VERB_PLUG = 43, VERB_UNPLUG = 44,
-            VERB_SET = 45, VERB_PARAMETER = 46,
-        },
-        answered: u8,
-        accepted: u8,
-        /// What the requester may do.
-        role: u8 { ROLE_OPERATOR = 0, ROLE_OBSERVER = 1, ROLE_ENGINEER = 2 },
-        /// The kind of program that asks.
-        origin: u8 { ORIGIN_UNKNOWN = 0, ORIGIN_COMMAND = 1, ORIGIN_SCREEN = 2, ORIGIN_PAGE = 3, ORIGIN_PYTHON = 4, ORIGIN_SUPERVISOR = 5, ORIGIN_MOTOR_IO = 6, ORIGIN_ESTOP = 7 },
-        pad0: [u8; 3],
-        /// Name of the user, or of the process that asks by itself.
-        requester: [u8; 32],
-        /// RUN: path of the mission file. Requests to the supervisor: a line each for the process's name and what else is asked.
-        text: [u8; 512],
-        /// One sentence.
-        answer: [u8; 512],
-    }
-}
 
 message! {
     /// `system/heartbeat/NAME`: a process is alive, and how its loop keeps time.
@@ -135,20 +102,9 @@ message! {
         next_seq: u64,
         last_ns: u64,
         next_ns: u64,
-        /// NOT_HEARD: its buffer overflowed before the recorder took it. DISK_FULL, FAILED: there was no file to write it to.
-        cause: u8 { CAUSE_NOT_HEARD = 1, CAUSE_DISK_FULL = 2, CAUSE_FAILED = 3 },
+        /// OVERFLOW: its buffer overflowed before the recorder took it. DISK_FULL, FAILED: there was no file to write it to.
+        cause: u8 { CAUSE_OVERFLOW = 1, CAUSE_DISK_FULL = 2, CAUSE_FAILED = 3 },
         pad0: [u8; 7],
         channel: [u8; 64],
     }
-}
-
-impl OperatorRequest {
-    /// RUN, first argument: what is left of a mission that was broken off, not all of it.
-    pub const RUN_CONTINUE: f64 = 1.0;
-    /// `accepted`: it cannot be done now; a command line ends with 1.
-    pub const REFUSED: u8 = 0;
-    /// `accepted`: it is done, or being done.
-    pub const ACCEPTED: u8 = 1;
-    /// `accepted`: refused, because what was given makes no sense here whenever it is asked; a command line ends with 2.
-    pub const BAD_INPUT: u8 = 2;
 }

@@ -1,11 +1,13 @@
-//! The state of a robot as plain data, and in sentences: for whatever shows it.
+//! The state of a robot as plain data and in sentences, for every program that shows it.
 //!
 //! Invariants:
 //! * No clock, no I/O, no bus: samples in, data and words out.
-//! * Each mode, fault, verdict, phase and cause has its sentence here and nowhere else.
+//! * Each mode, fault, verdict, phase, cause and answer has its sentence here and nowhere else.
 #![forbid(unsafe_code)]
 
+pub mod answers;
 pub mod periods;
 pub mod sentences;
 
+pub use answers::Reason;
 pub use periods::Periods;

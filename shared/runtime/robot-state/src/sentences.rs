@@ -258,7 +258,7 @@ pub fn cause_phrase(role: usize, cause: u8) -> &'static str {
 }
 
 /// Why a slot is no standby, and what to do: the rest of a sentence that begins with who it is.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct WhyNot {
     /// Index of the role.
     pub role: usize,
@@ -313,7 +313,7 @@ impl fmt::Display for WhyNot {
 pub fn position_sentence(position_known: u8) -> &'static str {
     match position_known {
         MotorState::POSITION_KNOWN => "The position is known.",
-        MotorState::POSITION_FROM_BEFORE_THE_CUT => {
+        MotorState::POSITION_RESTORED => {
             "The position is the one kept from before motor-io was started: look where the node is, then confirm it (nims confirm-position) or zero (nims zero)."
         }
         _ => "The position is unknown: zero where the node is (nims zero).",

@@ -14,6 +14,7 @@ use signal_hook::consts::{SIGINT, SIGTERM};
 use tracing::{error, info, warn};
 
 use crate::args::CommonArgs;
+use crate::bad_input::BadInput;
 use crate::build::{self, Program};
 use crate::declared::{DeclaredConfig, Since};
 use crate::lease;
@@ -47,11 +48,6 @@ pub const CHANGES_VARIABLE: &str = "NIMS_CHANGES";
 fn from_the_supervisor(variable: &str) -> Option<String> {
     std::env::var(variable).ok().filter(|value| !value.is_empty())
 }
-
-/// Bad input of the caller; the program exits with 2.
-#[derive(Debug, thiserror::Error)]
-#[error("{0}")]
-pub struct BadInput(pub String);
 
 /// State of a process.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -5,7 +5,7 @@ use bus::clock::now_ns;
 use bus::{Bus, BusError, Publisher};
 use messages::{Heartbeat, Message, SystemConfig};
 
-use crate::BadInput;
+use crate::bad_input::BadInput;
 
 /// Longest time to wait for the places of a dead process, ns: another process removes its objects within milliseconds,
 /// but may be delayed.

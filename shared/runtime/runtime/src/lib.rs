@@ -41,6 +41,7 @@
 #![forbid(unsafe_code)]
 
 mod args;
+mod bad_input;
 pub mod build;
 mod chassis;
 mod declared;
@@ -54,11 +55,12 @@ mod timing;
 mod tuning;
 
 pub use args::{Args, CommonArgs, VariantArgs};
+pub use bad_input::BadInput;
 pub use build::Program;
 pub use bus::clock::now_ns;
 pub use chassis::{
-    BadInput, CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, ENDED, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code,
-    main, main_as,
+    CHANGES_VARIABLE, Chassis, DOMAIN_VARIABLE, ENDED, Life, NAME_VARIABLE, SUCCESSOR_VARIABLE, exit_code, main,
+    main_as,
 };
 pub use declared::{Since, parts_of};
 pub use hash::{ProgramHash, hash_of};

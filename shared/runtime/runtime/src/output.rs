@@ -10,7 +10,7 @@ use std::rc::Rc;
 use bus::clock::{SECOND_NS, now_ns};
 use bus::{Bus, BusError, Publisher, Server};
 use messages::schema::{Primitive, Schema};
-use messages::{Message, OperatorRequest, text_of};
+use messages::{Message, OperatorRequest, Request};
 use tracing::{info, warn};
 
 /// Largest delay of an output, cycles: one second at 100 Hz.
@@ -56,8 +56,19 @@ impl OutputFaultInjector {
             self.until_ns = u64::MAX;
         }
         while let Some(call) = self.server.try_next()? {
-            let text = text_of(&call.request.text);
-            let wanted = parse(&text).filter(|_| call.request.verb == OperatorRequest::VERB_FAULT);
+            let text = match Request::decode(&call.request) {
+                Ok(Request::Fault { text }) => text,
+                Ok(_) => {
+                    let sentence = format!("this process takes no requests except faults: {}", forms());
+                    call.answer(OperatorRequest::BAD_INPUT, &sentence)?;
+                    continue;
+                }
+                Err(error) => {
+                    call.answer(OperatorRequest::BAD_INPUT, &error.to_string())?;
+                    continue;
+                }
+            };
+            let wanted = parse(&text);
             let Some((fault, for_s)) = wanted else {
                 let sentence = format!("the fault is \"{text}\"; accepted: {}", forms());
                 call.answer(OperatorRequest::BAD_INPUT, &sentence)?;

@@ -1,5 +1,5 @@
 //! The whole control chain against the plant, one cycle after the other, without processes and without a clock: much
-//! faster than real time and the same bits every time.
+//! faster than real time, and the same bits every time.
 #![forbid(unsafe_code)]
 
 mod lives;
@@ -14,7 +14,7 @@ use controller::{Controller, ControllerConfig, Law, Notice};
 use estimator::{Estimator, EstimatorConfig, Method};
 use messages::{
     CABLES, ControlStatus, Energy, Header, MotorAuthority, MotorCommand, MotorInput, MotorSlots, MotorState,
-    NodeEstimate, OperatorRequest, PlanMotion, PlanStatus, UNITS,
+    NodeEstimate, PlanMotion, PlanStatus, Request, UNITS,
 };
 use motor_io::setpoint::Setpoints;
 use motor_io::{Answer, Core, CoreConfig};
@@ -272,7 +272,7 @@ pub struct Lockstep {
     drives: [DriveInput; CABLES],
     /// Count of the supervisor's beats, and whether it lives; 0 without one.
     supervisor: (u64, bool),
-    requests: Vec<(u8, [f64; 8])>,
+    requests: Vec<Request>,
     authority: Option<MotorAuthority>,
     estimate: Option<NodeEstimate>,
     motion: PlanMotion,
@@ -351,8 +351,8 @@ impl Lockstep {
     }
 
     /// Asks motor-io for something in the next cycle (at most four requests per cycle).
-    pub fn request(&mut self, verb: u8, args: [f64; 8]) {
-        self.requests.push((verb, args));
+    pub fn request(&mut self, request: Request) {
+        self.requests.push(request);
     }
 
     /// The planner's pass, if it lives.
@@ -372,9 +372,9 @@ impl Lockstep {
     pub fn zero_and_arm(&mut self) -> Result<()> {
         self.cycle()?;
         let [x, y, z] = self.plant.position_m();
-        self.request(OperatorRequest::VERB_ZERO_AT, [x, y, z, 0.0, 0.0, 0.0, 0.0, 0.0]);
+        self.request(Request::ZeroAt { position_m: [x, y, z] });
         self.cycle()?;
-        self.request(OperatorRequest::VERB_ARM, [0.0; 8]);
+        self.request(Request::Arm);
         for _ in 0..50 {
             self.cycle()?;
         }
@@ -417,10 +417,9 @@ impl Lockstep {
         input.unit_alive = [u8::from(alive); UNITS];
         input.supervisor_beat = self.beat();
         input.planner_beat = self.motion.beat;
-        for (i, (verb, args)) in self.requests.drain(..self.requests.len().min(4)).enumerate() {
+        for (i, request) in self.requests.drain(..self.requests.len().min(4)).enumerate() {
             input.request_id[i] = cycle;
-            input.request_verb[i] = verb;
-            input.request_args[8 * i..8 * i + 8].copy_from_slice(&args);
+            input.request[i] = request.body();
         }
         let PlanMotion { current, next, .. } = &self.motion;
         let last = if next.id != 0 { next } else { current };

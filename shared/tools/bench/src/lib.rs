@@ -1,10 +1,11 @@
-//! `nims bench`: whether this machine is good enough for a robot, and how what was built compares, on this machine and in this run,
-//! with the plain way of doing the same. Needs no robot, and touches none.
+//! `nims bench`: measures whether this machine is suitable for a robot, and compares the implementation with a plain
+//! alternative on this machine in the same run. It needs no robot and does not access one.
 //!
 //! Invariants:
-//! * Everything stands beside a peer that was measured in the same seconds, as medians, tails and a ratio: a time alone says as much
-//!   about what else the machine did.
-//! * Shared memory and files of a benchmark are its own; they are removed when it ends, and where it was killed by the next one.
+//! * Each figure has a peer measured in the same seconds; results are medians, tails and a ratio, because an absolute
+//!   time also depends on the other load of the machine.
+//! * Shared memory and files of a benchmark are private. They are removed at its end or, if it was killed, by the next
+//!   benchmark.
 #![forbid(unsafe_code)]
 
 mod args;
@@ -15,189 +16,29 @@ mod flight;
 mod judge;
 pub mod peer;
 mod place;
+mod report;
 mod robots;
 mod round_trip;
 mod scheduling;
+mod settings;
 mod text;
 mod tick;
+mod watch;
+mod words;
 
 pub use args::{Args, Part};
 
-use command::{Answer, Failure, Output, StopFlag};
-use commissioning::check::Finding;
-use config::{ControllerSection, EstimatorSection, RealtimeSection, RecorderSection, SystemFile};
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressFinish, ProgressStyle};
-use serde_json::{Value, json};
-use std::collections::BTreeSet;
-use std::path::PathBuf;
-use std::sync::atomic::Ordering;
-use std::time::{Duration, Instant};
+use command::{Answer, Failure, Output};
+use report::BenchReport;
+use settings::Settings;
+use watch::Watch;
 
-/// Control rates that a box may have, Hz.
-const RATES_HZ: [f64; 2] = [10.0, 250.0];
-const DEFAULT_RATE_HZ: f64 = 100.0;
-
-/// What is measured, and for what.
-#[derive(Debug, Clone)]
-struct Settings {
-    parts: BTreeSet<Part>,
-    rate_hz: f64,
-    seconds: Option<f64>,
-    realtime: RealtimeSection,
-    controller: ControllerSection,
-    estimator: EstimatorSection,
-    runs: PathBuf,
-    least_bytes: u64,
-    flush_s: f64,
-}
-
-impl Default for Settings {
-    fn default() -> Self {
-        let RecorderSection { min_free_bytes, flush_s, .. } = RecorderSection::default();
-        Self {
-            parts: Part::ALL.into(),
-            rate_hz: DEFAULT_RATE_HZ,
-            seconds: None,
-            realtime: scheduling::best(),
-            controller: ControllerSection::default(),
-            estimator: EstimatorSection::default(),
-            runs: PathBuf::from("."),
-            least_bytes: min_free_bytes,
-            flush_s,
-        }
-    }
-}
-
-impl Settings {
-    fn of(asked: &Args) -> Answer<Self> {
-        let mut settings = Self { seconds: asked.seconds, ..Self::default() };
-        if !asked.parts.is_empty() {
-            settings.parts = asked.parts.iter().copied().collect();
-        }
-        if let Some(path) = &asked.system_file {
-            let path = std::path::absolute(path).map_err(Failure::bad)?;
-            let file = SystemFile::load(&path).map_err(Failure::bad)?;
-            settings.rate_hz = file.rate_hz;
-            settings.runs = commissioning::doctor::where_it_will_be(&file.runs);
-            settings.least_bytes = file.recorder.min_free_bytes;
-            settings.flush_s = file.recorder.flush_s;
-            (settings.realtime, settings.controller, settings.estimator) =
-                (file.realtime, file.controller, file.estimator);
-        }
-        settings.rate_hz = asked.rate.unwrap_or(settings.rate_hz);
-        let [least, most] = RATES_HZ;
-        if !(least..=most).contains(&settings.rate_hz) {
-            return Err(Failure::BadInput(format!(
-                "--rate is {} Hz; accepted: {least} to {most} control cycles per second",
-                settings.rate_hz
-            )));
-        }
-        if let Some(runs) = &asked.runs {
-            settings.runs.clone_from(runs);
-        }
-        Ok(settings)
-    }
-
-    fn period_ns(&self) -> u64 {
-        (1e9 / self.rate_hz).round() as u64
-    }
-
-    /// A thousand ticks at 100 Hz, thousands of everything else: fewer have no tail.
-    fn seconds_for(&self, part: Part) -> f64 {
-        self.seconds.unwrap_or(match part {
-            Part::Tick => 10.0,
-            Part::Bus => 3.0,
-            Part::Chain => 2.0,
-            Part::Disk => 3.0,
-        })
-    }
-}
-
-/// Looks after whoever waits: shows how far it is, and whether it is to end.
-struct Watch {
-    stop: StopFlag,
-    bar: ProgressBar,
-    begun: Instant,
-}
-
-impl Watch {
-    /// Between two looks.
-    const LOOK: Duration = Duration::from_millis(50);
-
-    fn new(stop: StopFlag, settings: &Settings) -> Self {
-        let all_s: f64 = settings.parts.iter().map(|part| settings.seconds_for(*part)).sum();
-        let style = ProgressStyle::with_template("{msg:6} {wide_bar} {percent:>3} %");
-        let style = style.unwrap_or_else(|_| ProgressStyle::default_bar());
-        // without a terminal it draws nothing
-        let bar = ProgressBar::with_draw_target(Some((all_s * 1e3) as u64), ProgressDrawTarget::stderr());
-        let bar = bar.with_style(style).with_finish(ProgressFinish::AndClear);
-        Self { stop, bar, begun: Instant::now() }
-    }
-
-    /// For a thread that is looked after by another.
-    fn quiet(stop: StopFlag) -> Self {
-        Self { stop, bar: ProgressBar::hidden(), begun: Instant::now() }
-    }
-
-    fn stop(&self) -> StopFlag {
-        StopFlag::clone(&self.stop)
-    }
-
-    fn look(&mut self) {
-        self.bar.set_position(self.begun.elapsed().as_millis() as u64);
-    }
-
-    fn go_on(&self) -> Answer {
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Failure::NotNow("stopped before everything was measured".to_owned()));
-        }
-        Ok(())
-    }
-}
-
-/// What was found, as far as it was asked for.
-struct Report {
-    rate_hz: f64,
-    runs: PathBuf,
-    beside: bool,
-    tick: Option<tick::Found>,
-    bus: Option<round_trip::Found>,
-    chain: Option<chain::Found>,
-    disk: Option<disk::Found>,
-}
-
-impl Report {
-    fn verdicts(&self) -> Vec<(Part, Finding)> {
-        let rate_hz = self.rate_hz;
-        [
-            self.tick.as_ref().map(|found| (Part::Tick, judge::of_ticks(found, rate_hz))),
-            self.bus.as_ref().map(|found| (Part::Bus, judge::of_bus(found, rate_hz))),
-            self.chain.as_ref().map(|found| (Part::Chain, judge::of_chain(found, rate_hz))),
-            self.disk.as_ref().map(|found| (Part::Disk, judge::of_disk(found, rate_hz))),
-        ]
-        .into_iter()
-        .flatten()
-        .collect()
-    }
-
-    fn to_json(&self) -> Value {
-        let mut value = json!({ "rate_hz": self.rate_hz, "period_s": 1.0 / self.rate_hz, "beside_robot": self.beside });
-        let parts = [json!(self.tick), json!(self.bus), json!(self.chain), json!(self.disk)];
-        for (part, mut found) in Part::ALL.into_iter().zip(parts).filter(|(_, found)| !found.is_null()) {
-            let verdict = self.verdicts().into_iter().find(|(judged, _)| *judged == part);
-            found["verdict"] = json!(verdict.map(|(_, finding)| finding));
-            value[part.name()] = found;
-        }
-        value
-    }
-}
-
-/// `nims bench`.
+/// Runs `nims bench`.
 ///
 /// # Errors
-/// Bad input; a robot that runs; a disk without room; or whatever could not be measured now.
-pub fn run(asked: &Args) -> Answer<Output> {
-    let settings = Settings::of(asked)?;
+/// Bad input, a running robot, a disk without space, or a failed measurement.
+pub fn run(args: &Args) -> Answer<Output> {
+    let settings = Settings::of(args)?;
     let wanted = |part: Part| settings.parts.contains(&part);
     if wanted(Part::Chain) || wanted(Part::Disk) {
         flight::scenario(&settings).map_err(Failure::bad)?;
@@ -206,16 +47,16 @@ pub fn run(asked: &Args) -> Answer<Output> {
         disk::check(&settings)?;
     }
     let robot = robots::running();
-    if let Some(where_it_runs) = robot.as_ref().filter(|_| !asked.beside) {
+    if let Some(where_it_runs) = robot.as_ref().filter(|_| !args.beside) {
         return Err(Failure::NotNow(format!(
-            "a robot runs on this machine ({where_it_runs}), and this would take its time: end it first, or say --beside"
+            "a robot runs on this machine ({where_it_runs}), and a benchmark would delay it; end it first, or use --beside"
         )));
     }
     bus::make_private();
     let stop = command::stop_flag()?;
     place::sweep(wanted(Part::Disk).then_some(&*settings.runs));
     let mut watch = Watch::new(stop, &settings);
-    let mut report = Report {
+    let mut report = BenchReport {
         rate_hz: settings.rate_hz,
         runs: settings.runs.clone(),
         beside: robot.is_some(),
@@ -236,42 +77,4 @@ pub fn run(asked: &Args) -> Answer<Output> {
     }
     watch.bar.finish_and_clear();
     Ok(Output::new(report.to_json(), text::report(&report)))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn asked() -> Args {
-        Args { parts: Vec::new(), system_file: None, rate: None, seconds: None, runs: None, beside: false }
-    }
-
-    #[test]
-    fn everything_is_measured_in_less_than_twenty_seconds_unless_told_otherwise() {
-        let settings = Settings::of(&asked()).unwrap();
-        assert_eq!(settings.parts, Part::ALL.into());
-        assert!(Part::ALL.into_iter().map(|part| settings.seconds_for(part)).sum::<f64>() < 20.0);
-        // a thousand ticks: a tail of more than the worst
-        assert!(settings.seconds_for(Part::Tick) * settings.rate_hz >= 1000.0);
-        let settings = Settings::of(&Args { seconds: Some(0.5), ..asked() }).unwrap();
-        assert!(Part::ALL.into_iter().all(|part| settings.seconds_for(part) == 0.5));
-    }
-
-    #[test]
-    fn parts_are_measured_once_and_in_order() {
-        let parts = vec![Part::Disk, Part::Bus, Part::Disk];
-        let settings = Settings::of(&Args { parts, ..asked() }).unwrap();
-        assert_eq!(settings.parts.into_iter().collect::<Vec<_>>(), [Part::Bus, Part::Disk]);
-    }
-
-    #[test]
-    fn rates_are_those_of_boxes() {
-        for rate in [10.0, 250.0] {
-            assert!(Settings::of(&Args { rate: Some(rate), ..asked() }).is_ok());
-        }
-        for rate in [9.9, 250.1, -100.0, 0.0] {
-            let refused = Settings::of(&Args { rate: Some(rate), ..asked() }).unwrap_err();
-            assert!(matches!(&refused, Failure::BadInput(said) if said.contains("--rate")), "{refused}");
-        }
-    }
 }

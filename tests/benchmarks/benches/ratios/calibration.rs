@@ -11,22 +11,25 @@ use calibration::calibrate_heights;
 use calibration::heights::closed_form;
 use criterion::Criterion;
 
-use crate::Random;
+use crate::random::Random;
 
 const POINTS: usize = 43;
 
 /// Standard deviation of a length, m.
 const SIGMA_M: f64 = 0.005;
 
-/// Where the search begins, m, and how far its first simplex reaches, as a share: 5 % is what MATLAB's fminsearch takes.
+/// Where the search begins, m, and how far its first simplex reaches, as a share: 5 % is what MATLAB's fminsearch
+/// takes.
 const START_M: f64 = 3.0;
 const REACH: f64 = 0.05;
 
-/// Spread of the costs in the simplex at which the search ends, m⁴: near the minimum the cost grows by about 2500 m² times the
-/// square of an error of the heights, so these are 20 nm, where both give the same answer, and 0.1 mm, where both would do.
+/// Spread of the costs in the simplex at which the search ends, m⁴: near the minimum the cost grows by about 2500 m²
+/// times the square of an error of the heights, so these are 20 nm, where both give the same answer, and 0.1 mm, where
+/// both would do.
 const ENDS_M4: [f64; 2] = [1e-12, 2.5e-5];
 
-/// (4) for given x and y of the anchors: what lengths and heights leave unexplained after the best points for these heights.
+/// (4) for given x and y of the anchors: what lengths and heights leave unexplained after the best points for these
+/// heights.
 #[derive(Clone)]
 struct Unexplained {
     /// About their mean, m.

@@ -14,7 +14,7 @@ use lockstep::{Chain, Cycle, Lockstep, Scenario};
 use nims_tests::scenarios::{self, Case};
 use plant::{MotorInput, Plant};
 
-use crate::Random;
+use crate::random::Random;
 
 /// Cycles of the flight: ten seconds, most of them in motion.
 const CYCLES: usize = 1000;

@@ -5,6 +5,7 @@
 
 mod calibration;
 mod chain;
+mod random;
 mod tension;
 
 use std::path::Path;
@@ -36,14 +37,4 @@ fn main() -> Result<()> {
     std::fs::write(&path, &table).with_context(|| format!("{} cannot be written", path.display()))?;
     println!("\n{table}\nThis table: {}", path.display());
     Ok(())
-}
-
-/// Numbers between 0 and 1 that are the same in every run: a linear congruential generator (Knuth's MMIX constants).
-struct Random(u64);
-
-impl Random {
-    fn next(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (self.0 >> 11) as f64 / (1u64 << 53) as f64
-    }
 }

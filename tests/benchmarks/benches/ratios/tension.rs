@@ -1,5 +1,5 @@
-//! Tensions of four cables, the structure matrix included, beside an interior-point method for the least norm and a simplex
-//! method for the least sum; and the energy-optimal parabola.
+//! Tensions of four cables, the structure matrix included, beside an interior-point method for the least norm and a
+//! simplex method for the least sum; and the energy-optimal parabola.
 
 use std::hint::black_box;
 
@@ -15,7 +15,7 @@ use clarabel::solver::{
 use criterion::{BatchSize, Criterion};
 use microlp::{ComparisonOp, OptimizationDirection, Problem};
 
-use crate::Random;
+use crate::random::Random;
 
 /// Four anchors of a wood: nothing symmetric, m.
 const ANCHORS_M: [[f64; 3]; 4] = [[0.0, 0.0, 6.0], [10.4, 0.3, 6.3], [9.7, 8.9, 5.8], [-0.5, 9.4, 6.1]];

@@ -1,8 +1,9 @@
 //! What came of it, from the run files: detection, tensions, and whether anything moved that should not.
 //!
-//! Two things are not held against the robot, and the table says for how long they last. Where an encoder lies, its drive runs away for
-//! the quarter of a second until that is found out, the node is thrown about, and the other lines are slack for moments while it swings. And
-//! where one of three lines breaks, the other two cannot carry the node, and hang loose once it has come down.
+//! Two things are not held against the robot, and the table says for how long they last. Where an encoder lies, its
+//! drive runs away for the quarter of a second until that is found out, the node is thrown about, and the other lines
+//! are slack for moments while it swings. And where one of three lines breaks, the other two cannot carry the node, and
+//! hang loose once it has come down.
 
 use messages::faults::RELEASING;
 use messages::{MotorAuthority, TruthNode};

@@ -1,7 +1,8 @@
-//! Faults at random, one after the other, in flight: after each the robot is brought back by what an operator has, and flies on.
+//! Faults at random, one after the other, in flight: after each the robot is brought back by what an operator has, and
+//! flies on.
 //!
-//! `NIMS_CHAOS=200 cargo test --workspace --test live -- chaos:: --nocapture` strikes two hundred times; `NIMS_CHAOS_SEED` draws others, and
-//! `NIMS_CHAOS_TABLE=FILE` keeps the table.
+//! `NIMS_CHAOS=200 cargo test --workspace --test live -- chaos:: --nocapture` strikes two hundred times;
+//! `NIMS_CHAOS_SEED` draws others, and `NIMS_CHAOS_TABLE=FILE` keeps the table.
 
 mod judge;
 mod plan;
@@ -11,7 +12,8 @@ use bus::{Subscriber, clock};
 use config::RobotFile;
 use judge::{Blow, Evidence, Verdict};
 use messages::{
-    CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, MotorState, NodeEstimate, OperatorRequest, SLOTS, TruthNode,
+    CONTROLLERS, ESTIMATORS, MotorAuthority, MotorSlots, MotorState, NodeEstimate, Request, SLOTS, Slot, SlotRole,
+    TruthNode,
 };
 use plan::{Ending, Fault, How, Random, Round};
 use rustix::process::Signal;
@@ -129,8 +131,8 @@ impl Chaos {
         !self.standby || (role(CONTROLLERS) && role(ESTIMATORS) && self.robot.seats.fade == [1.0; 2])
     }
 
-    fn ask(&mut self, process: &str, verb: u8, args: &[f64], text: &str) -> bool {
-        matches!(self.robot.request(process, verb, args, text), Some((true, _)))
+    fn ask(&mut self, process: &str, request: Request) -> bool {
+        matches!(self.robot.request(process, &request), Some((true, _)))
     }
 
     /// What an operator does until the robot flies again.
@@ -159,10 +161,10 @@ impl Chaos {
             since = None;
             match self.robot.last.mode {
                 MotorAuthority::MODE_DISARMED => {
-                    self.ask("motor-io", OperatorRequest::VERB_ARM, &[], "");
+                    self.ask("motor-io", Request::Arm);
                 }
                 MotorAuthority::MODE_FAULTED | MotorAuthority::MODE_EMERGENCY_STOP => {
-                    self.ask("motor-io", OperatorRequest::VERB_RESET, &[], "");
+                    self.ask("motor-io", Request::Reset);
                 }
                 MotorAuthority::MODE_HOLDING => self.go_on(),
                 _ => {}
@@ -176,8 +178,8 @@ impl Chaos {
     fn admit(&mut self) {
         for seat in 0..self.robot.seats.phase.len() {
             if self.robot.seats.phase[seat] == MotorSlots::PHASE_QUARANTINED {
-                let args = [(seat / SLOTS) as f64, (seat % SLOTS) as f64];
-                self.ask("motor-io", OperatorRequest::VERB_ADMIT, &args, "");
+                let (role, slot) = (SlotRole::ALL[seat / SLOTS], Slot::ALL[seat % SLOTS]);
+                self.ask("motor-io", Request::Admit { role, slot });
             }
         }
     }
@@ -205,21 +207,22 @@ impl Chaos {
         match position_known {
             MotorState::POSITION_KNOWN if !fresh => return,
             MotorState::POSITION_KNOWN if trusted => {}
-            MotorState::POSITION_FROM_BEFORE_THE_CUT if trusted => {
-                self.ask("motor-io", OperatorRequest::VERB_CONFIRM_POSITION, &[], "");
+            MotorState::POSITION_RESTORED if trusted => {
+                self.ask("motor-io", Request::ConfirmPosition);
             }
             known => {
                 if known == MotorState::POSITION_KNOWN {
                     self.off_m = Some(self.off_m.unwrap_or(0.0).max(off_m));
                 }
-                self.ask("motor-io", OperatorRequest::VERB_STOP, &[], "");
-                self.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &place, "");
+                self.ask("motor-io", Request::Stop);
+                self.ask("motor-io", Request::ZeroAt { position_m: place });
                 self.sleep(0.1);
             }
         }
-        if !self.ask("motor-io", OperatorRequest::VERB_RESUME, &[], "") {
-            self.ask("motor-io", OperatorRequest::VERB_STOP, &[], "");
-            self.ask("planner", OperatorRequest::VERB_RUN, &[], "fro");
+        if !self.ask("motor-io", Request::Resume) {
+            self.ask("motor-io", Request::Stop);
+            let mission = self.robot.mission("fro");
+            self.ask("planner", mission);
         }
         self.sleep(0.2);
     }

@@ -6,7 +6,7 @@ mod steady;
 pub use steady::steadily;
 
 use bus::{Bus, Client, Domain, Subscriber, TestDomain, clock};
-use messages::{MotorAuthority, MotorSlots, OperatorRequest, TruthNode, put_text, text_of};
+use messages::{GotoPath, MotorAuthority, MotorInput, MotorSlots, Request, TruthNode, text_of};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::collections::HashMap;
@@ -29,9 +29,12 @@ const STARVED: u32 = MotorAuthority::FAULT_COMMAND_LOST
     | MotorAuthority::FAULT_LONG_GAP
     | MotorAuthority::FAULT_COMPUTER;
 
-/// So many periods lost to the computer or to drives that are programs here, so close together.
+/// Cycles with a long wait, and lost periods, among so many in a row that show a starved robot.
 const STARVED_CYCLES: u64 = 3;
 const CLOSE_CYCLES: usize = 10;
+/// A thread that waited longer than this for a processor had no time for its part of the cycle, ns: motor-io's own
+/// share of the period.
+const LONG_WAIT_NS: u64 = 3_000_000;
 
 pub fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_path_buf()
@@ -62,6 +65,11 @@ pub struct Robot {
     broken: bool,
     pub domain: TestDomain,
     _alone: MutexGuard<'static, ()>,
+}
+
+/// A straight move at that speed, m/s.
+pub fn goto(to_m: [f64; 3], speed_m_s: f64) -> Request {
+    Request::Goto { to_m, path: GotoPath::Line, speed_m_s: Some(speed_m_s) }
 }
 
 /// A copy of the examples' files, because what a robot keeps stands beside them.
@@ -164,7 +172,8 @@ impl Robot {
         run_of(self.folder.path(), self.runs)
     }
 
-    /// What the virtual box said it had left out of its time in the present run, ms: rates and distances of drives go by what is left.
+    /// What the virtual box said it had left out of its time in the present run, ms: rates and distances of drives go
+    /// by what is left.
     pub fn left_out_ms(&self) -> u64 {
         let said = std::fs::read_to_string(self.run().join("log/motor-box.txt")).unwrap_or_default();
         let words = said.lines().filter_map(|line| line.split_once(" ms did not pass in the motor box"));
@@ -290,10 +299,10 @@ impl Robot {
     }
 
     /// Asks until it is accepted.
-    pub fn ask(&mut self, process: &str, verb: u8, args: &[f64]) {
+    pub fn ask(&mut self, process: &str, request: Request) {
         let give_up = clock::now_ns() + LONG.as_nanos() as u64;
         loop {
-            let answer = self.request(process, verb, args, "");
+            let answer = self.request(process, &request);
             if matches!(answer, Some((true, _))) {
                 return;
             }
@@ -310,15 +319,13 @@ impl Robot {
     /// Breaks something in that process.
     pub fn fault_of(&mut self, process: &str, text: &str) {
         self.broken = true;
-        let (accepted, sentence) = self.request(process, OperatorRequest::VERB_FAULT, &[], text).unwrap();
+        let (accepted, sentence) = self.request(process, &Request::Fault { text: text.to_owned() }).unwrap();
         assert!(accepted, "{sentence}");
     }
 
     /// One request and its answer; none where the process is not there or does not answer.
-    pub fn request(&mut self, process: &str, verb: u8, args: &[f64], text: &str) -> Option<(bool, String)> {
-        let mut request = OperatorRequest { verb, ..OperatorRequest::default() };
-        request.args[..args.len()].copy_from_slice(args);
-        put_text(&mut request.text, text);
+    pub fn request(&mut self, process: &str, request: &Request) -> Option<(bool, String)> {
+        let request = request.encode().unwrap();
         if !self.clients.contains_key(process) {
             self.clients.insert(process.to_owned(), self.bus.client(process).unwrap());
         }
@@ -329,8 +336,15 @@ impl Robot {
         answer.map(|answer| (answer.accepted == 1, text_of(&answer.answer)))
     }
 
-    /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the robot stopped for it, the
-    /// move is begun anew.
+    /// The request to fly a mission of the folder of missions, which is copied into the run first.
+    pub fn mission(&self, name: &str) -> Request {
+        let text = std::fs::read_to_string(self.folder().join(format!("configs/missions/{name}.toml"))).unwrap();
+        let hash = config::store_mission(&self.run(), &text).unwrap();
+        Request::Run { mission: name.to_owned(), hash, continues: false }
+    }
+
+    /// A move of some seconds, there or back, and it is under way. Where the machine stood still meanwhile and the
+    /// robot stopped for it, the move is begun anew.
     pub fn fly(&mut self) {
         self.fly_at(0.12);
     }
@@ -339,12 +353,11 @@ impl Robot {
     pub fn fly_at(&mut self, speed_m_s: f64) {
         for _ in 0..5 {
             // Gives up what is left of a move; without one it is refused, which is as good.
-            self.request("motor-io", OperatorRequest::VERB_STOP, &[], "").unwrap();
+            self.request("motor-io", &Request::Stop).unwrap();
             self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING);
             // Wherever an earlier move was broken off, the farther end is a move away.
             self.goal = if self.distance_m(START) < self.distance_m(GOAL) { GOAL } else { START };
-            let [x, y, z] = self.goal;
-            self.ask("planner", OperatorRequest::VERB_GOTO, &[x, y, z, speed_m_s]);
+            self.ask("planner", goto(self.goal, speed_m_s));
             self.until("the motion", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
             let cycle = self.last.header.cycle + 100;
             self.until("a second of it", |robot| robot.last.header.cycle > cycle);
@@ -363,7 +376,7 @@ impl Robot {
             if self.last.faults & STARVED == 0 {
                 return;
             }
-            self.ask("motor-io", OperatorRequest::VERB_RESUME, &[]);
+            self.ask("motor-io", Request::Resume);
             self.until("it goes on", |robot| robot.last.mode == MotorAuthority::MODE_FOLLOWING);
         }
         panic!("this machine does not let the robot end its move: {:#x}", self.last.faults);
@@ -371,8 +384,8 @@ impl Robot {
 
     /// Armed, and told where it hangs.
     pub fn arm(&mut self) {
-        self.ask("motor-io", OperatorRequest::VERB_ARM, &[]);
-        self.ask("motor-io", OperatorRequest::VERB_ZERO_AT, &START);
+        self.ask("motor-io", Request::Arm);
+        self.ask("motor-io", Request::ZeroAt { position_m: START });
     }
 
     /// Everything that has been published so far is in `last`, `seen` and `seats`.
@@ -412,10 +425,10 @@ impl Robot {
 
     /// Puts the robot back to holding at a known position.
     pub fn reset(&mut self) {
-        self.ask("motor-io", OperatorRequest::VERB_RESET, &[]);
+        self.ask("motor-io", Request::Reset);
         self.until("holding", |robot| robot.last.mode == MotorAuthority::MODE_HOLDING && robot.last.faults == 0);
-        if self.last.position_known == messages::MotorState::POSITION_FROM_BEFORE_THE_CUT {
-            self.ask("motor-io", OperatorRequest::VERB_CONFIRM_POSITION, &[]);
+        if self.last.position_known == messages::MotorState::POSITION_RESTORED {
+            self.ask("motor-io", Request::ConfirmPosition);
         }
     }
 
@@ -445,17 +458,34 @@ impl Robot {
         self.supervisor.wait().unwrap();
     }
 
-    /// Whether, as its run files have it, this machine let it wait: nothing was broken, and yet the drives, which are programs here,
-    /// gave no answer in time, or motor-io came late, for several cycles in a row.
-    fn was_starved(&self) -> bool {
-        let starved = |run: usize| {
+    /// The kernel's figures in the run files of a robot in which nothing was broken, where they explain lost periods:
+    /// cycles close together in which the kernel kept threads of the robot waiting for a processor, and in which as
+    /// many periods were lost.
+    fn starvation(&self) -> Option<String> {
+        if self.broken {
+            return None;
+        }
+        (1..=self.runs).find_map(|run| {
+            let folder = run_of(self.folder.path(), run);
+            let inputs: Vec<(u64, MotorInput)> = runlog::read_channel(&folder, "motor/input").unwrap_or_default();
             let samples: Vec<(u64, MotorAuthority)> =
-                runlog::read_channel(&run_of(self.folder.path(), run), "motor/authority").unwrap_or_default();
-            let lost: Vec<u64> =
-                samples.iter().map(|(_, sample)| sample.lost_computer + sample.lost_on_ports()).collect();
-            lost.windows(CLOSE_CYCLES).any(|window| window[CLOSE_CYCLES - 1] >= window[0] + STARVED_CYCLES)
-        };
-        !self.broken && (1..=self.runs).any(starved)
+                runlog::read_channel(&folder, "motor/authority").unwrap_or_default();
+            let waited = inputs.windows(2).map(|pair| waited_ns(&pair[0].1, &pair[1].1));
+            let waits: HashMap<u64, u64> =
+                inputs.iter().skip(1).map(|(_, input)| input.header.cycle).zip(waited).collect();
+            samples.windows(CLOSE_CYCLES).find_map(|window| {
+                let lost = |sample: &MotorAuthority| sample.lost_computer + sample.lost_on_ports();
+                let lost = lost(&window[CLOSE_CYCLES - 1].1).saturating_sub(lost(&window[0].1));
+                let waits = window.iter().filter_map(|(_, sample)| waits.get(&sample.header.cycle));
+                let waited_ns: u64 = waits.filter(|wait| **wait > LONG_WAIT_NS).sum();
+                (lost >= STARVED_CYCLES && waited_ns >= STARVED_CYCLES * LONG_WAIT_NS).then(|| {
+                    let (cycle, waited_ms) = (window[0].1.header.cycle, waited_ns / 1_000_000);
+                    format!(
+                        "its threads waited {waited_ms} ms for a processor within {CLOSE_CYCLES} cycles from {cycle} on"
+                    )
+                })
+            })
+        })
     }
 
     fn kill_others(&self) {
@@ -483,8 +513,8 @@ impl Drop for Robot {
         self.kill_others();
         println!("{} ms did not pass in the virtual motor box", self.left_out_ms());
         if std::thread::panicking() {
-            if self.was_starved() {
-                steady::starved();
+            if let Some(evidence) = self.starvation() {
+                steady::starved(evidence);
             }
             if std::env::var_os("NIMS_KEEP").is_some() {
                 self.folder.disable_cleanup(true);
@@ -492,6 +522,16 @@ impl Drop for Robot {
             }
         }
     }
+}
+
+/// The longest time that one of the robot's threads, or one of the virtual motor box, waited for a processor from one
+/// cycle to the next, ns.
+fn waited_ns(before: &MotorInput, after: &MotorInput) -> u64 {
+    let own = [(before.run_delay_ns, after.run_delay_ns), (before.box_left_out_ns, after.box_left_out_ns)];
+    let chain = before.chain_delay_ns.into_iter().zip(after.chain_delay_ns);
+    // A figure that was 0 before was not known.
+    let grown = own.into_iter().chain(chain).filter(|(before, _)| *before != 0);
+    grown.map(|(before, after)| after.saturating_sub(before)).max().unwrap_or(0)
 }
 
 fn kill(pid: u32, signal: Signal) {

@@ -1,5 +1,11 @@
-//! A machine that stands still, or gives its time to others, stops a robot that is flown in real time, and rightly so. Whether it did is
-//! seen by threads that have nothing to do with the robot.
+//! Repeats a test of a robot in real time where the kernel shows that the machine stood still.
+//!
+//! A processor that stands still, or runs other programs, stops a robot that flies in real time, as it should. Two
+//! kinds of evidence excuse a failed attempt, both by the kernel's own figures:
+//! * a thread on each processor that sleeps for two milliseconds woke up far too late;
+//! * the kernel kept threads of the robot waiting for a processor, in the cycles in which the robot lost periods.
+//!
+//! Each repetition is noted with its evidence; `scripts/test` prints the notes and fails where there are too many.
 
 use rustix::thread::{CpuSet, sched_getaffinity, sched_setaffinity};
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
@@ -8,42 +14,53 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-/// Two control cycles at the usual rate: with the one that is under way, enough for the robot to stop.
+/// Two control cycles at the usual rate: together with the cycle under way, enough for the robot to stop.
 const STALL: Duration = Duration::from_millis(20);
-/// How often a witness looks at the clock.
+/// Sleep of a witness.
 const NAP: Duration = Duration::from_millis(2);
+/// Most attempts of one test.
 const TRIES: usize = 4;
 
-/// What the robot itself says of it: a machine that gives its time to others does not keep a witness waiting who needs hardly any.
-static STARVED: AtomicBool = AtomicBool::new(false);
+/// What the run files of a failed attempt show of the kernel's figures.
+static STARVED: Mutex<Option<String>> = Mutex::new(None);
 
 static TURN: Mutex<()> = Mutex::new(());
 
-/// The run files of a test that fails show cycles that this machine did not let happen.
-pub(super) fn starved() {
-    STARVED.store(true, Ordering::Relaxed);
+/// The run files of a test that fails show cycles in which the kernel kept the robot waiting.
+pub(super) fn starved(evidence: String) {
+    *STARVED.lock().unwrap_or_else(PoisonError::into_inner) = Some(evidence);
 }
 
-/// Runs a test of a robot in real time; once more where it fails and a processor of this machine stood still meanwhile for longer than the
-/// robot can bear, or had no time for it. What fails on a machine that runs, and what fails every time, fails.
+/// Runs a test of a robot in real time, and repeats it where it fails and the kernel shows that the machine stood
+/// still. A test that fails without that evidence, or every time, fails.
 pub fn steadily(test: impl Fn()) {
-    // What happens while another test flies says nothing about this one.
+    // What happens while another test flies is no evidence for this one.
     let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
     for attempt in 1.. {
         let witness = Witness::begin();
+        let stolen_before = stolen_s();
         let result = catch_unwind(AssertUnwindSafe(&test));
         let longest = witness.end();
-        let starved = STARVED.swap(false, Ordering::Relaxed);
+        let stolen_s = stolen_s() - stolen_before;
+        let starved = STARVED.lock().unwrap_or_else(PoisonError::into_inner).take();
         match result {
             Ok(()) => return,
-            Err(_) if (longest > STALL || starved) && attempt < TRIES => {
-                println!(
-                    "the machine stood still for {longest:?}, or had no time for the robot (seen by it: {starved}), so that says nothing: once more"
-                );
+            Err(_) if (longest > STALL || starved.is_some()) && attempt < TRIES => {
+                let starved = starved.unwrap_or_else(|| "no thread of the robot waited long".to_owned());
+                notes::repeated(format_args!(
+                    "attempt {attempt} failed; a processor stood still for up to {longest:.1?}, \
+                     the hypervisor took {stolen_s:.2} s; {starved}"
+                ));
             }
             Err(cause) => resume_unwind(cause),
         }
     }
+}
+
+/// Time that the hypervisor took from this machine, s: the eighth figure of `/proc/stat` (proc_stat(5)), in hundredths.
+fn stolen_s() -> f64 {
+    let text = std::fs::read_to_string("/proc/stat").unwrap_or_default();
+    text.split_whitespace().nth(8).and_then(|steal| steal.parse::<f64>().ok()).unwrap_or(0.0) / 100.0
 }
 
 /// A thread on each processor that should wake up every two milliseconds.

@@ -1,9 +1,9 @@
-//! A robot of three cables on two units, in a few lines: drives that follow with a lag, and a controller that says what it is told.
+//! A small robot of three cables on two units: drives that follow with a lag, and a controller with given answers.
 #![allow(dead_code, clippy::unwrap_used, clippy::needless_range_loop)]
 
 use cable_robot::profile::ProfileLimits;
 use cable_robot::{Path, Profile, Robot, RobotParts, Segment, Vector3};
-use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, OperatorRequest, PlanMotion, PlanSegment, UNITS};
+use messages::{CABLES, MotorCommand, MotorInput, NodeEstimate, PlanMotion, PlanSegment, Request, RequestBody, UNITS};
 use motor_io::inbox::Inbox;
 use motor_io::{Answer, Core, CoreConfig, DriveCommand, Observation};
 use segments::segment_message;
@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 
 pub const PERIOD_S: f64 = 0.01;
 const COUNTS_PER_M: [f64; 3] = [10_000.0, -10_000.0, 12_000.0];
-/// A drive that hears nothing stops its motor after this time, s.
+/// Time without a command after which a drive stops its motor, s.
 const WATCHDOG_S: f64 = 0.3;
 
 pub fn config() -> CoreConfig {
@@ -30,6 +30,29 @@ pub fn config() -> CoreConfig {
     CoreConfig::new(robot, PERIOD_S, &COUNTS_PER_M, &[vec![0, 1], vec![2]]).unwrap()
 }
 
+/// Sets the lengths of the three cables, m.
+pub fn lengths(lengths_m: [f64; 3]) -> Request {
+    Request::ZeroLengths { lengths_m: lengths_m.into_iter().collect() }
+}
+
+/// A request of any verb with these numbers in every field that it may read.
+pub fn body(verb: u8, numbers: [f64; 3]) -> RequestBody {
+    let mut body = RequestBody {
+        verb,
+        position_m: numbers,
+        distance_m: numbers[1],
+        speed_m_s: numbers[1],
+        rate: numbers[0],
+        cable: numbers[0] as u8,
+        cable_count: 3,
+        slot_role: numbers[0] as u8,
+        slot: numbers[1] as u8,
+        ..RequestBody::default()
+    };
+    body.length_m[..3].copy_from_slice(&numbers);
+    body
+}
+
 /// One cycle's record.
 #[derive(Clone)]
 pub struct Step {
@@ -46,45 +69,45 @@ pub struct Rig {
     pub now_ns: u64,
     /// How long an exchange with the drives takes.
     pub exchange_ns: u64,
-    /// Lines as they are, m.
+    /// True lengths of the cables, m.
     pub length_m: [f64; CABLES],
     pub velocity_m_s: [f64; CABLES],
-    /// Added to what the encoders say.
+    /// Offset of the encoder counts.
     pub count_offset: [i64; CABLES],
     /// Lag of the drives, s, and the delay before it, cycles.
     pub lag_s: f64,
     pub delay_cycles: usize,
     on_the_way: VecDeque<DriveCommand>,
-    /// Drives that hear no command.
+    /// Drives that receive no command.
     pub deaf: [bool; CABLES],
     unheard_s: [f64; CABLES],
     target_m_s: [f64; CABLES],
-    /// Encoders that say nothing new.
+    /// Encoders that are stuck.
     pub dead: [bool; CABLES],
     pub unit: [u8; UNITS],
     pub status: [u32; UNITS],
     pub supply_v: f64,
-    /// Which slow values are new in each cycle.
+    /// Slow values that are new in each cycle.
     pub slow: u8,
     /// Units that were running before.
     pub alive: [u8; UNITS],
     pub duty: [f64; CABLES],
     pub current_a: [f64; CABLES],
     pub tension_n: [f64; CABLES],
-    /// What the controller answers; None: it is dead.
+    /// Answer of the controller; `None`: it is dead.
     pub controller: Option<[f64; CABLES]>,
-    /// What a second controller, in slot b, answers.
+    /// Answer of a second controller, in slot b.
     pub second: Option<[f64; CABLES]>,
     pub estimate_valid: bool,
-    /// The estimator lives although the controller is dead.
+    /// The estimator runs although the controller is dead.
     pub estimator_alone: bool,
-    /// The segment that the controller says it follows; None: the planner's.
+    /// Segment that the controller names; `None`: the planner's.
     pub segment: Option<u32>,
     pub incarnation: u32,
     pub motion: PlanMotion,
     pub planner: bool,
     pub supervisor: Option<u64>,
-    /// Time that each seat of the chain waited for a processor, and this program, so far, ns; 0: the kernel does not tell.
+    /// Time that each seat of the chain, and motor-io, has waited for a processor, ns; 0: unknown.
     pub chain_delay_ns: [u64; messages::SEATS],
     pub run_delay_ns: u64,
     pub last: Option<Step>,
@@ -196,7 +219,7 @@ impl Rig {
         let passed_s = PERIOD_S + gap_ns as f64 * 1e-9;
         for i in 0..3 {
             self.unheard_s[i] += passed_s;
-            // While this machine stood still, the drives went on by what they had heard before.
+            // While the computer stood still, the drives followed the last command.
             let moved_s = passed_s.min((WATCHDOG_S - self.unheard_s[i] + passed_s).max(PERIOD_S));
             if let Some(heard) = heard.filter(|_| !self.deaf[i]) {
                 self.target_m_s[i] = if heard.released[i] { 0.0 } else { heard.speed_m_s[i] };
@@ -249,24 +272,26 @@ impl Rig {
         panic!("not within {most} cycles; mode {}, faults {:#x}", authority.mode, authority.faults);
     }
 
-    pub fn ask(&mut self, verb: u8, args: &[f64]) -> (bool, String) {
-        let mut all = [0.0; 8];
-        all[..args.len()].copy_from_slice(args);
-        assert!(self.inbox.request(self.cycle + 100, verb, &all));
+    pub fn ask(&mut self, request: Request) -> (bool, String) {
+        self.ask_body(&request.body())
+    }
+
+    pub fn ask_body(&mut self, body: &RequestBody) -> (bool, String) {
+        assert!(self.inbox.request(self.cycle + 100, body));
         let answer = self.step().answers[0];
         (answer.is_accepted(), answer.sentence.to_string())
     }
 
-    pub fn demand(&mut self, verb: u8, args: &[f64]) {
-        let (accepted, sentence) = self.ask(verb, args);
+    pub fn demand(&mut self, request: Request) {
+        let (accepted, sentence) = self.ask(request);
         assert!(accepted, "{sentence}");
     }
 
     /// Armed, position known, holding.
     pub fn ready(mut self) -> Self {
         self.steps(3);
-        self.demand(OperatorRequest::VERB_ZERO_LENGTHS, &[5.0; 3]);
-        self.demand(OperatorRequest::VERB_ARM, &[]);
+        self.demand(lengths([5.0; 3]));
+        self.demand(Request::Arm);
         self
     }
 

@@ -1,8 +1,9 @@
 //! The bytes of the packet serial protocol.
 //!
-//! A command that changes something ([`Write`]) is `address code payload crc` and is answered by one byte, [`ACK`]. A question
-//! ([`Read`]) is `address code`, without a checksum, and is answered by `payload crc`, where the checksum also covers the question:
-//! an answer to another question or from another address does not pass. Integers are big-endian. An invalid packet is not answered.
+//! A command that changes something ([`Write`]) is `address code payload crc` and is answered by one byte, [`ACK`]. A
+//! question ([`Read`]) is `address code`, without a checksum, and is answered by `payload crc`, where the checksum also
+//! covers the question: an answer to another question or from another address is rejected. Integers are big-endian. An
+//! invalid packet is not answered.
 
 mod read;
 mod write;
@@ -10,35 +11,57 @@ mod write;
 pub use read::{Flaw, READS, Read, Reply, ReplyLength, Version};
 pub use write::Write;
 
+use drives::Asked;
+
 use crate::crc::Crc;
 use crate::packet::Packet;
 
-/// The answer to every accepted [`Write`].
+/// Answer to every accepted [`Write`].
 pub const ACK: u8 = 0xFF;
 
-/// The addresses a unit can have.
+/// Addresses that a unit can have.
 pub const ADDRESSES: std::ops::RangeInclusive<u8> = 0x80..=0x87;
 
-/// A pause inside a packet longer than this makes a unit forget the packet, ns. So after this long a silence its parser is empty.
+/// Longest pause inside a packet, ns. A unit discards the packet after it, so its parser is then empty.
 pub const BYTE_GAP_NS: u64 = 10_000_000;
 
-/// What has to be sent with [`Write::Save`], so that noise does not wear out the memory.
+/// Key that [`Write::Save`] carries, so that noise does not wear out the memory.
 pub const SAVE_KEY: u32 = 0xE22E_AB7A;
 
 /// Longest version text that a unit sends, with its end mark.
 pub const MAX_VERSION: usize = 48;
 
+/// A packet to a unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Command {
+    /// A command that changes something.
+    Write(Write),
+    /// A question.
+    Read(Read),
+}
+
+impl Command {
+    /// Its name and number for messages.
+    #[must_use]
+    pub fn asked(self) -> Asked {
+        match self {
+            Command::Write(write) => write.asked(),
+            Command::Read(read) => read.asked(),
+        }
+    }
+}
+
 /// One of a unit's two motors.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Motor {
-    /// M1.
+    /// Motor M1.
     One,
-    /// M2.
+    /// Motor M2.
     Two,
 }
 
 impl Motor {
-    /// 0 or 1.
+    /// Index in arrays of both motors, 0 or 1.
     #[must_use]
     pub const fn index(self) -> usize {
         self as usize
@@ -59,7 +82,7 @@ pub struct Pid {
 }
 
 impl Default for Pid {
-    /// The factory's values.
+    /// Factory settings.
     fn default() -> Pid {
         Pid { p: 0x1_0000, i: 0x8000, d: 0x4000, counts_s_at_full_duty: 44_000 }
     }

@@ -2,6 +2,8 @@
 
 use std::fmt;
 
+use drives::Asked;
+
 use super::{Fields, MAX_VERSION, Pid, with_reply_crc};
 use crate::crc::Crc;
 use crate::packet::Packet;
@@ -35,7 +37,7 @@ pub enum Read {
     MaxCurrent2 = 136,
 }
 
-/// Every question there is.
+/// Every question.
 pub const READS: [Read; 21] = [
     Read::Watchdog,
     Read::Encoder1,
@@ -60,18 +62,18 @@ pub const READS: [Read; 21] = [
     Read::MaxCurrent2,
 ];
 
-/// How long an answer is, without its checksum.
+/// Length of an answer without its checksum.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ReplyLength {
-    /// So many bytes.
+    /// A fixed number of bytes.
     Bytes(usize),
-    /// As the firmware has it, see [`StatusWidth`].
+    /// Depends on the firmware, see [`StatusWidth`].
     Status,
-    /// Up to and with a zero byte, at most [`MAX_VERSION`].
+    /// Ends with a zero byte, at most [`MAX_VERSION`].
     Text,
 }
 
-/// The version text of a unit, with what is left of its line end taken off.
+/// Version text of a unit, without its line end.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub struct Version(Packet);
 
@@ -84,7 +86,7 @@ impl Version {
         Version(packet)
     }
 
-    /// The text; empty where the unit sent something that is no text.
+    /// The text; empty where the unit sent bytes that are not text.
     #[must_use]
     pub fn as_str(&self) -> &str {
         std::str::from_utf8(&self.0).unwrap_or_default().trim_end()
@@ -100,11 +102,11 @@ impl fmt::Debug for Version {
 /// An answer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Reply {
-    /// Tenths of a second; 0 never.
+    /// Watchdog time, tenths of a second; 0: off.
     Watchdog(u8),
     /// Encoder counts modulo 2^32, and flags: 1 underflow, 2 backward, 4 overflow.
     Count(u32, u8),
-    /// Counts per second.
+    /// Speed of one motor, counts per second.
     Speed(i32),
     /// Version text.
     Version(Version),
@@ -120,20 +122,20 @@ pub enum Reply {
     Counts([u32; 2]),
     /// Counts per second of both motors.
     Speeds([i32; 2]),
-    /// 0.1 degrees Celsius.
+    /// Board temperature, 0.1 degrees Celsius.
     Temperature(i16),
-    /// Conditions, and how wide the unit sent them.
+    /// Conditions, and the width in which the unit sent them.
     Status(Status, StatusWidth),
     /// Largest motor current, 10 mA.
     MaxCurrent(u32),
 }
 
-/// Why bytes are not the answer to a question.
+/// Reason why bytes are not the answer to a question.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Flaw {
-    /// Not as long as this answer is.
+    /// The length is wrong.
     Length,
-    /// Not from this unit, not to this question, or changed on the way.
+    /// From another unit, to another question, or changed on the wire.
     Checksum,
 }
 
@@ -158,7 +160,7 @@ impl Read {
         packet
     }
 
-    /// How long the answer is.
+    /// Length of the answer.
     #[must_use]
     pub fn reply_length(self) -> ReplyLength {
         match self {
@@ -200,7 +202,8 @@ impl Read {
             Read::Watchdog => Reply::Watchdog(fields.u8()?),
             Read::Encoder1 | Read::Encoder2 => Reply::Count(fields.u32()?, fields.u8()?),
             Read::Speed1 | Read::Speed2 | Read::RawSpeed1 | Read::RawSpeed2 => {
-                // Some firmware sends a signed number, some a magnitude, both a flag for backward: this is right for either.
+                // Some firmware sends a signed number, some a magnitude, both with a flag for backward: this handles
+                // either.
                 let (value, backward) = (fields.i32()?, fields.u8()? & 1 != 0);
                 Reply::Speed(if backward { value.wrapping_abs().wrapping_neg() } else { value.wrapping_abs() })
             }
@@ -230,9 +233,11 @@ impl Read {
     }
 }
 
-impl fmt::Display for Read {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = match self {
+impl Read {
+    /// Its name and number for messages.
+    #[must_use]
+    pub fn asked(self) -> Asked {
+        let words = match self {
             Read::Watchdog => "read watchdog",
             Read::Encoder1 | Read::Encoder2 | Read::Encoders => "read encoders",
             Read::Speed1 | Read::Speed2 | Read::RawSpeed1 | Read::RawSpeed2 | Read::RawSpeeds | Read::Speeds => {
@@ -248,7 +253,7 @@ impl fmt::Display for Read {
             Read::Status => "read status",
             Read::MaxCurrent1 | Read::MaxCurrent2 => "read largest current",
         };
-        write!(f, "{name} (command {})", self.code())
+        Asked { words, code: Some(self.code().into()) }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Commands that change something.
 
-use std::fmt;
+use drives::Asked;
 
 use super::{Fields, Motor, Pid, SAVE_KEY, by_motor};
 use crate::crc::crc16;
@@ -9,21 +9,21 @@ use crate::packet::Packet;
 /// A command that changes something.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Write {
-    /// 14: stop both motors when no packet came for so many tenths of a second; 0 never.
+    /// 14: time without a packet after which both motors stop, tenths of a second; 0: off.
     Watchdog(u8),
-    /// 20: both encoders count from zero again.
+    /// 20: sets both encoders to zero.
     ResetEncoders,
-    /// 22, 23: an encoder counts on from here.
+    /// 22, 23: sets an encoder to this count.
     SetEncoder(Motor, i32),
-    /// 28, 29.
+    /// 28, 29: gains of a velocity loop.
     VelocityPid(Motor, Pid),
     /// 32, 33: duty in 1/32767 of the supply.
     Duty(Motor, i16),
-    /// 34.
+    /// 34: both duties.
     Duties([i16; 2]),
     /// 35, 36: closed-loop speed, counts per second.
     Speed(Motor, i32),
-    /// 37.
+    /// 37: both speeds.
     Speeds([i32; 2]),
     /// 38, 39: as 35, 36 with a ramp, counts per second squared.
     SpeedRamp(Motor, u32, i32),
@@ -31,7 +31,7 @@ pub enum Write {
     SpeedsRamp(u32, [i32; 2]),
     /// 50: each speed with its own ramp.
     SpeedsRamps([(u32, i32); 2]),
-    /// 94: keep the settings over a power cut. Slow; not in a control loop.
+    /// 94: stores the settings over a power cut. Slow; not in a control loop.
     Save,
     /// 133, 134: largest motor current, 10 mA.
     MaxCurrent(Motor, u32),
@@ -58,10 +58,10 @@ impl Write {
         }
     }
 
-    /// True where doing it twice is the same as doing it once.
+    /// True for a command that can be repeated without another effect.
     #[must_use]
     pub fn is_idempotent(&self) -> bool {
-        // An encoder that is set again after it has moved on loses that movement.
+        // Setting an encoder again after it moved loses that motion.
         !matches!(self, Write::ResetEncoders | Write::SetEncoder(..) | Write::Save)
     }
 
@@ -108,7 +108,7 @@ impl Write {
         packet
     }
 
-    /// What a unit understands: the command with this number and payload, `None` where there is none of this form.
+    /// Decodes the command with this number and payload; `None` for an unknown or malformed one.
     #[must_use]
     pub fn decode(code: u8, payload: &[u8]) -> Option<Write> {
         use Motor::{One, Two};
@@ -145,9 +145,11 @@ impl Write {
     }
 }
 
-impl fmt::Display for Write {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let name = match self {
+impl Write {
+    /// Its name and number for messages.
+    #[must_use]
+    pub fn asked(self) -> Asked {
+        let words = match self {
             Write::Watchdog(_) => "set watchdog",
             Write::ResetEncoders => "reset encoders",
             Write::SetEncoder(..) => "set encoder",
@@ -158,6 +160,6 @@ impl fmt::Display for Write {
             Write::Save => "save settings",
             Write::MaxCurrent(..) => "set largest current",
         };
-        write!(f, "{name} (command {})", self.code())
+        Asked { words, code: Some(self.code().into()) }
     }
 }

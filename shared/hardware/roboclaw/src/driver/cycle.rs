@@ -1,13 +1,16 @@
-//! One control cycle: command every unit, read its encoders, then what time is left for.
+//! One control cycle: command every unit, read its encoders, then read what the remaining time allows.
 
+use std::sync::Arc;
+
+use drives::{Error, Timed, UnitAnswer, UnitReport};
 use serial::Transport;
 
-use super::{Bus, Drive, Phase, Timed, UnitAnswer, UnitReport, sync::Setup};
+use super::{Bus, Drive, Phase, step::Setup};
 use crate::codec::{Motor, Read, Reply, Write};
-use crate::error::Error;
 
-/// One of these is asked per cycle. The duty most often: a motor that is driven hard and does not turn runs away when its encoder
-/// has failed, and that has to be seen within a tenth of a second. The supply and the stop button come twice in a round.
+/// Slow questions, one per cycle. The duty comes most often: a motor whose encoder has failed runs away at high duty,
+/// which must be detected within a tenth of a second. The supply and the status with the stop button come twice in a
+/// round.
 const SLOW: [Read; 12] = [
     Read::Pwms,
     Read::Status,
@@ -26,14 +29,11 @@ const SLOW: [Read; 12] = [
 /// Duty of the whole supply.
 const FULL_DUTY: f64 = 32_767.0;
 
-/// An encoder may be read by the unit so much later than it was asked for, ns; a motor moves on meanwhile.
+/// A unit may read an encoder this much later than it was asked, ns, while the motor moves on.
 const SAMPLE_JITTER_NS: u64 = 20_000_000;
 
-/// A motor may for a moment turn so much faster than its fastest, when a line pulls it.
-const OVER_SPEED: f64 = 1.5;
-
 impl<T: Transport> Bus<T> {
-    /// A place for the answers of [`Bus::cycle`].
+    /// Places for the answers of [`Bus::cycle`].
     pub fn blank_answers(&self) -> Vec<UnitAnswer> {
         let blank = |_| UnitAnswer {
             outcome: Err(Error::Resynchronising { port: self.port() }),
@@ -42,7 +42,7 @@ impl<T: Transport> Bus<T> {
         self.units.iter().map(blank).collect()
     }
 
-    /// [`Bus::drive`], and then [`Bus::spend`] what is left of the time.
+    /// Runs [`Bus::drive`], then [`Bus::spend`] for the remaining time.
     pub fn cycle(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
         self.drive(drives, deadline_ns, answers);
         self.spend(deadline_ns);
@@ -51,19 +51,20 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Give each unit its command and read its encoders: what a control cycle waits for.
+    /// Commands each unit and reads its encoders: the part of a control cycle that the caller waits for.
     ///
-    /// `drives` and `answers` have the units in the configuration's order; a unit without a drive is left idle. Nothing is sent once
-    /// the deadline is over; an answer that does not come ends the call later than the deadline by at most the margin of the
-    /// configuration. While the line is out of step the call returns at once where the time does not suffice, and the next goes on.
+    /// `drives` and `answers` follow the order of the configuration; a unit without an entry is left idle. Nothing is
+    /// sent after the deadline; a missing answer ends the call later than the deadline by at most the configured
+    /// margin. While the bus is out of step, the call returns at once where the time does not suffice, and the next
+    /// call continues.
     pub fn drive(&mut self, drives: &[[Drive; 2]], deadline_ns: u64, answers: &mut [UnitAnswer]) {
-        let whole_line = if self.line.now_ns() >= deadline_ns {
+        let bus = if self.transport.now_ns() >= deadline_ns {
             Err(Error::TooLate { port: self.port() })
         } else {
             self.get_in_step(deadline_ns)
         };
         for (index, answer) in answers.iter_mut().enumerate().take(self.units.len()) {
-            answer.outcome = match &whole_line {
+            answer.outcome = match &bus {
                 Err(error) => Err(error.clone()),
                 Ok(()) => self.serve(index, drives.get(index).copied().unwrap_or_default(), deadline_ns),
             };
@@ -73,12 +74,13 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Use the time until `deadline_ns`: look at the stop input; bring back units that are not in use; when all are, read currents and one slow value.
+    /// Uses the time until `deadline_ns`: reads the stop input, brings back units that are not in use, and when all
+    /// are, reads currents and one slow value.
     ///
-    /// Nothing is begun that is unlikely to end by the deadline. What it finds out is in the next cycle's reports.
+    /// Starts nothing that is unlikely to end by the deadline. The results are in the next cycle's reports.
     pub fn spend(&mut self, deadline_ns: u64) {
-        self.look_at_stop();
-        if self.line.now_ns() < deadline_ns
+        self.read_stop();
+        if self.transport.now_ns() < deadline_ns
             && self.get_in_step(deadline_ns).is_ok()
             && self.set_up_units(deadline_ns).is_ok()
         {
@@ -87,12 +89,13 @@ impl<T: Transport> Bus<T> {
     }
 
     fn serve(&mut self, index: usize, drive: [Drive; 2], deadline_ns: u64) -> Result<(), Error> {
-        // Another unit may have brought the line out of step in this cycle.
+        // Another unit may have brought the bus out of step in this cycle.
         self.get_in_step(deadline_ns)?;
         let first = self.command_and_read(index, drive);
-        // Asking again is safe once the line is in step, because every drive can be given twice; but only if there is time for it.
+        // A second attempt is safe once the bus is in step, because commands are idempotent; but only if there is time
+        // for it.
         match &first {
-            Err(error) if error.is_on_the_line() => {
+            Err(error) if error.is_on_the_wire() => {
                 if self.get_in_step(deadline_ns).is_err() || self.set_up_units(deadline_ns).is_err() {
                     return first;
                 }
@@ -107,7 +110,7 @@ impl<T: Transport> Bus<T> {
             return Err(error);
         }
         let Some(unit) = self.units.get(index) else { return Ok(()) };
-        let (address, doubtful) = (unit.config.address, unit.doubtful);
+        let (name, doubtful) = (Arc::clone(&unit.name), unit.doubtful);
         let refused = unit.interlocked && drive.iter().any(|drive| drive.moves());
         if !refused {
             self.command(index, drive)?;
@@ -122,20 +125,20 @@ impl<T: Transport> Bus<T> {
         if let Some(unit) = self.units.get_mut(index) {
             unit.patience = unit.patience.saturating_sub(1);
         }
-        if refused { Err(Error::Interlocked { port: self.port(), address }) } else { Ok(()) }
+        if refused { Err(Error::Interlocked { port: self.port(), unit: name }) } else { Ok(()) }
     }
 
     fn command(&mut self, index: usize, drive: [Drive; 2]) -> Result<(), Error> {
         match drive {
             [Drive::Idle, Drive::Idle] => return Ok(()),
-            [Drive::Speed(one), Drive::Speed(two)] => self.tell(index, Write::Speeds([one, two]))?,
-            [Drive::Duty(one), Drive::Duty(two)] => self.tell(index, Write::Duties([one, two]))?,
+            [Drive::Speed(one), Drive::Speed(two)] => self.write(index, Write::Speeds([one, two]))?,
+            [Drive::Duty(one), Drive::Duty(two)] => self.write(index, Write::Duties([one, two]))?,
             mixed => {
                 for (motor, drive) in [Motor::One, Motor::Two].into_iter().zip(mixed) {
                     match drive {
                         Drive::Idle => {}
-                        Drive::Speed(speed) => self.tell(index, Write::Speed(motor, speed))?,
-                        Drive::Duty(duty) => self.tell(index, Write::Duty(motor, duty))?,
+                        Drive::Speed(speed) => self.write(index, Write::Speed(motor, speed))?,
+                        Drive::Duty(duty) => self.write(index, Write::Duty(motor, duty))?,
                     }
                 }
             }
@@ -149,7 +152,7 @@ impl<T: Transport> Bus<T> {
     }
 
     pub(super) fn read_encoders(&mut self, index: usize) -> Result<(), Error> {
-        let (Reply::Counts(raw), at_ns) = self.ask(index, Read::Encoders)? else { return Ok(()) };
+        let (Reply::Counts(raw), at_ns) = self.read(index, Read::Encoders)? else { return Ok(()) };
         let port = self.port();
         let Some(unit) = self.units.get_mut(index) else { return Ok(()) };
         let Some(last) = unit.last_raw else {
@@ -160,33 +163,31 @@ impl<T: Transport> Bus<T> {
             unit.last_raw = Some(raw);
             return Ok(());
         };
-        let moved = |from: [u32; 2]| [0, 1].map(|motor| raw[motor].wrapping_sub(from[motor]).cast_signed());
+        let moved = [0, 1].map(|motor| raw[motor].wrapping_sub(last[motor]).cast_signed());
         let since_ns = at_ns.saturating_sub(unit.report.counts.at_ns) + SAMPLE_JITTER_NS;
-        let limit = OVER_SPEED * f64::from(unit.config.fastest_counts_s) * since_ns as f64 * 1e-9;
-        let possible = |moved: [i32; 2]| limit <= 0.0 || moved.iter().all(|&counts| f64::from(counts).abs() <= limit);
-        if !possible(moved(last)) {
-            if unit.refused_raw.is_none_or(|refused| !possible(moved(refused))) {
-                unit.refused_raw = Some(raw);
-                // A unit that has restarted counts from zero: that looks just like this.
+        let beyond = moved.iter().position(|&counts| !unit.config.bound.explains(f64::from(counts), since_ns));
+        if let Some(axis) = beyond {
+            if !std::mem::replace(&mut unit.held_back, true) {
+                // The counts of a unit that has restarted begin at zero, which looks just like this: its watchdog
+                // tells.
                 unit.doubtful = true;
-                let [one, two] = moved(last);
-                let first = f64::from(one).abs() > limit;
-                let (motor, counts) = if first { (Motor::One, one) } else { (Motor::Two, two) };
-                return Err(Error::EncoderJump { port, address: unit.config.address, motor, counts });
+                let (unit, counts) = (Arc::clone(&unit.name), i64::from(moved[axis]));
+                return Err(Error::EncoderJump { port, unit, axis, counts });
             }
+            // It has not restarted; whether the count is credible is for the caller to judge.
             unit.report.jumps += 1;
         }
-        for (total, moved) in unit.report.counts.value.iter_mut().zip(moved(last)) {
+        for (total, moved) in unit.report.counts.value.iter_mut().zip(moved) {
             *total += i64::from(moved);
         }
         unit.report.counts.at_ns = at_ns;
         unit.last_raw = Some(raw);
-        unit.refused_raw = None;
+        unit.held_back = false;
         Ok(())
     }
 
-    /// Currents of every unit, and one of the slow reads, as far as there is time. A slow read that was left out comes before the currents
-    /// in the next cycle: among them is the status, and with it the stop button.
+    /// Reads the currents of every unit and one slow value, as far as time allows. A slow value that was left out comes
+    /// before the currents in the next cycle: one of them is the status with the stop button.
     fn read_what_can_wait(&mut self, deadline_ns: u64) {
         let first = std::mem::replace(&mut self.slow_left_out, true);
         if first && !self.read_next_slow(deadline_ns) {
@@ -209,7 +210,7 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// False if the line is out of step; the next cycle tells.
+    /// False if the bus got out of step; the next cycle reports it.
     fn read_next_slow(&mut self, deadline_ns: u64) -> bool {
         if !self.has_time(6, deadline_ns) {
             self.counters.left_out += 1;
@@ -223,12 +224,12 @@ impl<T: Transport> Bus<T> {
     }
 
     fn has_time(&self, answer_bytes: usize, deadline_ns: u64) -> bool {
-        self.line.now_ns() + self.likely_ns(2 + answer_bytes) <= deadline_ns
+        self.transport.now_ns() + self.likely_ns(2 + answer_bytes) <= deadline_ns
     }
 
-    /// Ask for something that changes slowly, and keep the answer.
+    /// Reads a slow value into the report.
     pub(super) fn read_slow(&mut self, index: usize, read: Read) -> Result<(), Error> {
-        let (reply, at_ns) = self.ask(index, read)?;
+        let (reply, at_ns) = self.read(index, read)?;
         let Some(unit) = self.units.get_mut(index) else { return Ok(()) };
         let report = &mut unit.report;
         match reply {
@@ -241,7 +242,8 @@ impl<T: Transport> Bus<T> {
             Reply::Battery(decivolts) => report.supply_v = Timed { value: f64::from(decivolts) / 10.0, at_ns },
             Reply::Temperature(tenths) => report.temperature_c = Timed { value: f64::from(tenths) / 10.0, at_ns },
             Reply::Status(status, width) => {
-                report.status = Timed { value: status, at_ns };
+                report.status = Timed { value: status.neutral(), at_ns };
+                report.native_status = status.0;
                 unit.width = Some(width);
             }
             Reply::Watchdog(tenths) => {

@@ -1,20 +1,23 @@
-//! One command and its answer.
+//! One packet and its answer.
+
+use std::sync::Arc;
 
 use serial::Transport;
 
-use super::{Bus, Phase, sync::Step};
-use crate::codec::{ACK, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
-use crate::error::{Command, Error};
+use super::{Bus, Phase, step::Step};
+use drives::{Error, said};
+
+use crate::codec::{ACK, Command, Flaw, MAX_VERSION, Read, Reply, ReplyLength, Write};
 use crate::packet::{MAX_PACKET, Packet};
 use crate::status::StatusWidth;
 
-/// Waking up so long after a deadline means that the machine stood still: the answer may be waiting in the kernel, or the device,
-/// which stood still as well, is about to send it.
+/// Waking up this long after a deadline means that the whole machine was stopped, ns: the answer may wait in the
+/// kernel, or the device, which was stopped as well, is about to send it.
 const STOOD_STILL_NS: u64 = 5_000_000;
 
 impl<T: Transport> Bus<T> {
-    /// Give a command and wait for its acknowledgement. Any error leaves the line out of step.
-    pub(super) fn tell(&mut self, unit: usize, write: Write) -> Result<(), Error> {
+    /// Sends a command and waits for its acknowledgement. Any error leaves the bus out of step.
+    pub(super) fn write(&mut self, unit: usize, write: Write) -> Result<(), Error> {
         let address = self.address(unit);
         let command = Command::Write(write);
         let sent_ns = self.send(unit, &write.encode(address), command)?;
@@ -26,14 +29,20 @@ impl<T: Transport> Bus<T> {
         if ack != [ACK] {
             self.counters.wrong_acks += 1;
             self.out_of_step(unit);
-            return Err(Error::WrongAck { port: self.port(), address, command, byte: ack[0] });
+            let said = said(format_args!("{:#04x} instead of {ACK:#04x}", ack[0]));
+            return Err(Error::Unexpected {
+                port: self.port(),
+                unit: self.unit_name(unit),
+                asked: write.asked(),
+                said,
+            });
         }
         self.learn_turnaround(sent_ns, write.encode(address).len() + 1);
         Ok(())
     }
 
-    /// Ask a question; the answer and the stamp of when it was asked. Any error leaves the line out of step.
-    pub(super) fn ask(&mut self, unit: usize, read: Read) -> Result<(Reply, u64), Error> {
+    /// Asks a question; returns the answer and the time of the question. Any error leaves the bus out of step.
+    pub(super) fn read(&mut self, unit: usize, read: Read) -> Result<(Reply, u64), Error> {
         let address = self.address(unit);
         let command = Command::Read(read);
         let sent_ns = self.send(unit, &read.encode(address), command)?;
@@ -49,17 +58,17 @@ impl<T: Transport> Bus<T> {
             }
             Err(Flaw::Length) if got < wanted => {
                 self.too_late(unit);
-                Err(Error::CutShort { port: self.port(), address, command, got, wanted })
+                Err(Error::CutShort { port: self.port(), unit: self.unit_name(unit), asked: read.asked(), got, wanted })
             }
             Err(_) => {
                 self.counters.garbled += 1;
                 self.out_of_step(unit);
-                Err(Error::Garbled { port: self.port(), address, command })
+                Err(Error::Garbled { port: self.port(), unit: self.unit_name(unit), asked: read.asked() })
             }
         }
     }
 
-    /// Bytes of the answer that are there, and how many should have been.
+    /// Receives an answer; returns the bytes that arrived, and how many were expected.
     fn receive_answer(
         &mut self,
         unit: usize,
@@ -75,14 +84,14 @@ impl<T: Transport> Bus<T> {
                 Ok((got, wanted))
             }
             ReplyLength::Status => {
-                // Where the width is not known the longer one is waited for: a short answer is one that nothing follows.
+                // Where the width is not known, wait for the longer one: nothing follows a short answer.
                 let known = self.units.get(unit).and_then(|unit| unit.width);
                 let wanted = known.unwrap_or(StatusWidth::Wide).bytes() + 2;
                 let got = self.receive(unit, buffer.get_mut(..wanted).unwrap_or_default(), sent_ns, command)?;
                 Ok((got, wanted))
             }
             ReplyLength::Text => {
-                // The length is only known at the zero byte; its checksum's two bytes may hold anything.
+                // The zero byte ends the text; the two bytes of the checksum after it can be zero too.
                 let mut got = 0;
                 while got < MAX_VERSION && (got == 0 || buffer[got - 1] != 0) {
                     match self.receive(unit, &mut buffer[got..=got], sent_ns, command)? {
@@ -97,55 +106,56 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Put a packet on an empty line; returns when.
+    /// Sends a packet if no received byte is pending; returns the time.
     pub(super) fn send(&mut self, unit: usize, packet: &Packet, command: Command) -> Result<u64, Error> {
-        let stray = self.line.pending().map_err(|error| self.line_failed(error))?;
+        let stray = self.transport.pending().map_err(|error| self.port_failed(error))?;
         if stray > 0 {
             // Counted when they are drained.
             self.out_of_step(self.last_unit);
-            return Err(Error::Stray { port: self.port(), address: self.address(unit), command, bytes: stray });
+            let (unit, asked) = (self.unit_name(unit), command.asked());
+            return Err(Error::Stray { port: self.port(), unit, asked, bytes: stray });
         }
         self.last_unit = unit;
         self.counters.exchanges += 1;
-        let now_ns = self.line.now_ns();
-        self.sent_stamp_ns = self.line.stamp_ns();
+        let now_ns = self.transport.now_ns();
+        self.sent_stamp_ns = self.transport.stamp_ns();
         let deadline_ns = now_ns + self.wire_ns(packet.len()) + self.margin_ns;
-        if let Err(error) = self.line.write_all(packet, deadline_ns) {
+        if let Err(error) = self.transport.write_all(packet, deadline_ns) {
             self.out_of_step(unit);
-            return Err(self.line_failed(error));
+            return Err(self.port_failed(error));
         }
         Ok(now_ns)
     }
 
-    /// Fill the buffer as far as bytes come in time after `sent_ns`.
+    /// Fills the buffer with the bytes that arrive in time after `sent_ns`; returns how many.
     fn receive(&mut self, unit: usize, buffer: &mut [u8], sent_ns: u64, command: Command) -> Result<usize, Error> {
         let address = self.address(unit);
         let sent = match command {
             Command::Write(write) => write.encode(address).len(),
             Command::Read(_) => 2,
         };
-        // A text is read byte by byte, so its share of the wire's time is that of the longest.
+        // A text is read byte by byte, so the wire time of the longest text counts.
         let answer = if command == Command::Read(Read::Version) { MAX_VERSION + 2 } else { buffer.len() };
-        // Only a unit that is not in use yet is waited for longer: cycles have their time.
+        // Only a unit that is not in use yet gets more time: a cycle has none.
         let in_setup = self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_)));
         let margin_ns = if in_setup { self.patience_ns(unit) } else { self.margin_ns };
         let deadline_ns = sent_ns + self.wire_ns(sent + answer) + margin_ns;
-        let mut got = self.line.fill(buffer, deadline_ns).map_err(|error| self.line_failed(error))?;
-        let now_ns = self.line.now_ns();
+        let mut got = self.transport.fill(buffer, deadline_ns).map_err(|error| self.port_failed(error))?;
+        let now_ns = self.transport.now_ns();
         if got < buffer.len() && now_ns > deadline_ns + STOOD_STILL_NS {
             let rest = buffer.get_mut(got..).unwrap_or_default();
-            got += self.line.fill(rest, now_ns + self.margin_ns).map_err(|error| self.line_failed(error))?;
+            got += self.transport.fill(rest, now_ns + self.margin_ns).map_err(|error| self.port_failed(error))?;
         }
         Ok(got)
     }
 
     fn no_answer(&mut self, unit: usize, command: Command, sent_ns: u64) -> Error {
         self.too_late(unit);
-        let waited_us = u32::try_from((self.line.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
-        Error::NoAnswer { port: self.port(), address: self.address(unit), command, waited_us }
+        let waited_us = u32::try_from((self.transport.now_ns() - sent_ns) / 1000).unwrap_or(u32::MAX);
+        Error::NoAnswer { port: self.port(), unit: self.unit_name(unit), asked: command.asked(), waited_us }
     }
 
-    /// The answer did not come in time, or not whole.
+    /// Records an answer that did not arrive in time, or not completely.
     fn too_late(&mut self, unit: usize) {
         self.counters.timeouts += 1;
         if self.units.get(unit).is_some_and(|unit| matches!(unit.phase, Phase::Setup(_))) {
@@ -154,9 +164,10 @@ impl<T: Transport> Bus<T> {
         self.out_of_step(unit);
     }
 
-    /// What this unit sent, or will still send, cannot be told from an answer: drain the line, and fence the unit.
+    /// Starts a resynchronisation: bytes of this unit can no longer be attributed to a question, so the
+    /// port is drained and the unit fenced.
     pub(super) fn out_of_step(&mut self, unit: usize) {
-        let now_ns = self.line.now_ns();
+        let now_ns = self.transport.now_ns();
         if self.step == Step::Settled {
             self.counters.resyncs += 1;
         }
@@ -168,12 +179,17 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    pub(super) fn line_failed(&mut self, error: serial::Error) -> Error {
-        self.step = Step::Draining { quiet_from_ns: self.line.now_ns() };
+    pub(super) fn port_failed(&mut self, error: serial::Error) -> Error {
+        self.step = Step::Draining { quiet_from_ns: self.transport.now_ns() };
         if error.is_lost() {
             self.lose_all();
         }
-        Error::Line(error)
+        Error::Serial(error)
+    }
+
+    /// A unit's name in messages.
+    pub(super) fn unit_name(&self, unit: usize) -> Arc<str> {
+        self.units.get(unit).map_or_else(|| self.port(), |unit| Arc::clone(&unit.name))
     }
 
     pub(super) fn address(&self, unit: usize) -> u8 {
@@ -184,15 +200,15 @@ impl<T: Transport> Bus<T> {
         bytes as u64 * self.byte_ns
     }
 
-    /// How long an exchange of so many bytes is likely to take.
+    /// Likely duration of an exchange of so many bytes, ns.
     pub(super) fn likely_ns(&self, bytes: usize) -> u64 {
-        // Twice the usual turnaround, so that a question which can wait seldom makes the cycle late.
+        // Twice the usual turnaround, so that a slow question seldom makes the cycle late.
         self.wire_ns(bytes) + 2 * self.turnaround_ns
     }
 
     fn learn_turnaround(&mut self, sent_ns: u64, bytes: usize) {
-        let took_ns = (self.line.now_ns() - sent_ns).saturating_sub(self.wire_ns(bytes));
-        // A moving average over about eight exchanges; one that stood still with the machine counts for no more than a timeout.
+        let took_ns = (self.transport.now_ns() - sent_ns).saturating_sub(self.wire_ns(bytes));
+        // A moving average over about eight exchanges; a stop of the machine counts for no more than a timeout.
         let took_ns = took_ns.min(self.margin_ns);
         self.turnaround_ns = self.turnaround_ns - self.turnaround_ns / 8 + took_ns / 8;
     }

@@ -1,46 +1,71 @@
-//! One line with several units on it, in step with them or on the way back to it.
+//! Driver of one bus: several units on one serial port.
 //!
 //! The rules, and why:
-//! * Before anything is sent the line has to be empty, and an answer has to be exactly right in length, checksum and origin.
-//! * After any error nothing is simply asked again: the answer may only be late, and would then be taken for the answer to the next
-//!   question. Instead the line is drained until it was silent for as long as also empties the units' parsers, and the unit that
-//!   failed is asked something the cycle never asks (a *fence*, another one each time). Units answer in order, so once the
-//!   fence's answer is there, and nothing after it, no old answer can come any more.
-//! * A unit that has failed is then asked for its watchdog: it is set to a value the unit does not start with, so a unit that has
-//!   restarted is found out, and its encoders, which began again at zero, are not taken for a movement.
-//! * A unit that answers later than the margin is given more and more time, up to four times the margin, on its way back into use: a
-//!   starved computer or a slow adapter would otherwise never get through it. Cycles wait for nobody: there the margin stays.
-//! * All of it is one state machine that moves on as far as a call's deadline allows, so that a silent unit costs the others a few
-//!   cycles and not their watchdogs.
+//! * Before anything is sent the receive buffer must be empty, and an answer must be exactly right in length, checksum
+//!   and origin.
+//! * After any error the driver does not simply ask again: the answer may only be late, and would then count as the
+//!   answer to the next question. Instead it drains the port until it was silent long enough to empty the units'
+//!   parsers too, and asks the unit that failed a question that the cycle never asks (a *fence*, a different one each
+//!   time). Units answer in order, so once the fence's answer has arrived with nothing after it, no older answer can
+//!   follow.
+//! * A unit that failed is then asked for its watchdog. The watchdog is set to a value that units do not start with, so
+//!   this detects a restart, and the encoders of a restarted unit, which begin at zero, do not count as motion.
+//! * A unit that answers later than the margin gets more time while it is brought back into use, up to four times the
+//!   margin: on a starved computer or a slow adapter it would otherwise never come back. In a control cycle the margin
+//!   stays.
+//! * All of this is one state machine that advances as far as a call's deadline allows, so that a silent unit costs the
+//!   others a few cycles and does not trip their watchdogs.
 
 mod cycle;
 mod exchange;
-mod report;
+mod family;
+mod step;
 mod sync;
 
 use std::sync::Arc;
 
+use drives::{CountBound, Counters, Error, Misfit, StopInput, UnitReport};
 use serial::{StatusPin, Transport, byte_time_ns};
 
-pub use report::{Counters, StopInput, Timed, UnitAnswer, UnitIdentity, UnitReport};
-
 use crate::codec::{ADDRESSES, Version};
-use crate::error::{Error, Misfit};
 use crate::status::StatusWidth;
 
-/// Most units on one line: the protocol has eight addresses.
+/// Most units on one bus: the protocol has eight addresses.
 pub const MAX_UNITS: usize = 8;
 
-/// Time a unit on a wire has to begin its answer, beside the time of the bytes themselves: the manual's 10 ms and a bit.
+/// Time that a unit on a wire has to begin its answer, besides the time of the bytes: the manual's 10 ms and a reserve.
 pub const WIRE_MARGIN_NS: u64 = 12_000_000;
 
-/// The same over USB, whose frames, adapters and kernel threads add their own pauses.
+/// The same over USB, where frames, adapters and kernel threads add delays.
 pub const USB_MARGIN_NS: u64 = 25_000_000;
 
-/// What one motor of a unit is to do.
+/// [`ADDRESSES`] in messages.
+const ACCEPTED_ADDRESSES: &str = "128 to 135 (0x80 to 0x87)";
+/// Watchdog times in messages: one byte of tenths of a second, 0 switches it off.
+const ACCEPTED_WATCHDOGS: &str = "100 to 25500 ms in steps of 100";
+
+/// Watchdog setting of a unit, ms.
+fn watchdog_ms(tenths: u8) -> u32 {
+    u32::from(tenths) * 100
+}
+
+/// Setting for a watchdog of this many seconds.
+///
+/// # Errors
+/// The units cannot be set to this time, or would be switched off by it.
+pub fn watchdog_tenths(seconds: f64) -> Result<u8, Misfit> {
+    let tenths = (seconds * 10.0).round();
+    if (1.0..=255.0).contains(&tenths) && (seconds * 10.0 - tenths).abs() < 1e-6 {
+        return Ok(tenths as u8);
+    }
+    // `as` saturates, and turns a NaN into 0.
+    Err(Misfit::Watchdog { given_ms: (seconds * 1e3) as u32, accepted: ACCEPTED_WATCHDOGS })
+}
+
+/// Command of the protocol for one motor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Drive {
-    /// Nothing is said to it; its watchdog goes on.
+    /// No command; the watchdog continues.
     #[default]
     Idle,
     /// Closed-loop speed, counts per second.
@@ -50,9 +75,10 @@ pub enum Drive {
 }
 
 impl Drive {
-    /// Closed-loop standstill: the motor pushes back.
+    /// Closed-loop standstill: the motor resists.
     pub const HOLD: Drive = Drive::Speed(0);
-    /// Leads shorted, loop open: the right stop where the encoder cannot be believed; a gear that can be back-driven creeps.
+    /// Leads shorted, loop open: the right stop where the encoder cannot be trusted; a gear that can be back-driven
+    /// creeps.
     pub const RELEASE: Drive = Drive::Duty(0);
 
     fn moves(self) -> bool {
@@ -60,87 +86,89 @@ impl Drive {
     }
 }
 
-/// A unit on a line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Settings of a unit.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnitConfig {
-    /// 0x80 to 0x87.
+    /// Address, 0x80 to 0x87.
     pub address: u8,
-    /// The unit stops its motors when it hears nothing for so many tenths of a second, 1 to 255. Choose another value than the
-    /// unit starts with (usually 0): the difference is how a restart is found out.
+    /// The unit stops its motors when it receives nothing for so many tenths of a second, 1 to 255. The value must
+    /// differ from the one that the unit starts with (usually 0): the difference shows a restart.
     pub watchdog_tenths: u8,
-    /// Fastest the motor can turn, counts per second. A sample further away is refused once, and counted as a jump when it stays.
-    /// 0: no check; a restart of the unit may then look like a movement until its watchdog is next asked for.
-    pub fastest_counts_s: u32,
+    /// Motion of the counts that needs no explanation. A sample beyond it is held back until the unit has shown by its
+    /// watchdog that it did not restart; then it is passed on, and counted as a jump.
+    pub bound: CountBound,
 }
 
-/// A line and its units.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// Settings of a bus and its units.
+#[derive(Debug, Clone, PartialEq)]
 pub struct BusConfig {
-    /// Bits per second, to know how long bytes take; 0 where they take no time worth counting (USB).
+    /// Bits per second, for the time that bytes take; 0 where it is negligible (USB).
     pub baud: u32,
-    /// Time to the beginning of an answer, see [`WIRE_MARGIN_NS`].
+    /// Time to the beginning of an answer, ns; see [`WIRE_MARGIN_NS`].
     pub margin_ns: u64,
-    /// The units, in the order in which commands and answers have them.
+    /// The units, in the order of commands and answers.
     pub units: Vec<UnitConfig>,
-    /// A stop button's closed contact holds this pin on; an open contact or a broken wire is a stop.
+    /// Pin that the closed contact of a stop button holds on; an open contact or a broken wire is a stop.
     pub stop_pin: Option<StatusPin>,
 }
 
-/// One unit, as the driver sees it.
+/// Driver state of a unit.
 #[derive(Debug)]
 struct Unit {
     config: UnitConfig,
+    /// Name in messages.
+    name: Arc<str>,
     phase: Phase,
     report: UnitReport,
     version: Option<Version>,
-    /// How wide its status is; unknown until it was asked once.
+    /// Width of its status; unknown until the first answer.
     width: Option<StatusWidth>,
     /// The unit's own 32 bits at the last accepted sample.
     last_raw: Option<[u32; 2]>,
-    /// A refused sample: where the next one has to be near to be believed.
-    refused_raw: Option<[u32; 2]>,
-    /// In this life of the unit its watchdog was set, and seen to be set: another value means another life.
-    told: bool,
-    /// Ask for the watchdog before anything else that can wait.
+    /// The last sample was beyond the bound and was held back.
+    held_back: bool,
+    /// Since the unit's last restart its watchdog was set and read back: another value means another restart.
+    watchdog_set: bool,
+    /// The watchdog is read before the counts in the next cycle.
     doubtful: bool,
-    /// It moves only after it was told to stand still.
+    /// It does not move until it was commanded to stand still.
     interlocked: bool,
-    /// How often its answers came too late on its way back into use, and not in time since; see [`Bus::patience_ns`].
+    /// Late answers while it was brought back into use, less answers in time since; see [`Bus::patience_ns`].
     patience: u8,
     /// What came in place of its answer when it was last asked in vain.
-    instead: sync::Instead,
+    instead: step::Instead,
 }
 
-/// How far a unit is.
+/// Progress of bringing a unit into use.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Phase {
-    /// An answer of it may still be on its way: a fence is due at `due_ns`, after so many that failed.
+    /// An older answer of it may still arrive: a fence is due at `due_ns`, after `failed` ones.
     Suspect { failed: u32, due_ns: u64 },
     /// In step; what it is to be asked before it is used.
-    Setup(sync::Setup),
+    Setup(step::Setup),
     /// In use.
     Ready,
-    /// It does not do what it is told; asked again at `due_ns`.
+    /// It does not keep its watchdog setting; tried again at `due_ns`.
     Unusable { wanted: u8, got: u8, due_ns: u64 },
 }
 
-/// A line with units. One thread owns it: two users of one line garble each other's answers.
+/// Driver of the units on one port. One thread owns it: two users of one port garble each other's answers.
 #[derive(Debug)]
 pub struct Bus<T> {
-    line: T,
+    transport: T,
     byte_ns: u64,
     margin_ns: u64,
     units: Vec<Unit>,
-    step: sync::Step,
-    /// Since when bytes have come that nobody asked for, without a pause.
+    step: step::Step,
+    /// Start of the present run of unrequested bytes, ns.
     noisy_from_ns: Option<u64>,
     connection: u32,
-    /// The unit that was spoken to last: unexpected bytes are most likely its.
+    /// The unit addressed last: unexpected bytes are most likely its.
     last_unit: usize,
     next_fence: usize,
-    /// Usual time from the last byte sent to the first received, beside the bytes' own time.
+    /// Moving average of the time from the last byte sent to the first received, ns.
     turnaround_ns: u64,
-    /// When the last packet was sent, as others stamp it.
+    /// Time of the last packet on the machine's clock, ns.
     sent_stamp_ns: u64,
     slow_turn: usize,
     slow_left_out: bool,
@@ -151,44 +179,45 @@ pub struct Bus<T> {
 }
 
 impl<T: Transport> Bus<T> {
-    /// A line that is not spoken to yet. The line's device need not be there.
-    pub fn new(line: T, config: &BusConfig) -> Result<Bus<T>, Error> {
-        let port = Arc::clone(line.name());
+    /// A bus on which nothing was sent yet. The device need not be there.
+    pub fn new(transport: T, config: &BusConfig) -> Result<Bus<T>, Error> {
+        let port = Arc::clone(transport.name());
         let wrong = |what| Err(Error::Configuration { port: Arc::clone(&port), what });
         if config.units.is_empty() {
             return wrong(Misfit::NoUnits);
         }
         for (index, unit) in config.units.iter().enumerate() {
             if !ADDRESSES.contains(&unit.address) {
-                return wrong(Misfit::Address);
+                return wrong(Misfit::Address { given: unit.address, accepted: ACCEPTED_ADDRESSES });
             }
             if config.units[..index].iter().any(|other| other.address == unit.address) {
                 return wrong(Misfit::AddressTwice);
             }
             if unit.watchdog_tenths == 0 {
-                return wrong(Misfit::NoWatchdog);
+                return wrong(Misfit::Watchdog { given_ms: 0, accepted: ACCEPTED_WATCHDOGS });
             }
         }
         let unit = |config: &UnitConfig| Unit {
             config: *config,
+            name: format!("unit {:#04x}", config.address).into(),
             phase: Phase::Suspect { failed: 0, due_ns: 0 },
             report: UnitReport::default(),
             version: None,
             width: None,
             last_raw: None,
-            refused_raw: None,
-            told: false,
+            held_back: false,
+            watchdog_set: false,
             doubtful: false,
             interlocked: true,
             patience: 0,
-            instead: sync::Instead::default(),
+            instead: step::Instead::default(),
         };
         Ok(Bus {
-            line,
+            transport,
             byte_ns: byte_time_ns(config.baud),
             margin_ns: config.margin_ns,
             units: config.units.iter().map(unit).collect(),
-            step: sync::Step::Draining { quiet_from_ns: 0 },
+            step: step::Step::Draining { quiet_from_ns: 0 },
             noisy_from_ns: None,
             connection: 0,
             last_unit: 0,
@@ -204,19 +233,19 @@ impl<T: Transport> Bus<T> {
         })
     }
 
-    /// The line's name.
+    /// Name of the port.
     pub fn name(&self) -> &Arc<str> {
-        self.line.name()
+        self.transport.name()
     }
 
-    /// The line.
-    pub fn line(&self) -> &T {
-        &self.line
+    /// The port.
+    pub fn transport(&self) -> &T {
+        &self.transport
     }
 
-    /// The line. Bytes written to it past this driver bring the driver out of step, which it will notice.
-    pub fn line_mut(&mut self) -> &mut T {
-        &mut self.line
+    /// The port. Bytes written to it past this driver bring it out of step, which it detects.
+    pub fn transport_mut(&mut self) -> &mut T {
+        &mut self.transport
     }
 
     /// Number of units.
@@ -224,43 +253,43 @@ impl<T: Transport> Bus<T> {
         self.units.len()
     }
 
-    /// Who the units are.
-    pub fn identities(&self) -> impl Iterator<Item = UnitIdentity> {
-        self.units.iter().map(|unit| UnitIdentity { address: unit.config.address, version: unit.version })
+    /// Version text of a unit, once it was read.
+    pub fn version(&self, unit: usize) -> Option<Version> {
+        self.units.get(unit).and_then(|unit| unit.version)
     }
 
-    /// The newest known values of a unit.
+    /// Newest readings of a unit.
     pub fn report(&self, unit: usize) -> Option<&UnitReport> {
         self.units.get(unit).map(|unit| &unit.report)
     }
 
-    /// What happened on this line so far.
+    /// Event counts.
     pub fn counters(&self) -> Counters {
         self.counters
     }
 
-    /// The stop input, as it was when time was last spent on the line.
+    /// Stop input, as last read.
     pub fn stop(&self) -> &StopInput {
         &self.stop
     }
 
-    /// True where every unit is in use and the line in step: nothing is left to do between cycles.
+    /// True where every unit is in use and the bus in step: nothing is left to do between cycles.
     pub fn is_settled(&self) -> bool {
-        self.step == sync::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
+        self.step == step::Step::Settled && self.units.iter().all(|unit| unit.phase == Phase::Ready)
     }
 
-    /// An input that cannot be read is no better than one that says stop.
-    fn look_at_stop(&mut self) {
+    /// Reads the stop input. One that cannot be read is a stop.
+    fn read_stop(&mut self) {
         if let Some(pin) = self.stop_pin {
-            self.stop = match self.line.is_on(pin) {
+            self.stop = match self.transport.is_on(pin) {
                 Ok(true) => StopInput::Released,
                 Ok(false) => StopInput::Pressed,
-                Err(error) => StopInput::Unreadable(Error::Line(error)),
+                Err(error) => StopInput::Unreadable(Error::Serial(error)),
             };
         }
     }
 
     fn port(&self) -> Arc<str> {
-        Arc::clone(self.line.name())
+        Arc::clone(self.transport.name())
     }
 }

@@ -1,139 +1,73 @@
-//! Getting in step with the units, and back in step after an error.
+//! Synchronisation with the units: draining, fences, and the setup of a unit.
+
+use std::sync::Arc;
 
 use serial::Transport;
 
-use super::{Bus, Phase};
-use crate::codec::{BYTE_GAP_NS, Read, Reply, ReplyLength, Write};
-use crate::error::{Command, Error};
+use super::step::{Instead, Setup, Step, Window};
+use super::{Bus, Phase, watchdog_ms};
+use drives::Error;
+
+use crate::codec::{BYTE_GAP_NS, Command, Read, Reply, ReplyLength, Write};
 use crate::packet::MAX_PACKET;
 
-/// So long without a byte, the line is empty and so are the units' parsers.
+/// After this long without a byte the port is empty, and so are the units' parsers, ns.
 const QUIET_NS: u64 = BYTE_GAP_NS + 2_000_000;
 
-/// A unit that has left this many fences unanswered, in about a tenth of a second, is asked less often: fewer, and a computer that
-/// stands still for a moment would take its own pause for the unit's.
+/// Unanswered fences, in about a tenth of a second, after which a unit is asked less often. With fewer, a short stop of
+/// the computer would count as silence of the unit.
 const FENCES_BEFORE_SILENT: u32 = 6;
-/// Namely twice a second: each attempt costs the other units of the line a few cycles.
+/// Time between attempts to reach a silent unit, ns: each costs the other units of the bus a few cycles.
 const ASK_SILENT_EVERY_NS: u64 = 500_000_000;
 
-/// Every second answer in vain doubles the time for the next, up to four times the margin: twice because the first may have been
-/// lost and not late, four times because the other units of the line wait meanwhile, and their watchdogs with them.
+/// Every second missing answer doubles the time for the next, up to four times the margin: every second, because the
+/// first may have been lost and not late; four times, because the other units and their watchdogs wait meanwhile.
 const MOST_PATIENCE: u8 = 4;
-/// Of a silent unit's attempts only each so many gets the longer time.
+/// Only one of this many attempts to reach a silent unit gets the longer time.
 const PATIENT_EVERY: u32 = 4;
 
-/// How long a call that can do nothing at the moment lets time pass, and what a step may take beside its exchange: short beside a
-/// cycle.
+/// Pause of a call that can do nothing at the moment, and time of a step besides its exchange, ns; short compared with
+/// a cycle.
 const PAUSE_NS: u64 = 1_000_000;
 
-/// Bytes of one exchange on the way back into use. The longest is a version text; the others are about as long as this.
+/// Bytes of one exchange of the setup. Only the version text is longer.
 const LONGEST_STEP: usize = 20;
 
-/// A line that has not been quiet for so long is not on its way back: a resynchronisation takes a tenth of that.
+/// A port that has not been quiet for this long does not recover, ns: a resynchronisation takes a tenth of it.
 const BABBLE_NS: u64 = 1_000_000_000;
 
-/// Questions that neither the cycle nor the setup asks. Two in a row are never the same, so that the late answer to one fence
-/// cannot be taken for the answer to the next.
+/// Questions that neither the cycle nor the setup asks. Consecutive fences differ, so that the late answer to one
+/// cannot count as the answer to the next.
 const FENCES: [Read; 4] = [Read::LogicBattery, Read::MaxCurrent1, Read::RawSpeed1, Read::VelocityPid1];
 
-/// Where the line is.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Step {
-    /// Reading and forgetting until it is quiet; the last byte came at `quiet_from_ns` or before.
-    Draining { quiet_from_ns: u64 },
-    /// Waiting for the answer to a fence, whatever comes before it.
-    Fencing { unit: usize, read: Read, until_ns: u64, window: Window },
-    /// Empty, and nothing outstanding.
-    Settled,
-}
-
-/// What came in place of the answer to a fence.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum Instead {
-    /// Not one byte.
-    #[default]
-    Nothing,
-    /// The question itself.
-    Echo,
-    /// Something else.
-    Gibberish,
-}
-
-/// What a unit is asked before it is used, in this order.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Setup {
-    /// Is the watchdog still as it was set? Otherwise the unit has restarted. `whole`: ask for everything in any case.
-    Recognise {
-        whole: bool,
-    },
-    Version,
-    Status,
-    SetWatchdog,
-    CheckWatchdog,
-    Supply,
-    Encoders,
-}
-
-/// The last bytes received, to find an answer in.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Window {
-    bytes: [u8; MAX_PACKET],
-    len: usize,
-}
-
-impl Window {
-    const EMPTY: Window = Window { bytes: [0; MAX_PACKET], len: 0 };
-
-    fn push(&mut self, byte: u8) {
-        if self.len == MAX_PACKET {
-            self.bytes.copy_within(1.., 0);
-            self.len -= 1;
-        }
-        self.bytes[self.len] = byte;
-        self.len += 1;
-    }
-
-    /// What it holds, for a question of which it has no answer.
-    fn instead(&self, question: &[u8]) -> Instead {
-        match self.bytes.get(..self.len) {
-            None | Some([]) => Instead::Nothing,
-            Some(bytes) if bytes == question => Instead::Echo,
-            Some(_) => Instead::Gibberish,
-        }
-    }
-
-    fn last(&self, n: usize) -> Option<&[u8]> {
-        self.bytes.get(self.len.checked_sub(n)?..self.len)
-    }
-}
-
 impl<T: Transport> Bus<T> {
-    /// Get on with connecting, draining, fencing and setting up as far as `deadline_ns` allows; `Ok` once every unit is in use.
+    /// Connects, drains, fences and sets up units as far as `deadline_ns` allows; `Ok` once every unit is in use.
     ///
-    /// A step that has begun may end later, by the time an answer may take, and one step is always begun: where answers have lately
-    /// been slow, waiting for a longer call would be waiting for ever. Call it between cycles, or in a loop to connect.
+    /// A step that has begun may end later by the time of an answer. One step is always begun: where answers have
+    /// lately been slow, no call would otherwise be long enough. Call it between cycles, or in a loop to connect.
     pub fn settle(&mut self, deadline_ns: u64) -> Result<(), Error> {
-        self.look_at_stop();
-        // A clock goes on between here and there: without the pause the one step would always come a moment too late.
-        let deadline_ns = deadline_ns.max(self.line.now_ns() + self.likely_ns(LONGEST_STEP) + PAUSE_NS);
+        self.read_stop();
+        // Time passes until the check of the deadline: without the pause the one step would always come slightly too
+        // late.
+        let deadline_ns = deadline_ns.max(self.transport.now_ns() + self.likely_ns(LONGEST_STEP) + PAUSE_NS);
         let result = self.get_in_step(deadline_ns).and_then(|()| self.set_up_units(deadline_ns));
         if result.is_err() {
-            // What is missing is time; a clock that moves only when it is waited for has to be waited for.
-            let now_ns = self.line.now_ns();
-            self.line.wait_until(deadline_ns.min(now_ns + PAUSE_NS).max(now_ns));
+            // A virtual clock moves only in waits, so this waits.
+            let now_ns = self.transport.now_ns();
+            self.transport.wait_until(deadline_ns.min(now_ns + PAUSE_NS).max(now_ns));
         }
         result
     }
 
-    /// Connect where necessary, and empty the line.
+    /// Connects if necessary, and completes draining and fencing.
     pub(super) fn get_in_step(&mut self, deadline_ns: u64) -> Result<(), Error> {
-        match self.line.connection() {
-            Err(error) => return Err(self.line_failed(error)),
+        match self.transport.connection() {
+            Err(error) => return Err(self.port_failed(error)),
             Ok(connection) if connection != self.connection => {
                 self.connection = connection;
                 self.counters.connections += 1;
                 self.lose_all();
-                self.step = Step::Draining { quiet_from_ns: self.line.now_ns() };
+                self.step = Step::Draining { quiet_from_ns: self.transport.now_ns() };
             }
             Ok(_) => {}
         }
@@ -153,13 +87,13 @@ impl<T: Transport> Bus<T> {
         // Where the silence cannot be waited for in this call, it goes on by itself: do not hold up the caller.
         let until_ns = if quiet_at_ns <= deadline_ns { quiet_at_ns } else { 0 };
         let mut waste = [0; MAX_PACKET];
-        let got = self.line.read(&mut waste, until_ns).map_err(|error| self.line_failed(error))?;
-        let now_ns = self.line.now_ns();
+        let got = self.transport.read(&mut waste, until_ns).map_err(|error| self.port_failed(error))?;
+        let now_ns = self.transport.now_ns();
         if got > 0 {
             self.counters.stray_bytes += got as u64;
             self.step = Step::Draining { quiet_from_ns: now_ns };
             self.noisy_from_ns.get_or_insert(now_ns);
-            // Noise without end does not hold the caller for ever.
+            // Continuous noise must not block the caller.
             if now_ns < deadline_ns { Ok(()) } else { Err(self.resynchronising()) }
         } else if now_ns >= quiet_at_ns {
             self.step = Step::Settled;
@@ -180,9 +114,10 @@ impl<T: Transport> Bus<T> {
     ) -> Result<(), Error> {
         let mut byte = [0];
         loop {
-            // Byte by byte: what comes after the answer belongs to nobody and shows that the line is not empty.
-            let got = self.line.read(&mut byte, until_ns.min(deadline_ns)).map_err(|error| self.line_failed(error))?;
-            let now_ns = self.line.now_ns();
+            // Byte by byte: a byte after the answer shows that the port is not empty.
+            let got =
+                self.transport.read(&mut byte, until_ns.min(deadline_ns)).map_err(|error| self.port_failed(error))?;
+            let now_ns = self.transport.now_ns();
             if got == 0 && now_ns >= until_ns {
                 self.fence_failed(unit, window.instead(&read.encode(self.address(unit))), now_ns);
                 return Ok(());
@@ -197,7 +132,7 @@ impl<T: Transport> Bus<T> {
             if read.decode(self.address(unit), answer).is_err() {
                 continue;
             }
-            if self.line.pending().map_err(|error| self.line_failed(error))? > 0 {
+            if self.transport.pending().map_err(|error| self.port_failed(error))? > 0 {
                 self.step = Step::Draining { quiet_from_ns: now_ns };
                 return Ok(());
             }
@@ -209,7 +144,7 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// How long a unit on its way back into use has to begin its answer.
+    /// Time that a unit has to begin its answer while it is brought back into use, ns.
     pub(super) fn patience_ns(&self, unit: usize) -> u64 {
         self.units.get(unit).map_or(self.margin_ns, |unit| self.margin_ns << (unit.patience / 2))
     }
@@ -234,12 +169,12 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Fence and set up the units that need it, while the time lasts.
+    /// Fences and sets up the units that need it, while the time lasts.
     pub(super) fn set_up_units(&mut self, deadline_ns: u64) -> Result<(), Error> {
         let mut index = 0;
         let mut verdict = Ok(());
         while index < self.units.len() {
-            let now_ns = self.line.now_ns();
+            let now_ns = self.transport.now_ns();
             let Some(phase) = self.units.get(index).map(|unit| unit.phase) else { break };
             let due = match phase {
                 Phase::Ready => false,
@@ -283,19 +218,21 @@ impl<T: Transport> Bus<T> {
         let hopeless = matches!(self.units.get(unit).map(|unit| unit.phase),
             Some(Phase::Suspect { failed, .. }) if failed >= FENCES_BEFORE_SILENT && failed % PATIENT_EVERY != 0);
         let margin_ns = if hopeless { self.margin_ns } else { self.patience_ns(unit) };
-        // Long enough for the longest of the fences.
+        // The longest answer of a fence has 18 bytes.
         let until_ns = sent_ns + self.wire_ns(2 + 18) + margin_ns;
         self.step = Step::Fencing { unit, read, until_ns, window: Window::EMPTY };
         Ok(())
     }
 
-    /// Ask the next thing and say what comes after it.
+    /// Asks the question of one setup step and selects the next step.
     fn set_up(&mut self, index: usize, setup: Setup) -> Result<(), Error> {
         let Some(wanted) = self.units.get(index).map(|unit| unit.config.watchdog_tenths) else { return Ok(()) };
         let next = match setup {
             Setup::Recognise { whole } => {
-                let same = self.ask(index, Read::Watchdog)?.0 == Reply::Watchdog(wanted);
-                if let Some(unit) = self.units.get_mut(index).filter(|unit| !unit.told && unit.report.setups == 0) {
+                let same = self.read(index, Read::Watchdog)?.0 == Reply::Watchdog(wanted);
+                if let Some(unit) =
+                    self.units.get_mut(index).filter(|unit| !unit.watchdog_set && unit.report.setups == 0)
+                {
                     unit.report.was_alive = same;
                 }
                 if !same {
@@ -304,7 +241,7 @@ impl<T: Transport> Bus<T> {
                 if same && !whole { Phase::Ready } else { Phase::Setup(Setup::Version) }
             }
             Setup::Version => {
-                if let Reply::Version(version) = self.ask(index, Read::Version)?.0
+                if let Reply::Version(version) = self.read(index, Read::Version)?.0
                     && let Some(unit) = self.units.get_mut(index)
                 {
                     unit.version = Some(version);
@@ -317,17 +254,17 @@ impl<T: Transport> Bus<T> {
                 Phase::Setup(Setup::SetWatchdog)
             }
             Setup::SetWatchdog => {
-                self.tell(index, Write::Watchdog(wanted))?;
+                self.write(index, Write::Watchdog(wanted))?;
                 Phase::Setup(Setup::CheckWatchdog)
             }
-            Setup::CheckWatchdog => match self.ask(index, Read::Watchdog)?.0 {
+            Setup::CheckWatchdog => match self.read(index, Read::Watchdog)?.0 {
                 Reply::Watchdog(got) if got != wanted => {
-                    let due_ns = self.line.now_ns() + ASK_SILENT_EVERY_NS;
+                    let due_ns = self.transport.now_ns() + ASK_SILENT_EVERY_NS;
                     Phase::Unusable { wanted, got, due_ns }
                 }
                 _ => {
                     if let Some(unit) = self.units.get_mut(index) {
-                        unit.told = true;
+                        unit.watchdog_set = true;
                     }
                     Phase::Setup(Setup::Supply)
                 }
@@ -355,22 +292,22 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// The unit has begun again: encoders at zero, watchdog off.
+    /// Records a restart of the unit: its encoders are at zero, its watchdog is off.
     pub(super) fn has_restarted(&mut self, index: usize) {
         if let Some(unit) = self.units.get_mut(index) {
             unit.interlocked = true;
             unit.doubtful = false;
-            // What it counts now has nothing to do with what it counted before: the totals stay where they were.
+            // Its counts are unrelated to those before the restart: the totals stay where they were.
             unit.last_raw = None;
-            unit.refused_raw = None;
-            // Counted once, however often it takes to set it up again.
-            if std::mem::take(&mut unit.told) {
+            unit.held_back = false;
+            // Counted once, however many attempts the setup takes.
+            if std::mem::take(&mut unit.watchdog_set) {
                 unit.report.reboots += 1;
             }
         }
     }
 
-    /// Everything on this line is unknown from here on.
+    /// Marks every unit as unknown, after the connection was lost.
     pub(super) fn lose_all(&mut self) {
         for unit in &mut self.units {
             unit.phase = Phase::Suspect { failed: 0, due_ns: 0 };
@@ -378,27 +315,30 @@ impl<T: Transport> Bus<T> {
         }
     }
 
-    /// Why a unit cannot be used at the moment.
+    /// Reason why a unit is not in use.
     pub(super) fn not_ready(&self, index: usize) -> Option<Error> {
         let unit = self.units.get(index)?;
-        let (port, address) = (self.port(), unit.config.address);
+        let (port, name) = (self.port(), Arc::clone(&unit.name));
         match unit.phase {
             Phase::Ready => None,
-            Phase::Setup(_) => Some(Error::Preparing { port, address }),
+            Phase::Setup(_) => Some(Error::Preparing { port, unit: name }),
             Phase::Suspect { failed, .. } if failed < FENCES_BEFORE_SILENT => Some(Error::Resynchronising { port }),
             Phase::Suspect { .. } => Some(match unit.instead {
-                Instead::Nothing => Error::Silent { port, address },
-                Instead::Echo => Error::Echo { port, address },
-                Instead::Gibberish => Error::Gibberish { port, address },
+                Instead::Nothing => Error::Silent { port, unit: name },
+                Instead::Echo => Error::Echo { port, unit: name },
+                Instead::Foreign => Error::Foreign { port, unit: name },
             }),
-            Phase::Unusable { wanted, got, .. } => Some(Error::WatchdogRefused { port, address, wanted, got }),
+            Phase::Unusable { wanted, got, .. } => {
+                let (wanted_ms, got_ms) = (watchdog_ms(wanted), watchdog_ms(got));
+                Some(Error::WatchdogRefused { port, unit: name, wanted_ms, got_ms })
+            }
         }
     }
 
     pub(super) fn resynchronising(&self) -> Error {
         let port = self.port();
         match self.noisy_from_ns {
-            Some(from_ns) if self.line.now_ns().saturating_sub(from_ns) > BABBLE_NS => Error::Babble { port },
+            Some(from_ns) if self.transport.now_ns().saturating_sub(from_ns) > BABBLE_NS => Error::Babble { port },
             _ => Error::Resynchronising { port },
         }
     }

@@ -1,4 +1,4 @@
-//! What a unit understands and what it says.
+//! Commands that a unit executes, and its answers.
 
 use super::axis::{Goal, Move};
 use super::settings::{FULL_DUTY, Registers};
@@ -6,19 +6,19 @@ use super::{Unit, register};
 use crate::codec::{ACK, Fields, Motor, Read, Reply, SAVE_KEY, Write, with_reply_crc};
 use crate::packet::Packet;
 
-/// The speed loop of a unit counts over 1/300 s, so a raw speed is a multiple of this, counts per second.
+/// Resolution of a raw speed, counts per second: the speed loop of a unit counts over 1/300 s.
 const RAW_SPEED_STEP: f64 = 300.0;
 
-/// What follows a command's number.
+/// Bytes after a command's number.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Form {
     /// Nothing: a question.
     Question,
-    /// So many bytes and a checksum.
+    /// A payload of this length and a checksum.
     Order(usize),
 }
 
-/// The form of a command; `None` where this unit does not know it.
+/// Form of a command; `None` for an unknown one.
 pub(super) fn form(code: u8) -> Option<Form> {
     Some(match code {
         0 | 1 | 4..=7 => Form::Order(1),
@@ -53,7 +53,7 @@ pub(super) fn form(code: u8) -> Option<Form> {
 }
 
 impl Unit {
-    /// Do it, and the answer; `None` where the command makes no sense.
+    /// Executes a command and returns the answer; `None` for an invalid one.
     pub(super) fn answer(&mut self, code: u8, payload: &[u8]) -> Option<Packet> {
         let address = self.options.address;
         match form(code)? {
@@ -65,7 +65,7 @@ impl Unit {
                 match code {
                     47 => packet.extend(&self.axes.each_ref().map(|axis| match axis.waiting() {
                         Some(waiting) => waiting as u8,
-                        // Nothing is being done at all.
+                        // No move is active.
                         None => 0x80,
                     })),
                     73 => self.say_everything(&mut packet),
@@ -136,7 +136,7 @@ impl Unit {
         Reply::Count(self.count(motor) as u32, std::mem::take(&mut self.wrapped[motor]) | backward)
     }
 
-    /// 73: everything at once.
+    /// Answer to 73: every reading at once.
     fn say_everything(&self, packet: &mut Packet) {
         let measured = &self.measured;
         packet.extend(&((self.now_ns / 1_000_000) as u32).to_be_bytes());
@@ -168,7 +168,7 @@ impl Unit {
         packet.extend(&[0; 8]);
     }
 
-    /// Commands that only the vendor's client uses: old-style duty, duty with a ramp, distances, positions.
+    /// Executes commands that only the vendor's client sends: old-style duty, duty with a ramp, distances, positions.
     fn move_on(&mut self, code: u8, payload: &[u8]) -> Option<()> {
         use Motor::{One, Two};
         let mut fields = Fields(payload);
@@ -238,7 +238,7 @@ impl Unit {
                 let moves = [one(0)?, one(1)?];
                 self.add_both(moves, fields.u8()?)?;
             }
-            // Percent of a range that this unit was not given.
+            // Percent of a range that this unit does not have.
             125..=127 => {}
             80 => {
                 if fields.u32()? != SAVE_KEY {
@@ -268,7 +268,7 @@ impl Unit {
     fn add(&mut self, motor: usize, made: Move, at_once: u8) -> Option<()> {
         let axis = self.axes.get_mut(motor)?;
         let taken = axis.add_move(made, at_once != 0);
-        // So that the buffer's state can be read in the same instant.
+        // The buffer's state is then right without time passing.
         axis.advance(0.0, register(self.measured.counts, self.zero, motor));
         taken.then_some(())
     }
@@ -294,12 +294,12 @@ fn position(fields: &mut Fields<'_>) -> Option<Move> {
     Some(Move { ramp, end_ramp, speed, goal: Goal::Position(f64::from(fields.i32()?)) })
 }
 
-/// The protocol's tenths of a volt or degree.
+/// Tenths of a volt or degree on the wire.
 fn tenths(value: f64) -> i16 {
     scaled(value, 10.0)
 }
 
-/// Rust's conversion saturates, and a NaN becomes 0.
+/// Scales and rounds; the conversion saturates, and a NaN becomes 0.
 fn scaled(value: f64, scale: f64) -> i16 {
     (value * scale).round() as i16
 }

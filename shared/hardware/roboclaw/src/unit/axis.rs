@@ -1,46 +1,46 @@
-//! What one motor was told: duty, speed, a queue of distances, or a position.
+//! Command of one motor: duty, speed, a queue of distances, or a position.
 
 use std::collections::VecDeque;
 
-/// Commands that fit into a unit's buffer, from the manual.
+/// Capacity of a unit's command buffer, from the manual.
 const BUFFER: usize = 64;
 
-/// What a motor should do at this moment.
+/// Present target of a motor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Target {
-    /// Turn this fast, counts per second; the unit's velocity loop sees to it.
+    /// Speed for the unit's velocity loop, counts per second.
     Speed(f64),
-    /// This much of the supply, -1 to 1, whatever comes of it.
+    /// Share of the supply, -1 to 1, without a loop.
     Duty(f64),
 }
 
 /// A move over a distance or to a position.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Move {
-    /// Counts per second squared; 0: at once.
+    /// Acceleration, counts per second squared; 0: a step.
     pub(super) ramp: f64,
-    /// Ramp towards the end, for positions.
+    /// Deceleration towards the end of a move to a position, counts per second squared.
     pub(super) end_ramp: f64,
-    /// Counts per second.
+    /// Speed, counts per second.
     pub(super) speed: f64,
     pub(super) goal: Goal,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Goal {
-    /// So many counts from where it begins; the speed's sign is the direction.
+    /// Number of counts from the start; the speed's sign is the direction.
     Distance(f64),
-    /// Until the encoder shows this.
+    /// Encoder count of the end.
     Position(f64),
 }
 
 #[derive(Debug, Clone)]
 pub(super) struct Axis {
-    /// Where the ramp is, and where it goes, how fast.
+    /// Present speed of the ramp, its end, and its acceleration.
     now: Target,
     end: f64,
     ramp: f64,
-    /// The move being made and where it began.
+    /// Active move and the count at its start.
     current: Option<(Move, f64)>,
     queue: VecDeque<Move>,
 }
@@ -54,12 +54,12 @@ impl Axis {
         self.now
     }
 
-    /// True where a watchdog has something to stop.
+    /// True where a watchdog would have a motion to stop.
     pub(super) fn is_driven(&self) -> bool {
         self.now != Target::Duty(0.0) || self.current.is_some()
     }
 
-    /// Moves that wait; `None` when none is being made.
+    /// Number of waiting moves; `None` without an active one.
     pub(super) fn waiting(&self) -> Option<usize> {
         self.current.map(|_| self.queue.len())
     }
@@ -90,7 +90,7 @@ impl Axis {
         self.now = Target::Speed(if ramp > 0.0 { from } else { speed });
     }
 
-    /// Make a move now, or after those that wait. A full buffer refuses.
+    /// Starts a move now, or queues it. A full buffer rejects it.
     pub(super) fn add_move(&mut self, new: Move, at_once: bool) -> bool {
         if at_once {
             self.forget_moves();
@@ -112,7 +112,7 @@ impl Axis {
         if let Some((made, began)) = self.current {
             let over = match made.goal {
                 Goal::Distance(distance) => (count - began).abs() >= distance,
-                // A position is held until something else is asked for.
+                // A position is held until the next command.
                 Goal::Position(_) => !self.queue.is_empty() && self.now == Target::Speed(0.0),
             };
             if over {

@@ -1,19 +1,20 @@
 //! The unit's side of the protocol: a virtual RoboClaw without physics.
 //!
-//! A [`Unit`] is told what its sensors measure ([`Unit::measure`]) and says what its motors should do ([`Unit::target`]); motors,
-//! supply and time are the caller's, so that the same unit works in a process on a pseudo-terminal and in a test with a virtual
-//! clock. A [`UnitLine`] puts several of them on one line and can be the far end of a [`serial::Pipe`].
+//! The caller gives a [`Unit`] what its sensors measure ([`Unit::measure`]) and reads what its motors should do
+//! ([`Unit::target`]). Motors, supply and time are the caller's, so that the same unit works in a process on a
+//! pseudo-terminal and in a test with a virtual clock. A [`UnitBus`] puts several of them on one bus and can be the far
+//! end of a [`serial::Pipe`].
 //!
-//! Where the manual leaves something open this does what is harder for a driver: by default only a packet for the unit itself
-//! keeps its watchdog quiet.
+//! Where the manual leaves something open, the unit does what is harder for a driver: by default only a packet for the
+//! unit itself feeds its watchdog.
 
 mod answer;
 mod axis;
-mod line;
+mod bus;
 mod settings;
 
 pub use axis::Target;
-pub use line::UnitLine;
+pub use bus::UnitBus;
 
 use crate::codec::{Motor, Pid, Version, Write};
 use crate::packet::Packet;
@@ -21,35 +22,35 @@ use crate::status::{Status, StatusWidth};
 use axis::Axis;
 use settings::{Registers, Settings};
 
-/// Which packets keep a unit's watchdog quiet.
+/// Packets that feed a unit's watchdog.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Feeds {
     /// Packets for this unit.
     #[default]
     OwnPackets,
-    /// Any packet on the line.
+    /// Any packet on the bus.
     AnyPacket,
 }
 
-/// How a unit is made.
+/// Properties of a virtual unit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct UnitOptions {
-    /// 0x80 to 0x87.
+    /// Address, 0x80 to 0x87.
     pub address: u8,
-    /// Its version text.
+    /// Version text.
     pub version: Version,
-    /// Its firmware's width of the status.
+    /// Width of the status in its firmware.
     pub width: StatusWidth,
     /// Time from a packet's last byte to the first of the answer, ns.
     pub turnaround_ns: u64,
-    /// What keeps its watchdog quiet.
+    /// Packets that feed its watchdog.
     pub feeds: Feeds,
     /// Watchdog after power-on, tenths of a second.
     pub watchdog_tenths: u8,
 }
 
 impl UnitOptions {
-    /// A unit as it comes, at this address.
+    /// A unit with factory settings at this address.
     #[must_use]
     pub fn new(address: u8) -> UnitOptions {
         UnitOptions {
@@ -64,10 +65,10 @@ impl UnitOptions {
     }
 }
 
-/// What the unit's sensors measure.
+/// Readings of the unit's sensors.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Measured {
-    /// Counts of both encoders since the beginning of time; the unit's own register is its business.
+    /// Counts of both encoders since the start of the simulation; the unit derives its own register.
     pub counts: [i64; 2],
     /// Speeds, counts per second.
     pub speeds_counts_s: [f64; 2],
@@ -86,7 +87,7 @@ pub struct Measured {
 }
 
 impl Default for Measured {
-    /// Standing still on a full 12 V battery on a mild day.
+    /// At rest on a full 12 V battery on a mild day.
     fn default() -> Measured {
         Measured {
             counts: [0; 2],
@@ -108,13 +109,13 @@ pub struct Unit {
     now_ns: u64,
     measured: Measured,
     settings: Settings,
-    /// What a reboot brings back.
+    /// Settings that a reboot restores.
     saved: Settings,
     registers: Registers,
     axes: [Axis; 2],
     /// Counts of the sensors at which the unit's register is zero.
     zero: [i64; 2],
-    /// Wraps of the 32-bit registers that were not read yet: 1 underflow, 4 overflow.
+    /// Wraps of the 32-bit registers since they were last read: 1 underflow, 4 overflow.
     wrapped: [u8; 2],
     heard_ns: u64,
     watchdog_trips: u64,
@@ -125,7 +126,7 @@ pub struct Unit {
 }
 
 impl Unit {
-    /// A unit that has just been switched on at time 0.
+    /// A unit that is switched on at time 0.
     #[must_use]
     pub fn new(options: UnitOptions) -> Unit {
         let settings = Settings::new(options.watchdog_tenths);
@@ -148,13 +149,13 @@ impl Unit {
         }
     }
 
-    /// Its address.
+    /// Address.
     #[must_use]
     pub fn address(&self) -> u8 {
         self.options.address
     }
 
-    /// Time has reached `now_ns`: watchdog, ramps, moves over a distance.
+    /// Advances watchdog, ramps and moves over a distance to `now_ns`.
     pub fn advance(&mut self, now_ns: u64) {
         if now_ns <= self.now_ns {
             return;
@@ -174,7 +175,7 @@ impl Unit {
         }
     }
 
-    /// What the sensors measure now.
+    /// Sets the sensor readings.
     pub fn measure(&mut self, measured: &Measured) {
         for motor in 0..2 {
             let lap = |counts| register(counts, self.zero, motor).div_euclid(1 << 32);
@@ -184,13 +185,13 @@ impl Unit {
         self.measured = *measured;
     }
 
-    /// What the sensors measured last.
+    /// Last sensor readings.
     #[must_use]
     pub fn measured(&self) -> &Measured {
         &self.measured
     }
 
-    /// What a motor should do now.
+    /// Present target of a motor.
     #[must_use]
     pub fn target(&self, motor: Motor) -> Target {
         if self.measured.status.is_error() || self.now_ns < self.deaf_until_ns {
@@ -205,25 +206,25 @@ impl Unit {
         self.settings.velocity_pids[motor.index()]
     }
 
-    /// The largest current a motor is to get, A.
+    /// Current limit of a motor, A.
     #[must_use]
     pub fn max_current_a(&self, motor: Motor) -> f64 {
         f64::from(self.settings.max_centiamps[motor.index()]) / 100.0
     }
 
-    /// How often the watchdog has stopped the motors.
+    /// Number of times that the watchdog stopped the motors.
     #[must_use]
     pub fn watchdog_trips(&self) -> u64 {
         self.watchdog_trips
     }
 
-    /// How many commands that change something were accepted.
+    /// Number of accepted commands that change something.
     #[must_use]
     pub fn commands(&self) -> u64 {
         self.commands
     }
 
-    /// Fault: the supply breaks down for `for_ns`. Then the unit begins again, with its encoders at zero and its saved settings.
+    /// Fault: the supply fails for `for_ns`. Then the unit restarts with its encoders at zero and its saved settings.
     pub fn reboot(&mut self, for_ns: u64) {
         self.settings = self.saved.clone();
         self.stop();
@@ -234,7 +235,7 @@ impl Unit {
         self.heard_ns = self.deaf_until_ns;
     }
 
-    /// Fault: nothing that the unit answers until `until_ns` reaches the line. It still does what it is told.
+    /// Fault: no answer of the unit reaches the bus until `until_ns`. It still executes commands.
     pub fn mute_until(&mut self, until_ns: u64) {
         self.mute_until_ns = until_ns;
     }
@@ -250,7 +251,8 @@ impl Unit {
         self.now_ns < self.deaf_until_ns
     }
 
-    /// A packet for this unit, its checksum already checked: what it answers, and how long after the packet.
+    /// Executes a packet for this unit, its checksum already checked; returns the answer and its delay after the
+    /// packet.
     fn handle(&mut self, code: u8, payload: &[u8]) -> Option<(Packet, u64)> {
         if self.is_deaf() {
             return None;
@@ -266,7 +268,7 @@ impl Unit {
         (self.now_ns >= self.mute_until_ns).then_some((answer, self.options.turnaround_ns + late_ns))
     }
 
-    /// A packet for another unit.
+    /// Receives a packet for another unit.
     fn overhear(&mut self) {
         if self.options.feeds == Feeds::AnyPacket {
             self.heard_ns = self.now_ns;
@@ -334,7 +336,7 @@ impl Unit {
     }
 }
 
-/// A unit's own count, before it is cut to 32 bits.
+/// Count of a unit before it is cut to 32 bits.
 fn register(counts: [i64; 2], zero: [i64; 2], motor: usize) -> i64 {
     counts[motor] - zero[motor]
 }

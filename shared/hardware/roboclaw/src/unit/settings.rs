@@ -1,11 +1,11 @@
-//! What a unit keeps because it was told to, without acting on it.
+//! Settings that a unit stores: those it acts on, and those it only returns.
 
 use crate::codec::Pid;
 
-/// Duty of the whole supply on the wire.
+/// Full duty on the wire.
 pub(super) const FULL_DUTY: f64 = 32_767.0;
 
-/// Settings that a unit acts on; the ones it can keep over a power cut.
+/// Settings that a unit acts on; it can store them over a power cut.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Settings {
     pub(super) watchdog_tenths: u8,
@@ -20,8 +20,8 @@ impl Settings {
     }
 }
 
-/// A setting that a client may write and read back: the bytes of command `write` are those from `offset` of the answer to `read`,
-/// which has `block` bytes in all.
+/// A setting that a client writes and reads back: the payload of command `write` is the part from `offset` of the
+/// answer to `read`, which has `block` bytes.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Stored {
     pub(super) write: u8,
@@ -35,7 +35,7 @@ const fn stored(write: u8, read: u8, offset: usize, length: usize, block: usize)
     Stored { write, read, offset, length, block }
 }
 
-/// Everything a unit only remembers, by the manual's and the vendor's client's numbers.
+/// Settings the unit stores without acting on, by the command numbers of the manual and the vendor's client.
 #[rustfmt::skip]
 pub(super) const STORED: [Stored; 40] = [
     stored(57, 59, 0, 5, 5),    // main voltages: lowest, highest, automatic offset
@@ -67,7 +67,7 @@ pub(super) const STORED: [Stored; 40] = [
     stored(160, 161, 0, 2, 2),  // PWM idle
     stored(201, 202, 0, 1, 1),  // lock of the emergency stop
     stored(246, 247, 0, 4, 4),  // script at power-on
-    // read only: what this unit has nothing to say about
+    // read only: readings that this unit does not have
     stored(0, 103, 0, 0, 2),    // states of the encoders
     stored(0, 111, 0, 0, 4),    // speed errors
     stored(0, 114, 0, 0, 4),    // position errors
@@ -76,13 +76,13 @@ pub(super) const STORED: [Stored; 40] = [
     stored(0, 144, 0, 0, 1),    // signals: none
     stored(0, 146, 0, 0, 1),    // streams: none
     stored(0, 147, 0, 0, 1),    // data of signals: none
-    // nothing to remember
+    // no payload
     stored(95, 0, 0, 0, 0),     // settings from memory
     stored(200, 0, 0, 0, 0),    // reset of the emergency stop
     stored(249, 0, 0, 0, 0),    // stop of the script
 ];
 
-/// The remembered bytes.
+/// Stored bytes.
 #[derive(Debug, Clone)]
 pub(super) struct Registers {
     bytes: Vec<u8>,
@@ -98,18 +98,18 @@ impl Registers {
         registers
     }
 
-    /// Where the block of a question begins; rows of one question share the first one's block.
+    /// Start of the block of a question; rows of one question share the first one's block.
     fn block(&self, read: u8) -> Option<(usize, usize)> {
         let first = STORED.iter().position(|row| row.read == read && read != 0)?;
         Some((STORED[..first].iter().map(|row| row.block).sum(), STORED[first].block))
     }
 
-    /// Length of the payload of a command, where it is one of these.
+    /// Length of the payload of a command that stores a setting.
     pub(super) fn payload_of(write: u8) -> Option<usize> {
         STORED.iter().find(|row| row.write == write && write != 0).map(|row| row.length)
     }
 
-    /// True where this is a question about these.
+    /// True for a question about a stored setting.
     pub(super) fn answers(read: u8) -> bool {
         read != 0 && STORED.iter().any(|row| row.read == read)
     }

@@ -2,9 +2,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{JointInput, LEAST_SQUARED_HEIGHT_M2, Loss, open};
-use crate::CalibrationError;
+use super::input::{JointInput, LEAST_SQUARED_HEIGHT_M2, Loss};
+use crate::heights;
 use crate::survey::free_index;
+use crate::{CalibrationError, Undetermined};
 use cable_robot::MAX_CABLES;
 
 /// Bound of the iteration; it needs five to ten steps, with outliers up to fifty.
@@ -340,4 +341,14 @@ pub(super) fn inverse(h: &DMatrix<f64>) -> Option<DMatrix<f64>> {
         return None;
     }
     Some(DMatrix::from_fn(n, n, |p, q| inverse[(p, q)] / (root[p] * root[q])))
+}
+
+/// The refusal of data that leave an unknown open, with the likely reason.
+pub(super) fn open(state: &State) -> CalibrationError {
+    CalibrationError::RankDeficient(if heights::is_flat(&state.points) {
+        let [along_m, across_m] = heights::spread(&state.points);
+        Undetermined::OpenNearALine { across_m, along_m }
+    } else {
+        Undetermined::Open
+    })
 }

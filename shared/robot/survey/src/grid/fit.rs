@@ -1,7 +1,8 @@
 //! The fit of a plane around a cell's centre, and the choice of its radius.
 
+use super::cell::GridCell;
 use super::moments::{Moments, add};
-use super::{GridCell, GridOptions, GridSpec};
+use super::spec::{GridOptions, GridSpec};
 use nalgebra::{Matrix3, Vector3};
 
 /// Circles that are tried at most.

@@ -26,47 +26,19 @@
 //!
 //! A cell without any sample within [`GridOptions::reach_m`] is unknown.
 
+mod cell;
 mod fit;
 mod moments;
 mod spec;
 
 use crate::SurveyError;
+pub use cell::{FULL_CELL, GridCell};
 use fit::{Scales, Surroundings};
 use moments::Moments;
-pub use spec::{GridOptions, GridSample, GridSpec};
+pub use spec::{GridOptions, GridSample, GridSpec, MOST_CELLS};
 
-/// Samples of one cell that count against its neighbours' at most.
-pub const FULL_CELL: f64 = 25.0;
-/// Cells of one map at most.
-pub const MOST_CELLS: usize = 4_000_000;
 /// What the noise or the spread of the values may change by before cells without new samples are made anew, ratio.
 const STEADY: f64 = 1.2;
-
-/// What the map says about one cell.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GridCell {
-    /// The field at the cell's centre, in the unit of the values.
-    pub value: f64,
-    /// Its standard deviation, in the unit of the values.
-    pub sigma: f64,
-    /// Slope along x and y, per metre.
-    pub gradient_per_m: [f64; 2],
-    /// How far the samples around scatter beyond their noise: structure that is finer than the circle, in the unit of the values.
-    pub structure: f64,
-    /// Radius of the circle that was chosen, m.
-    pub radius_m: f64,
-    /// Samples in the cell itself.
-    pub samples: u32,
-}
-
-impl GridCell {
-    /// Size of the slope, per metre.
-    #[must_use]
-    pub fn slope_per_m(&self) -> f64 {
-        let [x, y] = self.gradient_per_m;
-        (x * x + y * y).sqrt()
-    }
-}
 
 /// What became of a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

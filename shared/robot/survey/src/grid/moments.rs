@@ -1,6 +1,7 @@
 //! What is kept of the samples of a cell: enough for every weighted fit of a plane in which the cell counts as a whole.
 
-use super::{FULL_CELL, GridSample};
+use super::cell::FULL_CELL;
+use super::spec::GridSample;
 
 /// Sums over samples at (x, y) in cells from the centre, with value v and weight q = 1/sigma².
 #[derive(Debug, Clone, Copy, Default, PartialEq)]

@@ -1,6 +1,5 @@
 //! Where the cells are, how the map is made, and what it is made from.
 
-use super::MOST_CELLS;
 use crate::SurveyError;
 
 /// Where the cells of a grid are: squares, `columns` along x and `rows` along y.
@@ -166,3 +165,6 @@ fn positive(key: &'static str, given: f64) -> Result<(), SurveyError> {
 fn value(key: &'static str, value: f64, accepted: &'static str) -> SurveyError {
     SurveyError::Value { key, value, accepted }
 }
+
+/// Cells of one map at most.
+pub const MOST_CELLS: usize = 4_000_000;

@@ -1,18 +1,16 @@
-//! What each sensor measured, as a map for the page.
+//! Sensor maps for the page.
 
-use super::charts::{Figure, VIEW};
-use super::gather::Gathered;
 use super::samples::Sensors;
 use crate::map;
 use georeference::{LoggerConfig, SensorMap};
-use plot::{Axis, BLACK, Chart, Look, Series};
 use std::collections::BTreeMap;
 use std::path::Path;
 
-/// Cells along the longer side: a page is read, not measured on.
+/// Number of cells along the longer side, a resolution for viewing only.
 const CELLS: f64 = 48.0;
 
-/// Maps of the sensors of a run by their names, where each was; none where there is no robot file, or nothing was measured on the way.
+/// Computes the maps of the sensors of a run by name, in the area of each sensor; empty without a robot file or without
+/// samples along the path.
 pub fn maps_of(run: &Path, sensors: &Sensors) -> BTreeMap<String, SensorMap> {
     if sensors.channels().is_empty() {
         return BTreeMap::new();
@@ -21,7 +19,7 @@ pub fn maps_of(run: &Path, sensors: &Sensors) -> BTreeMap<String, SensorMap> {
     map::maps_within(run, &config, &areas(sensors, &config), CELLS).unwrap_or_default()
 }
 
-/// Where each sensor was.
+/// Returns the area that each sensor covered.
 fn areas(sensors: &Sensors, config: &LoggerConfig) -> BTreeMap<String, [[f64; 2]; 2]> {
     let mut areas: BTreeMap<String, [[f64; 2]; 2]> = BTreeMap::new();
     for (channel, sensor) in sensors.channels() {
@@ -36,45 +34,4 @@ fn areas(sensors: &Sensors, config: &LoggerConfig) -> BTreeMap<String, [[f64; 2]
         }
     }
     areas
-}
-
-/// A figure for each map.
-pub fn figures(run: &Gathered) -> Vec<Figure> {
-    run.maps.iter().filter_map(|(name, map)| figure(name, map)).collect()
-}
-
-fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
-    let spec = *map.grid().spec();
-    let cells = (0..spec.rows).flat_map(|row| (0..spec.columns).map(move |column| (column, row)));
-    let known: Vec<([f64; 2], (f64, f64))> =
-        cells.filter_map(|(column, row)| Some((spec.centre(column, row), map.value(column, row)?))).collect();
-    let low = known.iter().map(|(_, (value, _))| *value).fold(f64::INFINITY, f64::min);
-    let high = known.iter().map(|(_, (value, _))| *value).fold(f64::NEG_INFINITY, f64::max);
-    let mut sigmas: Vec<f64> = known.iter().map(|(_, (_, sigma))| *sigma).collect();
-    sigmas.sort_by(f64::total_cmp);
-    let median = *sigmas.get(sigmas.len() / 2)?;
-    let share = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
-    let colours = known.iter().map(|(_, (value, _))| share(*value)).collect();
-    let points = known.iter().map(|(centre, _)| *centre).collect();
-    let mut series = vec![Series::line("", 0, points).looking(Look::Cells([spec.cell_m; 2], colours))];
-    let at = |[column, row]: [f64; 2]| {
-        [spec.origin_m[0] + (column + 0.5) * spec.cell_m, spec.origin_m[1] + (row + 0.5) * spec.cell_m]
-    };
-    let mut lines = Vec::new();
-    // noise alone is not worth a line
-    for level in if high - low > 4.0 * median { map::levels([low, high]) } else { Vec::new() } {
-        let value = |column: usize, row: usize| map.value(column, row).map(|(value, _)| value);
-        for [a, b] in map::contours(&value, spec.columns, spec.rows, level) {
-            lines.extend([at(a), at(b), [f64::NAN; 2]]);
-        }
-    }
-    series.push(Series::line("", BLACK, lines).looking(Look::Line(1)));
-    let [quantity, unit] = map.names();
-    let what = if quantity.is_empty() { "value" } else { quantity };
-    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
-    let caption = format!(
-        "{name} as a map: {what} from {low:.4} (dark) to {high:.4}{unit} (light); median standard deviation {median:.2e}{unit}"
-    );
-    let [x, y] = map.plane().axes().map(|axis| Axis::of(&format!("{axis}, m")));
-    Some(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }))
 }

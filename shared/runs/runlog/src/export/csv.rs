@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Write};
 
 use messages::schema::Number;
 
-use super::Sink;
+use super::sink::Sink;
 use super::table::{ColumnKind, Table, Times, text};
 
 pub(super) struct Csv {

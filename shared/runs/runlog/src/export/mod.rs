@@ -14,6 +14,7 @@
 mod csv;
 mod npy;
 mod parquet;
+mod sink;
 mod table;
 
 use std::collections::HashMap;
@@ -23,6 +24,7 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::{NotARunReason, RecordedChannel, RunError, RunReader};
+use sink::Sink;
 use table::{Table, Times};
 
 /// File format of the tables.
@@ -92,12 +94,6 @@ pub struct ExportResult {
     pub repeated: u64,
     /// Unreadable places in the run files.
     pub damaged: usize,
-}
-
-/// Writes the rows of one table.
-trait Sink {
-    fn row(&mut self, times: Times, sample: &[u8]) -> std::io::Result<()>;
-    fn finish(self: Box<Self>) -> std::io::Result<()>;
 }
 
 struct Open {

@@ -5,7 +5,7 @@ use std::io::{self, BufWriter, Seek, SeekFrom, Write};
 
 use messages::schema::Primitive;
 
-use super::Sink;
+use super::sink::Sink;
 use super::table::{Table, Times, flat};
 
 /// Digits reserved for the sample count, which is known only at the end.

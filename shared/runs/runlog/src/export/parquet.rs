@@ -10,7 +10,7 @@ use std::io::{self, BufWriter, Write};
 
 use messages::schema::{Number, Primitive};
 
-use super::Sink;
+use super::sink::Sink;
 use super::table::{Column, ColumnKind, TIMES, Table, Times, text};
 use crate::RecordedChannel;
 

@@ -1,6 +1,6 @@
 //! What a definition can break.
 
-use super::{BYTES, DEPTH, FIELDS, SEPARATOR_LENGTH};
+use super::limits::{BYTES, DEPTH, FIELDS, SEPARATOR_LENGTH};
 
 /// What a definition breaks, and in which line.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]

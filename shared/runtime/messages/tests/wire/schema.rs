@@ -158,7 +158,7 @@ fn comments_and_blank_lines_are_allowed() {
 fn definitions_are_split_with_their_names() {
     let parts = split(MotorInput::schema());
     let names: Vec<&str> = parts.iter().map(|(name, _)| *name).collect();
-    assert_eq!(names, ["", "nims_msgs/Header", "nims_msgs/MotorCommand"]);
+    assert_eq!(names, ["", "nims_msgs/Header", "nims_msgs/RequestBody", "nims_msgs/MotorCommand"]);
     assert!(parts[1].1.starts_with("uint64 life\nuint64 cycle\n"));
     assert!(is_type_name("nims_msgs/MotorState"));
     for bad in ["MotorState", "a/b", "a-b/T", "A/T", "a/msg/T", "a/T_x"] {

@@ -1,0 +1,48 @@
+//! The maps of the run as figures of the page.
+
+use super::charts::{Figure, VIEW};
+use super::gather::RunData;
+use crate::map;
+use georeference::SensorMap;
+use plot::{Axis, BLACK, Chart, Series, SeriesStyle};
+
+/// A figure for each map.
+pub fn figures(run: &RunData) -> Vec<Figure> {
+    run.maps.iter().filter_map(|(name, map)| figure(name, map)).collect()
+}
+
+fn figure(name: &str, map: &SensorMap) -> Option<Figure> {
+    let spec = *map.grid().spec();
+    let cells = (0..spec.rows).flat_map(|row| (0..spec.columns).map(move |column| (column, row)));
+    let known: Vec<([f64; 2], (f64, f64))> =
+        cells.filter_map(|(column, row)| Some((spec.centre(column, row), map.value(column, row)?))).collect();
+    let low = known.iter().map(|(_, (value, _))| *value).fold(f64::INFINITY, f64::min);
+    let high = known.iter().map(|(_, (value, _))| *value).fold(f64::NEG_INFINITY, f64::max);
+    let mut sigmas: Vec<f64> = known.iter().map(|(_, (_, sigma))| *sigma).collect();
+    sigmas.sort_by(f64::total_cmp);
+    let median = *sigmas.get(sigmas.len() / 2)?;
+    let share = |value: f64| if high > low { (value - low) / (high - low) } else { 0.5 };
+    let colours = known.iter().map(|(_, (value, _))| share(*value)).collect();
+    let points = known.iter().map(|(centre, _)| *centre).collect();
+    let mut series = vec![Series::line("", 0, points).with_style(SeriesStyle::Cells([spec.cell_m; 2], colours))];
+    let at = |[column, row]: [f64; 2]| {
+        [spec.origin_m[0] + (column + 0.5) * spec.cell_m, spec.origin_m[1] + (row + 0.5) * spec.cell_m]
+    };
+    let mut lines = Vec::new();
+    // noise alone is not worth a line
+    for level in if high - low > 4.0 * median { map::levels([low, high]) } else { Vec::new() } {
+        let value = |column: usize, row: usize| map.value(column, row).map(|(value, _)| value);
+        for [a, b] in map::contours(&value, spec.columns, spec.rows, level) {
+            lines.extend([at(a), at(b), [f64::NAN; 2]]);
+        }
+    }
+    series.push(Series::line("", BLACK, lines).with_style(SeriesStyle::Line(1)));
+    let [quantity, unit] = map.names();
+    let what = if quantity.is_empty() { "value" } else { quantity };
+    let unit = if unit.is_empty() { String::new() } else { format!(" {unit}") };
+    let caption = format!(
+        "{name} as a map: {what} from {low:.4} (dark) to {high:.4}{unit} (light); median standard deviation {median:.2e}{unit}"
+    );
+    let [x, y] = map.plane().axes().map(|axis| Axis::auto(&format!("{axis}, m")));
+    Some(Figure::new(&caption, VIEW, Chart { x, y, series, equal_scale: true, ..Chart::default() }))
+}

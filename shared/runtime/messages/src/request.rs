@@ -1,0 +1,618 @@
+//! Requests: the enum that programs use, the sample that travels, and the conversion between the two.
+
+use arrayvec::ArrayVec;
+use thiserror::Error;
+
+use crate::{CABLES, CONTROLLERS, ESTIMATORS, Header, SLOT_NAMES, layout, message, put_text};
+
+layout! {
+    /// Verb and numbers of a request, as `operator/request` and `motor/input` carry them. Fields that a verb does not use are 0.
+    pub struct RequestBody {
+        /// ZERO_AT: where the node is; GOTO: where to, m.
+        position_m: [f64; 3],
+        /// ZERO_LENGTHS: length of each cable, m; the first `cable_count` hold.
+        length_m: [f64; CABLES],
+        /// JOG: m; positive pays out.
+        distance_m: f64,
+        /// GOTO: cruise speed, m/s; holds with FLAG_SPEED.
+        speed_m_s: f64,
+        /// GOTO with PATH_PARABOLA: sag, 1/m; holds with FLAG_MU.
+        mu_per_m: f64,
+        /// SPEED: rate of the plan clock, 0 to 1.
+        rate: f64,
+        /// 0: none. END: of a process; STOP: of the robot.
+        verb: u8 {
+            VERB_ARM = 1, VERB_DISARM = 2, VERB_HOLD = 3, VERB_STOP = 4, VERB_ESTOP = 5, VERB_RESET = 6, VERB_ZERO_AT = 7,
+            VERB_ZERO_LENGTHS = 8, VERB_CONFIRM = 9, VERB_JOG = 10, VERB_PAUSE = 11, VERB_RESUME = 12, VERB_SPEED = 13, VERB_SWAP = 14, VERB_ADMIT = 15,
+            VERB_GOTO = 20, VERB_RUN = 21, VERB_FAULT = 30,
+            VERB_START = 40, VERB_END = 41, VERB_RESTART = 42, VERB_PLUG = 43, VERB_UNPLUG = 44,
+            VERB_SET = 45,
+        },
+        /// JOG: which cable, from 1.
+        cable: u8,
+        /// ZERO_LENGTHS: number of lengths.
+        cable_count: u8,
+        /// SWAP, ADMIT: 0 controller, 1 estimator.
+        slot_role: u8,
+        /// SWAP, ADMIT, START.
+        slot: u8 { SLOT_A = 0, SLOT_B = 1, SLOT_ANY = 2 },
+        /// GOTO.
+        path: u8 { PATH_LINE = 0, PATH_PARABOLA = 1, PATH_LATERAL = 2 },
+        /// CONTINUE: of RUN. REPLACE: of PLUG. LAW: START names a law in `text`.
+        flags: u8 { FLAG_SPEED = 1, FLAG_MU = 2, FLAG_CONTINUE = 4, FLAG_REPLACE = 8, FLAG_LAW = 16 },
+        pad0: u8,
+    }
+}
+
+message! {
+    /// A request and, when `answered` is 1, its answer. On `operator/request` both are published.
+    pub struct OperatorRequest {
+        header: Header,
+        id: u64,
+        body: RequestBody,
+        /// Parameters of `reason`; the catalogue of answers defines their order.
+        reason_value: [f64; 6],
+        reason_number: [u64; 6],
+        pid: u32,
+        /// User who sends the request, as the kernel knows the process.
+        uid: u32,
+        /// Why the request was accepted or refused: a number of the catalogue of answers; 0: none.
+        reason: u16,
+        answered: u8,
+        accepted: u8 { REFUSED = 0, ACCEPTED = 1, BAD_INPUT = 2 },
+        /// Permissions of the requester.
+        role: u8 { ROLE_OPERATOR = 0, ROLE_OBSERVER = 1, ROLE_ENGINEER = 2 },
+        /// Kind of the program that sends the request; 0: unknown.
+        origin: u8 { ORIGIN_COMMAND = 1, ORIGIN_PAGE = 2, ORIGIN_PYTHON = 3, ORIGIN_SUPERVISOR = 4, ORIGIN_ESTOP = 5 },
+        pad0: [u8; 2],
+        /// Name of the user, or of the process that sends the request by itself.
+        requester: [u8; 32],
+        /// RUN: SHA-256 of the mission's text.
+        hash: [u8; 32],
+        /// RUN: the mission. Requests to the supervisor: the process, or the key of SET.
+        name: [u8; 128],
+        /// START: law. PLUG: folder and arguments, a text line each. SET: value. FAULT: the fault.
+        text: [u8; 512],
+        /// Text parameter of `reason`.
+        detail: [u8; 512],
+        /// The answer in English.
+        answer: [u8; 512],
+    }
+}
+
+/// Bytes of the text parameter of an answer.
+pub const DETAIL_BYTES: usize = 512;
+
+/// An answer to a request, as the catalogue of answers makes it.
+#[derive(Debug, Clone, Copy)]
+pub struct RequestAnswer {
+    /// [`OperatorRequest::ACCEPTED`], [`OperatorRequest::REFUSED`] or [`OperatorRequest::BAD_INPUT`].
+    pub accepted: u8,
+    /// Number of the reason; 0: none.
+    pub reason: u16,
+    /// Integer parameters of the reason.
+    pub number: [u64; 6],
+    /// Physical parameters of the reason.
+    pub value: [f64; 6],
+    /// Text parameter of the reason.
+    pub detail: [u8; DETAIL_BYTES],
+    /// The answer in English.
+    pub text: [u8; 512],
+}
+
+impl Default for RequestAnswer {
+    fn default() -> Self {
+        Self { accepted: 0, reason: 0, number: [0; 6], value: [0.0; 6], detail: [0; DETAIL_BYTES], text: [0; 512] }
+    }
+}
+
+/// Two answers are equal if their bits are: a parameter may be NaN.
+impl PartialEq for RequestAnswer {
+    fn eq(&self, other: &Self) -> bool {
+        (self.accepted, self.reason, self.number, self.value.map(f64::to_bits))
+            == (other.accepted, other.reason, other.number, other.value.map(f64::to_bits))
+            && (self.detail, self.text) == (other.detail, other.text)
+    }
+}
+
+impl OperatorRequest {
+    /// Adds the answer to the request.
+    pub fn put_answer(&mut self, answer: &RequestAnswer) {
+        (self.answered, self.accepted, self.reason) = (1, answer.accepted, answer.reason);
+        (self.reason_number, self.reason_value) = (answer.number, answer.value);
+        (self.detail, self.answer) = (answer.detail, answer.text);
+    }
+
+    /// The answer, if there is one.
+    #[must_use]
+    pub fn recorded_answer(&self) -> Option<RequestAnswer> {
+        (self.answered == 1).then_some(RequestAnswer {
+            accepted: self.accepted,
+            reason: self.reason,
+            number: self.reason_number,
+            value: self.reason_value,
+            detail: self.detail,
+            text: self.answer,
+        })
+    }
+}
+
+/// A role with two slots.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SlotRole {
+    /// Position and motion to velocities.
+    Controller,
+    /// Lengths to position.
+    Estimator,
+}
+
+impl SlotRole {
+    /// Every role, by index.
+    pub const ALL: [Self; 2] = [Self::Controller, Self::Estimator];
+
+    /// Index in arrays per role.
+    #[must_use]
+    pub fn index(self) -> usize {
+        match self {
+            Self::Controller => CONTROLLERS,
+            Self::Estimator => ESTIMATORS,
+        }
+    }
+}
+
+/// One of the two slots of a role.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Slot {
+    /// The first.
+    A,
+    /// The second.
+    B,
+}
+
+impl Slot {
+    /// Every slot, by index.
+    pub const ALL: [Self; 2] = [Self::A, Self::B];
+
+    /// Index in arrays per slot.
+    #[must_use]
+    pub fn index(self) -> usize {
+        match self {
+            Self::A => 0,
+            Self::B => 1,
+        }
+    }
+
+    /// `a` or `b`.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        SLOT_NAMES[self.index()]
+    }
+}
+
+/// Shape of the path of a single move.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum GotoPath {
+    /// A straight line.
+    Line,
+    /// A parabola in a vertical plane.
+    Parabola {
+        /// Sag, 1/m; `None`: the planner takes the one with the least loss in the motors.
+        mu_per_m: Option<f64>,
+    },
+    /// A path that sags and swings sideways for the least loss in the motors.
+    Lateral,
+}
+
+/// A request of an operator or of a program.
+///
+/// ```
+/// use messages::Request;
+/// let jog = Request::Jog { cable: 2, distance_m: -0.05 };
+/// assert_eq!(Request::decode(&jog.encode()?)?, jog);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub enum Request {
+    /// motor-io: switches the drives on.
+    Arm,
+    /// motor-io: switches the drives off.
+    Disarm,
+    /// motor-io: comes to rest on the path and keeps the motion.
+    Hold,
+    /// motor-io: comes to rest on the path and drops the motion.
+    Stop,
+    /// motor-io: stops the motors at once.
+    Estop,
+    /// motor-io: leaves a fault or an emergency stop.
+    Reset,
+    /// motor-io: the node is at this position.
+    ZeroAt {
+        /// m.
+        position_m: [f64; 3],
+    },
+    /// motor-io: the cables have these lengths.
+    ZeroLengths {
+        /// One per cable, m.
+        lengths_m: ArrayVec<f64, CABLES>,
+    },
+    /// motor-io: the restored position holds.
+    ConfirmPosition,
+    /// motor-io: moves one cable slowly.
+    Jog {
+        /// From 1.
+        cable: u8,
+        /// m; positive pays out.
+        distance_m: f64,
+    },
+    /// motor-io: as [`Request::Hold`].
+    Pause,
+    /// motor-io: continues a motion that was paused.
+    Resume,
+    /// motor-io: sets the rate of the plan clock.
+    Speed {
+        /// 0 to 1.
+        rate: f64,
+    },
+    /// motor-io: puts a slot in charge.
+    Swap {
+        /// Role of the slot.
+        role: SlotRole,
+        /// Slot that takes over.
+        slot: Slot,
+    },
+    /// motor-io: admits a quarantined slot again.
+    Admit {
+        /// Role of the slot.
+        role: SlotRole,
+        /// Slot that was quarantined.
+        slot: Slot,
+    },
+    /// planner: moves the node to a point.
+    Goto {
+        /// m.
+        to_m: [f64; 3],
+        /// Shape of the path.
+        path: GotoPath,
+        /// Cruise speed, m/s; `None`: the planner's.
+        speed_m_s: Option<f64>,
+    },
+    /// planner: flies a mission that lies in the run folder under its hash.
+    Run {
+        /// Name of the mission.
+        mission: String,
+        /// SHA-256 of its text.
+        hash: [u8; 32],
+        /// Flies the rest of a mission that was interrupted.
+        continues: bool,
+    },
+    /// Virtual motor box, or a process of a robot with virtual drives: causes a fault. The text is parsed there.
+    Fault {
+        /// E.g. `slack 2 for 3`.
+        text: String,
+    },
+    /// supervisor: starts a role, a process of the table, or a `[[process]]` of the system file.
+    StartProcess {
+        /// Which.
+        name: String,
+        /// For a controller or an estimator: the slot; `None`: the first free one.
+        slot: Option<Slot>,
+        /// For a controller or an estimator: a law, or the name of a `[[process]]`; `None`: as configured.
+        law: Option<String>,
+    },
+    /// supervisor: ends a process.
+    StopProcess {
+        /// Which.
+        name: String,
+    },
+    /// supervisor: ends a process if it runs, and starts it.
+    RestartProcess {
+        /// Which.
+        name: String,
+    },
+    /// supervisor: starts a program that is not in the system file.
+    Plug {
+        /// Name of the process.
+        name: String,
+        /// Working directory.
+        folder: String,
+        /// Program and arguments.
+        command: Vec<String>,
+        /// Replaces a process of that name.
+        replace: bool,
+    },
+    /// supervisor: ends a plugged process and removes it from the table.
+    Unplug {
+        /// Which.
+        name: String,
+    },
+    /// supervisor: sets a parameter of every process of a role, until the run ends.
+    Set {
+        /// Key in the system file.
+        key: String,
+        /// As TOML.
+        value: String,
+    },
+}
+
+/// A request that does not fit its sample.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum EncodeError {
+    /// A text is longer than its field.
+    #[error("{what} has {bytes} bytes, and a request holds {room}; shorten it, or put a long command into a script")]
+    TooLong {
+        /// Which text.
+        what: &'static str,
+        /// Its length.
+        bytes: usize,
+        /// Length of the field.
+        room: usize,
+    },
+    /// A text contains a character that separates texts.
+    #[error("{text:?} contains a line break or a zero, which a request cannot hold; remove it")]
+    Separator {
+        /// The text.
+        text: String,
+    },
+}
+
+/// A sample that is not a request.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum DecodeError {
+    /// The verb is unknown.
+    #[error("request number {0} is unknown; requester and receiver are of different versions")]
+    Verb(u8),
+    /// A field has a value without a meaning.
+    #[error("{field} is {value} in request number {verb}; requester and receiver are of different versions")]
+    Field {
+        /// The verb.
+        verb: u8,
+        /// Name of the field.
+        field: &'static str,
+        /// Its value.
+        value: u8,
+    },
+    /// A text is not UTF-8.
+    #[error("{field} is not UTF-8 in request number {verb}; send UTF-8")]
+    Text {
+        /// The verb.
+        verb: u8,
+        /// Name of the field.
+        field: &'static str,
+    },
+}
+
+type Body = RequestBody;
+
+impl Request {
+    /// The number of the request in [`RequestBody`].
+    #[must_use]
+    pub fn verb(&self) -> u8 {
+        match self {
+            Self::Arm => Body::VERB_ARM,
+            Self::Disarm => Body::VERB_DISARM,
+            Self::Hold => Body::VERB_HOLD,
+            Self::Stop => Body::VERB_STOP,
+            Self::Estop => Body::VERB_ESTOP,
+            Self::Reset => Body::VERB_RESET,
+            Self::ZeroAt { .. } => Body::VERB_ZERO_AT,
+            Self::ZeroLengths { .. } => Body::VERB_ZERO_LENGTHS,
+            Self::ConfirmPosition => Body::VERB_CONFIRM,
+            Self::Jog { .. } => Body::VERB_JOG,
+            Self::Pause => Body::VERB_PAUSE,
+            Self::Resume => Body::VERB_RESUME,
+            Self::Speed { .. } => Body::VERB_SPEED,
+            Self::Swap { .. } => Body::VERB_SWAP,
+            Self::Admit { .. } => Body::VERB_ADMIT,
+            Self::Goto { .. } => Body::VERB_GOTO,
+            Self::Run { .. } => Body::VERB_RUN,
+            Self::Fault { .. } => Body::VERB_FAULT,
+            Self::StartProcess { .. } => Body::VERB_START,
+            Self::StopProcess { .. } => Body::VERB_END,
+            Self::RestartProcess { .. } => Body::VERB_RESTART,
+            Self::Plug { .. } => Body::VERB_PLUG,
+            Self::Unplug { .. } => Body::VERB_UNPLUG,
+            Self::Set { .. } => Body::VERB_SET,
+        }
+    }
+
+    /// The verb and the numbers, without texts: all of a request to motor-io.
+    #[must_use]
+    pub fn body(&self) -> RequestBody {
+        let mut body = Body { verb: self.verb(), ..Body::default() };
+        let slot_of = |slot: Slot| slot.index() as u8;
+        match self {
+            Self::ZeroAt { position_m } => body.position_m = *position_m,
+            Self::ZeroLengths { lengths_m } => {
+                body.cable_count = lengths_m.len() as u8;
+                body.length_m[..lengths_m.len()].copy_from_slice(lengths_m);
+            }
+            Self::Jog { cable, distance_m } => (body.cable, body.distance_m) = (*cable, *distance_m),
+            Self::Speed { rate } => body.rate = *rate,
+            Self::Swap { role, slot } | Self::Admit { role, slot } => {
+                (body.slot_role, body.slot) = (role.index() as u8, slot_of(*slot));
+            }
+            Self::Goto { to_m, path, speed_m_s } => {
+                body.position_m = *to_m;
+                if let Some(speed_m_s) = speed_m_s {
+                    body.speed_m_s = *speed_m_s;
+                    body.flags |= Body::FLAG_SPEED;
+                }
+                body.path = match path {
+                    GotoPath::Line => Body::PATH_LINE,
+                    GotoPath::Parabola { .. } => Body::PATH_PARABOLA,
+                    GotoPath::Lateral => Body::PATH_LATERAL,
+                };
+                if let GotoPath::Parabola { mu_per_m: Some(mu_per_m) } = path {
+                    body.mu_per_m = *mu_per_m;
+                    body.flags |= Body::FLAG_MU;
+                }
+            }
+            Self::Run { continues: true, .. } => body.flags |= Body::FLAG_CONTINUE,
+            Self::StartProcess { slot, law, .. } => {
+                body.slot = slot.map_or(Body::SLOT_ANY, slot_of);
+                body.flags |= if law.is_some() { Body::FLAG_LAW } else { 0 };
+            }
+            Self::Plug { replace: true, .. } => body.flags |= Body::FLAG_REPLACE,
+            _ => {}
+        }
+        body
+    }
+
+    /// The sample to send; header, number and requester are filled in when it is sent.
+    ///
+    /// # Errors
+    /// A text that is too long, or that has a line break or a zero where texts are separated by them.
+    pub fn encode(&self) -> Result<OperatorRequest, EncodeError> {
+        let mut request = OperatorRequest { body: self.body(), ..OperatorRequest::default() };
+        let (name, text) = (&mut request.name, &mut request.text);
+        match self {
+            Self::Run { mission, hash, .. } => {
+                request.hash = *hash;
+                put_whole(name, "the name of the mission", mission)?;
+            }
+            Self::Fault { text: fault } => put_whole(text, "the fault", fault)?,
+            Self::StartProcess { name: process, law, .. } => {
+                put_whole(name, PROCESS, process)?;
+                put_whole(text, "the law", law.as_deref().unwrap_or_default())?;
+            }
+            Self::StopProcess { name: process }
+            | Self::RestartProcess { name: process }
+            | Self::Unplug { name: process } => put_whole(name, PROCESS, process)?,
+            Self::Plug { name: process, folder, command, .. } => {
+                put_whole(name, PROCESS, process)?;
+                put_whole(text, "the command with its folder", &text_lines(folder, command)?)?;
+            }
+            Self::Set { key, value } => {
+                put_whole(name, "the key", key)?;
+                put_whole(text, "the value", value)?;
+            }
+            _ => {}
+        }
+        Ok(request)
+    }
+
+    /// The request that a sample carries.
+    ///
+    /// # Errors
+    /// An unknown verb, a choice without a meaning, or a text that is not UTF-8.
+    pub fn decode(request: &OperatorRequest) -> Result<Self, DecodeError> {
+        Self::from_parts(&request.body, &request.name, &request.text, request.hash)
+    }
+
+    /// The request of a verb and numbers; its texts are empty, so nothing is allocated. For motor-io, whose requests have no texts.
+    ///
+    /// # Errors
+    /// An unknown verb, or a choice without a meaning.
+    pub fn from_body(body: &RequestBody) -> Result<Self, DecodeError> {
+        Self::from_parts(body, &[], &[], [0; 32])
+    }
+
+    fn from_parts(body: &Body, name: &[u8], text: &[u8], hash: [u8; 32]) -> Result<Self, DecodeError> {
+        let verb = body.verb;
+        let name = || whole(name).ok_or(DecodeError::Text { verb, field: "name" });
+        let text = || whole(text).ok_or(DecodeError::Text { verb, field: "text" });
+        let flag = |flag: u8| body.flags & flag != 0;
+        Ok(match verb {
+            Body::VERB_ARM => Self::Arm,
+            Body::VERB_DISARM => Self::Disarm,
+            Body::VERB_HOLD => Self::Hold,
+            Body::VERB_STOP => Self::Stop,
+            Body::VERB_ESTOP => Self::Estop,
+            Body::VERB_RESET => Self::Reset,
+            Body::VERB_ZERO_AT => Self::ZeroAt { position_m: body.position_m },
+            Body::VERB_ZERO_LENGTHS => {
+                let lengths_m = body.length_m.get(..usize::from(body.cable_count));
+                let lengths_m = lengths_m.ok_or(body.wrong("cable_count", body.cable_count))?;
+                Self::ZeroLengths { lengths_m: lengths_m.iter().copied().collect() }
+            }
+            Body::VERB_CONFIRM => Self::ConfirmPosition,
+            Body::VERB_JOG => Self::Jog { cable: body.cable, distance_m: body.distance_m },
+            Body::VERB_PAUSE => Self::Pause,
+            Body::VERB_RESUME => Self::Resume,
+            Body::VERB_SPEED => Self::Speed { rate: body.rate },
+            Body::VERB_SWAP => Self::Swap { role: body.role()?, slot: body.slot()? },
+            Body::VERB_ADMIT => Self::Admit { role: body.role()?, slot: body.slot()? },
+            Body::VERB_GOTO => Self::Goto {
+                to_m: body.position_m,
+                path: body.path()?,
+                speed_m_s: flag(Body::FLAG_SPEED).then_some(body.speed_m_s),
+            },
+            Body::VERB_RUN => Self::Run { mission: name()?, hash, continues: flag(Body::FLAG_CONTINUE) },
+            Body::VERB_FAULT => Self::Fault { text: text()? },
+            Body::VERB_START => Self::StartProcess {
+                name: name()?,
+                slot: if body.slot == Body::SLOT_ANY { None } else { Some(body.slot()?) },
+                law: if flag(Body::FLAG_LAW) { Some(text()?) } else { None },
+            },
+            Body::VERB_END => Self::StopProcess { name: name()? },
+            Body::VERB_RESTART => Self::RestartProcess { name: name()? },
+            Body::VERB_PLUG => {
+                let text = text()?;
+                let mut lines = text.split_terminator('\n').map(str::to_owned);
+                let folder = lines.next().unwrap_or_default();
+                Self::Plug { name: name()?, folder, command: lines.collect(), replace: flag(Body::FLAG_REPLACE) }
+            }
+            Body::VERB_UNPLUG => Self::Unplug { name: name()? },
+            Body::VERB_SET => Self::Set { key: name()?, value: text()? },
+            unknown => return Err(DecodeError::Verb(unknown)),
+        })
+    }
+}
+
+impl RequestBody {
+    fn wrong(&self, field: &'static str, value: u8) -> DecodeError {
+        DecodeError::Field { verb: self.verb, field, value }
+    }
+
+    fn role(&self) -> Result<SlotRole, DecodeError> {
+        let role = SlotRole::ALL.get(usize::from(self.slot_role));
+        role.copied().ok_or(self.wrong("slot_role", self.slot_role))
+    }
+
+    fn slot(&self) -> Result<Slot, DecodeError> {
+        Slot::ALL.get(usize::from(self.slot)).copied().ok_or(self.wrong("slot", self.slot))
+    }
+
+    fn path(&self) -> Result<GotoPath, DecodeError> {
+        let mu_per_m = (self.flags & Self::FLAG_MU != 0).then_some(self.mu_per_m);
+        match self.path {
+            Self::PATH_LINE => Ok(GotoPath::Line),
+            Self::PATH_PARABOLA => Ok(GotoPath::Parabola { mu_per_m }),
+            Self::PATH_LATERAL => Ok(GotoPath::Lateral),
+            unknown => Err(self.wrong("path", unknown)),
+        }
+    }
+}
+
+const PROCESS: &str = "the name of the process";
+
+/// Writes a text whole or not at all.
+fn put_whole(field: &mut [u8], what: &'static str, text: &str) -> Result<(), EncodeError> {
+    if text.contains('\0') {
+        return Err(EncodeError::Separator { text: text.to_owned() });
+    }
+    if text.len() > field.len() {
+        return Err(EncodeError::TooLong { what, bytes: text.len(), room: field.len() });
+    }
+    put_text(field, text);
+    Ok(())
+}
+
+/// A folder and the arguments of a command, each with a line break behind it.
+fn text_lines(folder: &str, command: &[String]) -> Result<String, EncodeError> {
+    let mut text = String::new();
+    for part in std::iter::once(folder).chain(command.iter().map(String::as_str)) {
+        if part.contains('\n') {
+            return Err(EncodeError::Separator { text: part.to_owned() });
+        }
+        text.push_str(part);
+        text.push('\n');
+    }
+    Ok(text)
+}
+
+/// The text up to the first zero, if it is UTF-8.
+fn whole(field: &[u8]) -> Option<String> {
+    let end = field.iter().position(|byte| *byte == 0).unwrap_or(field.len());
+    std::str::from_utf8(&field[..end]).ok().map(str::to_owned)
+}

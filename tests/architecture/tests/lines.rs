@@ -1,0 +1,68 @@
+//! Lines of comments and documentation have at most 120 columns, as code has by `rustfmt.toml`.
+
+use architecture::root;
+use std::path::{Path, PathBuf};
+
+const COLUMNS: usize = 120;
+
+/// Folders that still have longer lines; the list only gets shorter.
+const STILL_WIDE: &[&str] = &[
+    "services/controller",
+    "services/estimator",
+    "services/motor-box",
+    "services/motor-io",
+    "services/nims",
+    "services/planner",
+    "services/recorder",
+    "services/sensor",
+    "services/sensor-logger",
+    "services/supervisor",
+    "services/visualization",
+    "shared",
+];
+
+/// Files below a folder that have comments, except what is built or fetched.
+fn files(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        if path.is_dir() {
+            if !["target", "runs", "state", "node_modules", "golden", "__pycache__"].contains(&name.as_str()) {
+                files(&path, found);
+            }
+        } else if !name.contains('.') || [".rs", ".toml", ".py", ".sh"].iter().any(|ending| name.ends_with(ending)) {
+            found.push(path);
+        }
+    }
+}
+
+/// Whether a line is a comment: of Rust, or of a script or a configuration file.
+fn is_comment(path: &Path, line: &str) -> bool {
+    let is_rust = path.extension().is_some_and(|ending| ending == "rs");
+    line.trim_start().starts_with(if is_rust { "//" } else { "#" })
+}
+
+#[test]
+fn comments_have_at_most_120_columns() {
+    let mut found = Vec::new();
+    for place in ["services", "shared", "tests", "scripts", "configs", ".config", ".ci"] {
+        files(&root().join(place), &mut found);
+    }
+    found.extend(["Cargo.toml", "deny.toml", "clippy.toml", "rustfmt.toml"].map(|name| root().join(name)));
+    assert!(found.len() > 500, "{} files: this test looks in the wrong place", found.len());
+    let mut wide = Vec::new();
+    for path in &found {
+        let below = path.strip_prefix(root()).unwrap();
+        if STILL_WIDE.iter().any(|place| below.starts_with(place)) {
+            continue;
+        }
+        let text = std::fs::read_to_string(path).unwrap();
+        for (number, line) in text.lines().enumerate() {
+            let columns = line.chars().count();
+            if columns > COLUMNS && is_comment(path, line) {
+                wide.push(format!("{}:{} has {columns} columns", below.display(), number + 1));
+            }
+        }
+    }
+    assert!(wide.is_empty(), "comments wider than {COLUMNS} columns:\n{}", wide.join("\n"));
+}

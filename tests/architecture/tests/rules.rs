@@ -1,0 +1,266 @@
+//! The rules of the workspace that a compiler does not check: who may depend on whom, and what each crate promises.
+
+use architecture::Package;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::PathBuf;
+
+/// Crates of `shared/` and `tests/` that link the services' pure libraries, and the command. No other crate does, and
+/// no service links these.
+const LINKS_SERVICES: [&str; 8] =
+    ["lockstep", "replay", "commissioning", "nims-bench", "nims-paper", "nims", "nims-tests", "benchmarks"];
+
+fn packages() -> BTreeMap<String, Package> {
+    architecture::packages().unwrap()
+}
+
+/// Rust files of a crate's `src`.
+fn sources(package: &Package) -> Vec<(PathBuf, String)> {
+    architecture::sources(&package.folder.join("src")).unwrap()
+}
+
+#[test]
+fn dependencies_point_one_way() {
+    let packages = packages();
+    let ours = |package: &Package| -> BTreeSet<String> {
+        package.dependencies.iter().filter(|name| packages.contains_key(*name)).cloned().collect()
+    };
+    let may: BTreeMap<&str, &[&str]> = BTreeMap::from([
+        ("cable-robot", &[][..]),
+        ("cable-control", &["cable-robot"]),
+        ("calibration", &["cable-robot"]),
+        ("survey", &[]),
+        // for tests only
+        ("sentences", &[]),
+        ("notes", &[]),
+        ("architecture", &[]),
+        // a driver is made over the transport of `serial`
+        ("serial", &["cable-robot", "evidence"]),
+        // what every drive family has in common
+        ("drives", &["serial"]),
+        ("roboclaw", &["drives", "serial"]),
+        ("messages", &[]),
+        ("evidence", &[]),
+        ("bus", &["messages"]),
+        // configuration types are made from the mathematics
+        ("config", &["messages", "cable-robot", "cable-control"]),
+        ("segments", &["messages", "cable-robot"]),
+        // samples are filled by the chassis of a process
+        ("runtime", &["bus", "messages", "config"]),
+        ("robot-state", &["messages"]),
+        // a failure is made from what goes wrong below
+        ("command", &["bus", "runlog", "messages", "config", "cable-robot"]),
+        ("client", &["bus", "messages", "config", "cable-robot", "command"]),
+        ("runlog", &["messages"]),
+        ("plot", &["command"]),
+        ("georeference", &["messages", "config", "cable-robot", "survey"]),
+        (
+            "analysis",
+            &[
+                "runlog",
+                "plot",
+                "georeference",
+                "survey",
+                "calibration",
+                "robot-state",
+                "command",
+                "messages",
+                "config",
+                "cable-robot",
+                "bus",
+                "runtime",
+                "segments",
+            ],
+        ),
+        ("plant", &["cable-robot"]),
+        ("solve", &["cable-robot", "cable-control", "calibration"]),
+    ]);
+    for (name, package) in &packages {
+        let ours = ours(package);
+        match package.place.as_str() {
+            // These run the services' own steps, and read all that these read.
+            _ if LINKS_SERVICES.contains(&name.as_str()) => {}
+            "shared" => {
+                let allowed = may
+                    .get(name.as_str())
+                    .unwrap_or_else(|| panic!("{name} has no rule: decide what it may depend on"));
+                for dependency in &ours {
+                    assert!(
+                        allowed.contains(&dependency.as_str()),
+                        "{name} depends on {dependency}; it may depend on {allowed:?} only"
+                    );
+                }
+            }
+            "services" => {
+                for dependency in &ours {
+                    let (place, above) = (&packages[dependency].place, ["plot", "analysis", "solve"]);
+                    assert!(
+                        place == "shared" && !LINKS_SERVICES.iter().chain(&above).any(|name| name == dependency),
+                        "services/{name} depends on {dependency}; a service depends on the libraries below it only"
+                    );
+                }
+            }
+            _ => assert!(ours.is_empty(), "{name} depends on {ours:?}"),
+        }
+    }
+}
+
+#[test]
+fn libraries_link_no_service() {
+    let packages = packages();
+    let is_service = |name: &String| packages.get(name).is_some_and(|package| package.place == "services");
+    let linking = |package: &Package| {
+        package.dependencies.iter().chain(&package.dev_dependencies).find(|name| is_service(name)).cloned()
+    };
+    for (name, package) in &packages {
+        let may = LINKS_SERVICES.contains(&name.as_str());
+        let found = linking(package);
+        assert!(may || found.is_none(), "{name} depends on the service {}", found.unwrap_or_default());
+    }
+    for name in LINKS_SERVICES {
+        assert!(linking(&packages[name]).is_some(), "{name} links no service: take it off the list");
+    }
+}
+
+#[test]
+fn foreign_interfaces_are_named_in_one_place() {
+    for (foreign, only) in [("iceoryx2", "bus"), ("serialport", "serial"), ("mcap", "runlog")] {
+        for (name, package) in &packages() {
+            let depends = package
+                .dependencies
+                .iter()
+                .chain(&package.dev_dependencies)
+                .any(|dependency| dependency == foreign || dependency.starts_with(&format!("{foreign}-")));
+            assert!(!depends || name == only, "{name} depends on {foreign}; only {only} may");
+        }
+    }
+}
+
+/// A drive family is a crate of `shared/hardware` on top of `drives`. Only one file of motor-io, the virtual motor box
+/// and the names of configuration keys name a family.
+#[test]
+fn drive_families_are_named_in_one_place() {
+    let packages = packages();
+    let families: Vec<&String> = packages
+        .iter()
+        .filter(|(_, package)| package.place == "shared" && package.dependencies.contains("drives"))
+        .map(|(name, _)| name)
+        .collect();
+    let names: BTreeSet<&str> = families.iter().map(|name| name.as_str()).collect();
+    assert_eq!(names, config::DriveProtocol::NAMES.iter().copied().collect(), "crates and names of families differ");
+    let may = ["motor-io/src/backend.rs", "config/src/choice.rs", "config/src/drive_family.rs"];
+    let mut named: BTreeSet<&&str> = BTreeSet::new();
+    for (name, package) in &packages {
+        let depends = package.dependencies.iter().any(|dependency| families.contains(&dependency));
+        assert!(!depends || ["motor-io", "motor-box"].contains(&name.as_str()), "{name} depends on a drive family");
+        if families.contains(&name) || name == "motor-box" {
+            continue;
+        }
+        for (path, text) in sources(package) {
+            let text = text.to_lowercase();
+            let place = may.iter().find(|place| path.ends_with(place));
+            for family in families.iter().filter(|family| text.contains(family.as_str())) {
+                assert!(place.is_some(), "{} names {family}; accepted: {may:?}", path.display());
+            }
+            named.extend(place);
+        }
+    }
+    assert_eq!(named.len(), may.len(), "this test looks in the wrong place");
+}
+
+#[test]
+fn a_program_is_thin() {
+    for (name, package) in packages().iter().filter(|(_, package)| package.place == "services") {
+        let main = std::fs::read_to_string(package.folder.join("src/main.rs")).unwrap();
+        assert!(
+            main.lines().count() < 100,
+            "services/{name}/src/main.rs has {} lines; move what it does to the library",
+            main.lines().count()
+        );
+        assert!(package.folder.join("src/lib.rs").is_file(), "services/{name} has no library");
+    }
+}
+
+#[test]
+fn unsafe_code_lives_in_one_crate() {
+    for (name, package) in &packages() {
+        if name == "bus" {
+            continue;
+        }
+        let lib = package.folder.join("src/lib.rs");
+        let text = std::fs::read_to_string(&lib).unwrap();
+        assert!(text.contains("#![forbid(unsafe_code)]"), "{} does not forbid unsafe code", lib.display());
+    }
+}
+
+#[test]
+fn every_unsafe_block_says_why_it_is_sound() {
+    for package in packages().values() {
+        for (path, text) in sources(package) {
+            let lines: Vec<&str> = text.lines().collect();
+            for (number, line) in lines.iter().enumerate() {
+                let code = line.split("//").next().unwrap_or("");
+                if !(code.contains("unsafe {") || code.contains("unsafe impl")) {
+                    continue;
+                }
+                let said = lines[number.saturating_sub(6)..=number].iter().any(|above| above.contains("SAFETY"));
+                assert!(said, "{}:{} has no SAFETY line", path.display(), number + 1);
+            }
+        }
+    }
+}
+
+#[test]
+fn every_crate_has_the_workspace_lints_and_a_purpose() {
+    for (name, package) in packages().iter().filter(|(_, package)| !package.separate) {
+        let manifest = std::fs::read_to_string(package.folder.join("Cargo.toml")).unwrap();
+        assert!(manifest.contains("[lints]\nworkspace = true"), "{name} does not inherit the workspace's lints");
+        let dependencies = manifest.split("[dependencies]").nth(1).unwrap_or("");
+        assert!(
+            !dependencies.contains("version ="),
+            "{name} gives versions of its own; they stand in the workspace's Cargo.toml"
+        );
+        let lib = std::fs::read_to_string(package.folder.join("src/lib.rs")).unwrap();
+        assert!(lib.starts_with("//! "), "{name}'s root does not say what it is for");
+    }
+}
+
+#[test]
+fn the_mathematics_does_no_io_and_reads_no_clock() {
+    let packages = packages();
+    let mathematics = ["cable-robot", "cable-control", "calibration", "survey"].map(|name| sources(&packages[name]));
+    for (path, text) in mathematics.into_iter().flatten() {
+        for banned in [
+            "std::fs",
+            "std::io",
+            "std::net",
+            "std::time",
+            "std::thread",
+            "std::env",
+            "println!",
+            "SystemTime",
+            "Instant",
+        ] {
+            let code = text.lines().filter(|line| !line.trim_start().starts_with("//"));
+            assert!(code.into_iter().all(|line| !line.contains(banned)), "{} names {banned}", path.display());
+        }
+    }
+}
+
+/// What IEEE 754 does not fix is the system's own, and not the same bits on every machine: `libm`'s functions are.
+#[test]
+fn what_decides_takes_its_functions_from_libm() {
+    let packages = packages();
+    for name in ["cable-robot", "cable-control", "messages", "motor-io", "estimator", "controller", "planner"] {
+        for (path, text) in sources(&packages[name]) {
+            let code = text.split("#[cfg(test)]").next().unwrap_or("");
+            let code: String = code.lines().filter(|line| !line.trim_start().starts_with("//")).collect();
+            for function in [
+                "sin", "cos", "tan", "sin_cos", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh", "exp", "exp2",
+                "exp_m1", "ln", "ln_1p", "log", "log2", "log10", "powf", "hypot", "cbrt", "mul_add",
+            ] {
+                let call = format!(".{function}(");
+                assert!(!code.contains(&call), "{} calls {call}..)", path.display());
+            }
+        }
+    }
+}
