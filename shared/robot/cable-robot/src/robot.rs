@@ -353,6 +353,38 @@ impl Robot {
     }
 }
 
+fn routed_lengths(lengths_m: Option<&[f64]>, cables: usize) -> Result<CableVec, RobotError> {
+    const KEY: &str = "routed_length_m";
+    let Some(lengths) = lengths_m else { return Ok(CableVec::zeros(cables)) };
+    if lengths.len() != cables {
+        let problem = format!("has {} values for {cables} cables", lengths.len());
+        return refuse(KEY, problem, "one length per cable, in metres");
+    }
+    if let Some(i) = lengths.iter().position(|l| !(l.is_finite() && (0.0..=FARTHEST_M).contains(l))) {
+        let problem = format!("number {} is {}", i + 1, lengths[i]);
+        return refuse(KEY, problem, "finite lengths of 0 or more, in metres");
+    }
+    Ok(CableVec::from_fn(cables, |i| lengths[i]))
+}
+
+fn length_limits(limits_m: Option<&[[f64; 2]]>, cables: usize) -> Result<[[f64; 2]; MAX_CABLES], RobotError> {
+    const KEY: &str = "length_limits_m";
+    let mut length_limits_m = [DEFAULT_LENGTH_LIMITS_M; MAX_CABLES];
+    let Some(limits) = limits_m else { return Ok(length_limits_m) };
+    if limits.len() != cables {
+        let problem = format!("has {} pairs for {cables} cables", limits.len());
+        return refuse(KEY, problem, "one [min, max] per cable, in metres");
+    }
+    for (i, [min, max]) in limits.iter().enumerate() {
+        if !(*min > 0.0 && max > min && *max <= FARTHEST_M) {
+            let problem = format!("number {} is [{min}, {max}]", i + 1);
+            return refuse(KEY, problem, "[min, max] in metres with 0 < min < max <= 1e5");
+        }
+        length_limits_m[i] = [*min, *max];
+    }
+    Ok(length_limits_m)
+}
+
 fn anchor_blocks(rows: &[Vec<f64>], anchors: usize) -> Result<AnchorBlocks, RobotError> {
     const KEY: &str = "covariance_m2";
     let size = 3 * anchors;
