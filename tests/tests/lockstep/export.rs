@@ -1,5 +1,5 @@
 //! ExportedTable tables hold what the run files hold, says software of others: CSV, NumPy, Parquet; of a run of several
-//! files, with types that nobody knows.
+//! files, with unknown types.
 
 use messages::{Message, MotorInput, MotorState, NodeEstimate, OperatorRequest, TruthNode, put_text, schema_name};
 use nims_tests::python;
