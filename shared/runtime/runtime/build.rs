@@ -1,4 +1,4 @@
-//! Tells a release which commit it is of. What is built in development carries none: everything would be built anew with each commit.
+//! Tells a release which commit it is of. A build in development carries none: each commit would build everything again.
 
 #[path = "stamp.rs"]
 mod stamp;
@@ -7,12 +7,17 @@ use std::path::Path;
 
 fn main() {
     let release = std::env::var("PROFILE").is_ok_and(|profile| profile == "release");
-    println!("cargo::rerun-if-env-changed=NIMS_COMMIT");
-    // a file that is not there: a release looks each time
-    println!("cargo::rerun-if-changed={}", if release { "always" } else { "build.rs" });
-    // for who builds from an archive without git
-    let given = std::env::var("NIMS_COMMIT").ok().filter(|given| !given.is_empty());
     let folder = std::env::var("CARGO_MANIFEST_DIR").unwrap_or_default();
-    let found = || release.then(|| stamp::of(Path::new(&folder))).flatten();
+    let folder = Path::new(&folder);
+    println!("cargo::rerun-if-env-changed=NIMS_COMMIT");
+    println!("cargo::rerun-if-changed=build.rs");
+    if release {
+        for path in stamp::watched(folder) {
+            println!("cargo::rerun-if-changed={}", path.display());
+        }
+    }
+    // for builds from an archive without git
+    let given = std::env::var("NIMS_COMMIT").ok().filter(|given| !given.is_empty());
+    let found = || release.then(|| stamp::of(folder)).flatten();
     println!("cargo::rustc-env=NIMS_STAMP={}", given.or_else(found).unwrap_or_default());
 }
