@@ -40,7 +40,7 @@ fn dependencies_point_one_way() {
         ("evidence", &[]),
         ("bus", &["messages"]),
         // configuration types are made from the mathematics
-        ("config", &["cable-robot", "cable-control"]),
+        ("config", &["cable-robot"]),
         ("segments", &["messages", "cable-robot"]),
         // samples are filled by the chassis of a process
         ("runtime", &["bus", "messages", "config"]),

@@ -148,8 +148,7 @@ impl LqGain {
     }
 }
 
-/// Highest gain of [`PFeedforward`], 1/s. Drives without any delay follow it at 10 Hz and more; what real ones bear is less.
-pub const MAX_LENGTH_GAIN: f64 = 50.0;
+pub use cable_robot::control_bounds::MAX_LENGTH_GAIN;
 
 /// Proportional feedback on lengths with the desired velocity fed forward: u = dl*/dt + g (l* - l), each cable for itself.
 ///

@@ -32,8 +32,7 @@ use thiserror::Error;
 use crate::drive_lag::{CycleModel, DriveLag, LagError, Piece, Winch};
 use cable_robot::linalg;
 
-/// Longest preview, cycles.
-pub const MAX_PREVIEW: usize = 200;
+pub use cable_robot::control_bounds::MAX_PREVIEW;
 
 /// Bound of the Riccati iteration; it needs about 20 times the time that a step response takes, in cycles.
 const MAX_ITERATIONS: usize = 20_000;
